@@ -29,7 +29,6 @@ from omniscv.sources.base import (
     closed_error,
     not_picklable,
 )
-from omniscv.sources.world import PoolWorld, World
 
 T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
@@ -116,12 +115,6 @@ class SourcePool(Source):
         self._check_working()
         first, *_ = [replica.command(text) for replica in self._working]
         return first
-
-    @property
-    def world(self) -> World:
-        """The worlds of the working replicas: a change changes all of them."""
-        self._check_working()
-        return PoolWorld([replica.world for replica in self._working])
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager
 from typing import Literal
 
 from omniscv.arguments import number
@@ -82,50 +81,3 @@ class World(ABC):
         What no server reports cannot be put back, and keeps the state another: commands of the plugin that
         may change the world, and objects that are shown though nothing here had hidden them.
         """
-
-
-class PoolWorld(World):
-    """The worlds of several replicas as one: reads from the first world, and changes all of them."""
-
-    def __init__(self, worlds: Sequence[World]) -> None:
-        self._worlds = tuple(worlds)
-
-    def objects(self) -> list[str]:
-        return self._worlds[0].objects()
-
-    def pose(self, name: str) -> Pose:
-        return self._worlds[0].pose(name)
-
-    def bounds(self, name: str) -> ObjectBox:
-        return self._worlds[0].bounds(name)
-
-    def move(self, name: str, pose: Pose) -> None:
-        self._each(lambda world: world.move(name, pose))
-
-    def show(self, name: str) -> None:
-        self._each(lambda world: world.show(name))
-
-    def hide(self, name: str) -> None:
-        self._each(lambda world: world.hide(name))
-
-    def pause(self) -> None:
-        self._each(lambda world: world.pause())
-
-    def resume(self) -> None:
-        self._each(lambda world: world.resume())
-
-    @property
-    def paused(self) -> bool:
-        """Whether the clocks of all are stopped."""
-        return all(world.paused for world in self._worlds)
-
-    @contextmanager
-    def changes(self) -> Iterator[None]:
-        with ExitStack() as contexts:
-            for world in self._worlds:
-                contexts.enter_context(world.changes())
-            yield
-
-    def _each(self, change: Callable[[World], None]) -> None:
-        for world in self._worlds:
-            change(world)

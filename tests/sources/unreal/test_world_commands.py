@@ -174,13 +174,6 @@ def test_a_pool_changes_all_its_replicas():
             f"127.0.0.1:{each.port}" for each in (first, second)
         }
         assert pool.state == ""
-        with pool.world.changes():
-            pool.world.hide("Box")
-            assert first.world.objects["Box"].hidden
-            assert second.world.objects["Box"].hidden
-            assert pool.state != ""
-        assert not first.world.objects["Box"].hidden
-        assert not second.world.objects["Box"].hidden
         assert pool.command("vset /object/Box/hide") == "ok"
         assert first.world.objects["Box"].hidden
         assert second.world.objects["Box"].hidden
