@@ -17,7 +17,7 @@ from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.scene import open_scene
 
 CENTER = (0.3, -0.2, 1.45)
-EDGE = 128
+EDGE = 96
 CAMERA = omniscv.cameras.create("equirectangular", 128, 64)
 
 

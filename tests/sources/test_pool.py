@@ -3,6 +3,7 @@
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import yaml
@@ -141,20 +142,9 @@ def test_a_replica_that_skips_a_request_has_failed():
 
 def test_several_calls_at_once_share_the_replicas():
     """Also where all but one of the replicas fail."""
-    games = [Game(lasts=50), Game(lasts=90), Game()]
-    came = {}
-    with SourcePool(games) as pool:
+    with SourcePool([Game(lasts=50), Game(lasts=90), Game()]) as pool, ThreadPoolExecutor(4) as threads:
         parts = [REQUESTS[start::4] for start in range(4)]
-
-        def work(number):
-            came[number] = requests_of(pool.capture(parts[number]))
-
-        threads = [threading.Thread(target=work, args=(number,)) for number in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert [came[number] for number in range(4)] == parts
+        assert list(threads.map(lambda part: requests_of(pool.capture(part)), parts)) == parts
 
 
 def test_different_sources_and_none_are_refused():
