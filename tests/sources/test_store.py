@@ -10,7 +10,6 @@ from support.recordings import CountingSource, contents
 
 import omniscv
 from omniscv.errors import RecordingNotWritableError
-from omniscv.sources import ObjectTable, SourceWrapper
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
 
@@ -34,35 +33,6 @@ def test_recording_again_captures_only_what_is_new(copy):
     after = contents(copy)
     assert {key: after[0][key] for key in before[0]} == before[0]
     assert len(after[0]) == len(before[0]) + len(new)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"Sofa": (9, 9, 9)}, r"'Sofa' is \(9, 9, 9\) and was \("),
-        ({"Cat": "Sofa"}, r"'Cat' is \(.*\), which was 'Sofa'"),
-    ],
-)
-def test_other_mask_colours_are_refused(change, says, copy):
-    """They would turn one object's recorded pixels into another's."""
-    before = contents(copy)
-    colors = before[1].colors
-    changed = {name: colors.get(color, color) for name, color in change.items()}
-    live = Relabelled(omniscv.open_source("scene://four-wall"), ObjectTable({**colors, **changed}, 3))
-    with omniscv.record(live, copy) as source, pytest.raises(RecordingNotWritableError, match=says):
-        source.objects()
-    assert contents(copy) == before
-
-
-class Relabelled(SourceWrapper):
-    """Another source with another object table."""
-
-    def __init__(self, source, table):
-        super().__init__(source)
-        self.table = table
-
-    def objects(self):
-        return self.table
 
 
 def test_a_read_only_folder_is_one_clear_error(open_folder):
