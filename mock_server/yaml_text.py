@@ -1,4 +1,4 @@
-"""YAML that others wrote: plain values within stated bounds, or one line that says what is wrong.
+"""Untrusted YAML: plain values within stated bounds, or one line that says what is wrong.
 
 The values are texts, numbers, truth values, None, lists, and mappings whose keys are texts. Other plain words
 of YAML stay text (dates, ``yes``, ``0x10``). Tags, duplicate keys and a second document are refused. An alias

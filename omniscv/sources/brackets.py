@@ -1,4 +1,4 @@
-"""Light of scenes that are brighter and darker than 8 bits hold: captures at several exposures, merged.
+"""High dynamic range: captures at several exposures, merged to light.
 
 A recording holds the exposures as captures of their own (:mod:`omniscv.sources.exposures`).
 """

@@ -55,7 +55,7 @@ _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
 
 
 class _Codec(NamedTuple):
-    """What :func:`register` was given of an encoding."""
+    """An encoding, as :func:`register` got it."""
 
     decoder: Decoder
     modes: Sequence[str] | None
@@ -71,7 +71,7 @@ def register(
         encoding: its name.
         decoder: see :data:`Decoder`.
         modes: the modalities that it encodes; all if not given.
-        precision: of its depth; that of floats in metres if not given.
+        precision: of its depth; the precision of floats in metres if not given.
     """
     _codecs[encoding] = _Codec(decoder, modes, precision or Precision())
 

@@ -220,7 +220,7 @@ def _common(values: Sequence[T]) -> T:
 
 
 def _excerpt(value: Any, other: Any) -> str:
-    """Return a value in a few words; of a table, its first entry that another table does not have."""
+    """Return a value in a few words; for a table, the first entry that is not in another table."""
     if not isinstance(value, dict):
         return shown(value)
     apart = sorted(set(value.items()) - set(other.items()))

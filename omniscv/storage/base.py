@@ -17,10 +17,10 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 MOST_BYTES = 1 << 30
-"""Of a file that is read at once."""
+"""The largest file that is read into memory."""
 
 _REQUESTS = 16
-"""To a store at a time."""
+"""Requests to a store at the same time."""
 
 
 class Folder(ABC):
@@ -110,7 +110,7 @@ class Folder(ABC):
     def each(self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
         """Return the results of a function that uses the folder's files, for every item, in order.
 
-        Of a store several requests are waited for at a time, of a local folder all cores work.
+        Requests to a store overlap; files of a local folder are processed on all cores.
         """
         if self.local is not None or len(items) < 2:
             return side_by_side(function, items)

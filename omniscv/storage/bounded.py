@@ -1,6 +1,6 @@
-"""Files that others wrote, read within a bound: bytes, texts, JSON and YAML as plain values.
+"""Read untrusted files within bounds: bytes, texts, JSON and YAML as plain values.
 
-The YAML reader is the mock server's, which imports nothing of this package: one reader serves both.
+The YAML reader is that of the mock server, which imports nothing of this package.
 """
 
 import json

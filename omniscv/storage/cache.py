@@ -69,7 +69,7 @@ def by_version(url: str, version: str, size: int | None, download: Download) -> 
 
     Args:
         url, version: of the file.
-        size: that the store says, bytes; a copy of another size is not believed. None if it says none.
+        size: in the store, bytes; a copy of another size is downloaded again. None if it is not known.
         download: as :func:`by_checksum`.
 
     Raises:

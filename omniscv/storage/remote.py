@@ -29,10 +29,10 @@ _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
 _ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
 _PATIENCE_S, _ANSWER_S, _LISTING_S = 20.0, 8.0, 60.0
-"""No attempt is started later; for one attempt of a request, and of a listing, which is many requests. The
-packages of some stores retry, too, within an attempt."""
+"""Seconds after which no attempt starts; seconds for an attempt of a request, and of a listing, which is many
+requests. The packages of some stores retry within an attempt."""
 _SLOWEST, _SMALL = 1e5, 1 << 20
-"""Bytes a second: content may take as much longer. Bytes of a file that is read without asking for more."""
+"""Bytes a second for which an attempt gets more time; bytes of a file that is read in one request."""
 _S3_CLIENT = {
     "connect_timeout": _ANSWER_S,
     "read_timeout": _ANSWER_S,
@@ -78,7 +78,7 @@ class RemoteFolder(Folder):
         return self._info(name) is not None
 
     def names(self, prefix: str = "") -> list[str]:
-        """Return the names of all files that start with a prefix, sorted, but any that lead elsewhere."""
+        """As :meth:`Folder.names`; names that lead out of the folder are left out."""
         inner = prefix.rpartition("/")[0]
 
         def find(fs: Any, start: str, **limits: float) -> list[str]:
@@ -157,7 +157,7 @@ class RemoteFolder(Folder):
             self._download(name, path, most)
 
     def _copy(self, name: str, path: Path, size: int | None) -> None:
-        """Write the bytes of a file, which has a size unless it is None, to a local path."""
+        """Write the bytes of a file to a local path; DamagedFileError if they are not as many as ``size``."""
         self._download(name, path, sys.maxsize if size is None else size)
         if size is not None and (got := path.stat().st_size) != size:
             raise DamagedFileError(f"{self}/{name}: expected {size} bytes, got {got}")

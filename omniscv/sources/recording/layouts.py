@@ -1,9 +1,9 @@
-"""Layouts of six faces: what other tools call them, where they lie in one picture, and what their seams say.
+"""Layouts of six faces: their names in other tools, their places in one picture, and their seams.
 
 A face is a letter, F R B L U D for front, right, back, left, up, down, and the quarter turns clockwise of its
 picture: ``U2`` is an *up* turned by 180 degrees. A turn by k quarters is the view ``R_w_f Rz(-90 k)``.
 
-Names leave much open, so the seams decide: pictures continue each other across the edges of the cube. Of
+Names are ambiguous, so the seams decide: pictures continue each other across the edges of the cube. Of
 720 * 4096 arrangements, 122,880 differ by more than a rotation of the cube, and all of these are tried.
 """
 
@@ -64,7 +64,7 @@ class Layout:
         words: sets of six words that name files.
         cells: rows of one picture, separated by ``/``; a face in each ``#``, in reading order.
         centered: whether the outermost pixels' centres lie on the edges of the cube.
-        guessed: whether it is tried without being named: no, if another one is the same cube turned.
+        guessed: whether ``auto`` tries it; False if another layout is the same cube, turned.
     """
 
     name: str

@@ -32,8 +32,8 @@ class RecordedSource(Source):
 
     Args:
         path: the file, or its URL: it is then fetched once into the local cache.
-        state: of the world, in which images are planned; requests of any other are replayed too. If no
-            capture is of the still world, the state that was found where none was to be set.
+        state: of the world, for which images are planned; requests of other states are replayed too. If no
+            capture shows the still world, it is the state that was read in its place.
 
     Attributes:
         stops: of the exposures that colours are merged from; empty where they are replayed as captured.

@@ -1,6 +1,6 @@
 """Rows of a recording as values, and their checksums; docs/recording-format.md describes them.
 
-Anybody may have written a file: values are checked when they are read.
+A file may come from anybody: values are checked when they are read.
 """
 
 import contextlib
@@ -47,7 +47,7 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
 
 
 class Row(NamedTuple):
-    """A row of ``capture``. Of a capture that is in no recording yet, ``number`` and ``checksum`` are 0."""
+    """A row of ``capture``; ``number`` and ``checksum`` are 0 before the capture is in a recording."""
 
     number: int
     key: str
@@ -89,7 +89,7 @@ class Row(NamedTuple):
         return row._replace(checksum=row.expected_checksum(recording))
 
     def expected_checksum(self, recording: str) -> int:
-        """Return the checksum in the recording of an id: of all but the payload, which has its own."""
+        """Return the checksum in the recording of an id: of all columns but the payload."""
         state = (self.state,) if self.state else ()
         return checksum((recording, *self[:8], *state))
 

@@ -1,7 +1,7 @@
 """The tables of a recording, and connections that refuse every other file.
 
-docs/recording-format.md describes the tables for other programs. Anybody may have written a file: the header
-and the schema are checked before a table is read, and a connection is bounded in what it reads.
+docs/recording-format.md describes the tables for other programs. A file may come from anybody: the header and
+the schema are checked before a table is read, and SQLite's limits bound what a connection reads.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from omniscv.sources.recording.rows import Head, checked_json
 
 SCHEMA_VERSION = 4
 LARGEST_BYTES = 1 << 29
-"""Of a row that is written."""
+"""The largest row that is written."""
 
 _APPLICATION_ID = 0x6F6D6E69  # "omni"
 _TABLES = """
@@ -80,7 +80,7 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     Args:
         path: the file.
         mode: as in SQLite's addresses.
-        torn: accept a file that a change has not yet made as long as its header says.
+        torn: accept a file that is shorter than its header says, because a change was interrupted.
     """
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(
@@ -88,7 +88,7 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     )
     database.text_factory = bytes.decode
     try:
-        # A row is no longer than the file; one that is read while it grows may be.
+        # A row is at most as long as the file, unless the file grows while it is read.
         longest = LARGEST_BYTES if mode.startswith("rw") else max(_GROWTH_BYTES, path.stat().st_size)
         for limit, value in {**_LIMITS, sqlite3.SQLITE_LIMIT_LENGTH: longest}.items():
             database.setlimit(limit, value)

@@ -61,7 +61,7 @@ _MOST_STATES = 1_000_000
 
 
 class Store:
-    """An open recording: one thread uses it at a time, and a forked child has a connection of its own.
+    """An open recording. One thread uses it at a time; a forked child opens a connection of its own.
 
     Args:
         path: the file; links are followed.

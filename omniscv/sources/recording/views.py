@@ -16,7 +16,7 @@ _MOST_SHOWN = 5  # states
 
 
 class RecordedViews:
-    """The requested views of a state of the world, which are read when they are needed first.
+    """The requested views of a state of the world, parsed on first use.
 
     Args:
         rows: captures of the state, in the order of recording.
@@ -87,7 +87,7 @@ def states_in_words(states: Collection[str]) -> str:
 
 
 def differences(recorded: View, requested: View) -> str:
-    """Return by how much two views differ in what, and both values."""
+    """Return in what two views differ and by how much, with both values."""
     a, b = recorded.key(), requested.key()
     metres, *radians, _ = _distances(recorded, requested)
     turn_deg, opening_deg = np.degrees(radians)
@@ -134,7 +134,7 @@ def _distances(a: View, b: View) -> tuple[float, float, float, float]:
 
 
 def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
-    """Return two tuples of numbers with as few digits as tell them apart; nothing where no digits do."""
+    """Return two tuples of numbers with as few digits as show a difference; nothing if none do."""
     for digits in range(4, 18):
         a, b = (
             ", ".join(f"{value + 0.0:.{digits}g}" for value in values) for values in (recorded, requested)
