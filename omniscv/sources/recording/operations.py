@@ -103,7 +103,8 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
             numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
         with tempfile.TemporaryDirectory(dir=_local_parent(folder), prefix=".") as scratch:
             for name in numbers:
-                _write(store, numbers[name], Path(scratch) / name)
+                with opened_whole(Path(scratch) / name) as target:
+                    _add_all(target, store, numbers[name])
             for name in numbers:
                 folder.put(name, Path(scratch) / name)
     return [(name, len(captures)) for name, captures in numbers.items()]
@@ -176,19 +177,22 @@ def _opened_remote(place: storage.StoredFile) -> Iterator[Store]:
             raise RecordingNotWritableError(_JUST_CREATED, f"{place.folder}/{place.name}")
 
 
-def _add_all(target: Store, store: Store) -> int:
-    """Add a recording to another one; return the number of captures that were new."""
+def _add_all(target: Store, store: Store, numbers: Sequence[int] | None = None) -> int:
+    """Add captures of a recording to another one, all or those of some numbers; return how many were new."""
     target.set_scene(store.scene_identity)
     add_objects(target, store.objects(), store.has_masks())
     if geometry := store.geometry():
         known = target.geometry()
         boxes = {**geometry.boxes, **known.boxes}
         target.set_geometry(SceneGeometry(boxes, known.room or geometry.room))
-    states = target.states()
-    for name, state in store.states().items():
-        if name not in states or states[name].instant is None:
-            target.set_state(name, state)
-    return sum(_add_new(target, row) for row in store.rows())
+    described = {name for name, state in target.states().items() if state.instant is not None}
+    states = {name: state for name, state in store.states().items() if name not in described}
+    added = 0
+    for row in store.rows(numbers):
+        if state := states.pop(row.state, None):
+            target.set_state(row.state, state)
+        added += _add_new(target, row)
+    return added
 
 
 def _add_new(target: Store, row: Row) -> bool:
@@ -248,22 +252,6 @@ def _clusters(rows: Sequence[Row], distance_m: float) -> list[str]:
     distinct = list(dict.fromkeys(centers))
     starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
     return [",".join(f"{coordinate + 0.0:.3f}" for coordinate in starts[center]) for center in centers]
-
-
-def _write(store: Store, numbers: Sequence[int], path: Path) -> None:
-    """Write some captures of a recording, by their numbers, with scene, objects and states."""
-    with opened_whole(path) as target:
-        target.set_scene(store.scene_identity)
-        target.set_objects(store.objects())
-        if geometry := store.geometry():
-            target.set_geometry(geometry)
-        states = store.states()
-        for row in store.rows(numbers):
-            row.check_payload()
-            row.description()  # checks it
-            if state := states.pop(row.state, None):
-                target.set_state(row.state, state)
-            target.add_row(row)
 
 
 def _local_parent(folder: storage.Folder) -> Path | None:
