@@ -79,6 +79,7 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
         OmniscvError: an image recomposed from the recording differs from the one that was captured.
     """
     started = time.monotonic()
+    out.mkdir(parents=True, exist_ok=True)
     meter = Meter(2 * len(ROOMS) * len(demo_cameras()), progress)
     with ThreadPoolExecutor(len(ROOMS), thread_name_prefix="room") as pool:
         rooms = list(pool.map(lambda name: _room(name, out, meter, scale), ROOMS))

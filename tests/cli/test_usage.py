@@ -69,6 +69,7 @@ def test_cameras_lists_every_model(capsys):
         ("render --set face_sise=8 --size 8x4", "; did you mean face_size?"),
         ("render --colour", "(see omniscv render --help)"),
         ("rendr", "No such command 'rendr'. Did you mean 'render', 'send'? (see omniscv --help)"),
+        ("chart nothing", "Invalid value for 'kind': 'nothing' is not one of 'accuracy'"),
         ("doctor localhost:9000", "got 'localhost:9000'; write unreal://localhost:9000"),
         ("ask mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
         ("cameras fit double-sphere pinhole --set width=5", "expected width and height in --size"),
@@ -84,6 +85,12 @@ def test_wrong_usage_is_one_line_that_says_what_to_write(arguments, says, capsys
     monkeypatch.chdir(tmp_path)
     assert says in failed(capsys, 2, arguments.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_the_demo_needs_a_folder(capsys, tmp_path):
+    path = tmp_path / "file"
+    path.touch()
+    assert f"{path}: expected a folder or a free name, got a file" in failed(capsys, 1, ["demo", str(path)])
 
 
 def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, monkeypatch):
