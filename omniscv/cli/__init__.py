@@ -95,6 +95,16 @@ def _position_with_blanks(arguments: list[str]) -> str:
     return f"--position: expected numbers with commas: --position {','.join(match.groups())}"
 
 
+def _usage_text(usage: TyperException, arguments: list[str]) -> str:
+    """Return the message of wrong usage, with the value of the option that it names."""
+    text = usage.format_message().replace("Value error, ", "")
+    for name in getattr(getattr(usage, "param", None), "opts", ()):
+        match = re.search(rf"(?:^|\0){name}[\0=]([^\0]*)", "\0".join(arguments))
+        if match and text.startswith("Invalid value") and repr(match[1]) not in text:
+            return f"{text}, got {match[1]!r}"
+    return text
+
+
 def main() -> None:
     """Run the process's command line, and exit with its code."""
     if isinstance(sys.stdout, TextIOWrapper):  # names may have characters that the encoding lacks
@@ -134,7 +144,7 @@ def run(arguments: list[str]) -> int:
     try:
         code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
-        code, text = usage.exit_code, usage.format_message().replace("Value error, ", "")
+        code, text = usage.exit_code, _usage_text(usage, arguments)
         command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
         text = text and (_position_with_blanks(arguments) or text)
         message = text and f"{text} (see {command} --help)"  # no text: help was printed

@@ -69,6 +69,11 @@ def test_cameras_lists_every_model(capsys):
         ("render --set face_sise=8 --size 8x4", "; did you mean face_size?"),
         ("render --colour", "(see omniscv render --help)"),
         ("rendr", "No such command 'rendr'. Did you mean 'render', 'send'? (see omniscv --help)"),
+        (
+            "render --yaw left",
+            "'--yaw': Input should be a valid number, unable to parse string as a number, got 'left'",
+        ),
+        ("record --overscan=-5", "greater than or equal to 0, got '-5' (see omniscv record --help)"),
         ("chart nothing", "Invalid value for 'kind': 'nothing' is not one of 'accuracy'"),
         ("doctor localhost:9000", "got 'localhost:9000'; write unreal://localhost:9000"),
         ("ask mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
