@@ -37,5 +37,5 @@ def render(
         loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
     with display("images", progress) as show:
         files = run(loaded, show, warn=console.error)
-    for path in files:
+    for path in dict.fromkeys(files):  # objects.json is one file for all images
         console.line(path)

@@ -146,6 +146,12 @@ def _field(job, path):
     return value
 
 
+def test_each_written_file_is_listed_once(job, capsys):
+    assert run(["render", str(job), "--set", "poses=[{position: [0, 0, 1.5]}, {position: [0, 0, 1.4]}]"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert sorted(lines) == sorted(map(str, (job.parent / "out").iterdir()))
+
+
 def test_a_command_renders_what_options_make_of_a_job(job, capsys):
     assert (
         run(["render", str(job), "--size", "16x8", "--modes", "depth", "--stem", "small", "--out", "x"]) == 0
