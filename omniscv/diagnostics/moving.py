@@ -38,9 +38,7 @@ class MovingWorld:
                 self._can_stop = moves.verdict != "ok"
                 return [moves, self._pauses(), self._follows()]
         except ServerRefusedError as refused:
-            pauses = Finding(
-                "world pauses", f"no: {refused}", "warning", "stop what moves, or --set freeze=none"
-            )
+            pauses = Finding("world pauses", f"no: {refused}", "warning", "--set freeze=batch, or none")
             return [moves, pauses, self._follows()]
 
     @contextmanager
@@ -60,7 +58,7 @@ class MovingWorld:
         if moving:
             self._can_stop = False
             value = f"no: {_listed(moving)} still moving"
-            return Finding("world pauses", value, "bad", "stop them in the game")
+            return Finding("world pauses", value, "bad", "--set freeze=batch, with branch 5.2; or stop them")
         how = "pauses" if self._connection.supports(IS_PAUSED) else "toggles"
         return Finding("world pauses", f"yes, by a command that {how}")
 

@@ -91,7 +91,7 @@ class Job:
         if self.moves:
             self.exposure.check(self.cameras)
         if (self.motions or self.exposure.seconds) and self.source_options.get("freeze") == "pause":
-            wanted = "expected auto, puppet or none for motions and exposures"
+            wanted = "expected auto, puppet, batch or none for motions and exposures"
             raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
 
     def __len__(self) -> int:

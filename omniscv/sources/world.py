@@ -10,11 +10,11 @@ from omniscv.arguments import number
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 
-Freeze = Literal["auto", "puppet", "pause", "none"]
+Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
 """How a live source keeps an instant while it is captured (:meth:`omniscv.sources.Source.at`):
 
 ``puppet``: the game is paused, and the instant's objects are moved; ``pause``: the game is paused, and the
-objects' poses are read; ``none``: objects
+objects' poses are read; ``batch``: the requests of a viewpoint are answered in one tick; ``none``: objects
 are moved, and the game runs on; ``auto``: the strongest that the server has.
 """
 

@@ -56,7 +56,7 @@ def test_cameras_lists_every_model(capsys):
         ("render --modes lt", "lit, object_mask, depth, normals; got 'lt'; did you mean lit?"),
         ("render --strategy guess", "strategy: expected"),
         ("render --filter sharp", "filter: expected"),
-        ("render --freeze hard", "freeze: expected one of auto, puppet, pause, none; got 'hard'"),
+        ("render --freeze hard", "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
         ("render --set truth_scale=9", "truth_scale: expected a whole number <= 8, got 9"),
         ("render --source http://localhost", "source"),
         ("render --source mock://moon", "moon"),

@@ -114,6 +114,7 @@ class CameraDriver(ABC):
         mask_fov_deg: field of view of object masks, where they do not have the view's own.
         spawned: how many cameras were spawned; another one means that the game was restarted.
         settings: of the camera, that provenance has: its exposure, or its number in the level.
+        one_tick: whether requests that are sent together are answered in one tick of the game.
     """
 
     table: CameraTable
@@ -131,6 +132,7 @@ class CameraDriver(ABC):
         self._has_normals = False  # whether a picture of them was seen to be one
         self.spawned, self._prepared = 0, False
         self._restore: list[str] = []  # the commands that leave the game as it was
+        self.one_tick = False
         self._aimed: View | None = None
 
     @abstractmethod

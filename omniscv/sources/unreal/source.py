@@ -57,6 +57,7 @@ class UnrealSource(Source):
         self._journal = Journal(connection.address)
         self._world = UnrealWorld(driver, self._journal, freeze or "auto")
         self._moves = freeze is not None
+        self._driver.one_tick = self._world.freeze == "batch"
         self._attached: Client | None = None
         self._client()
 
@@ -70,7 +71,7 @@ class UnrealSource(Source):
         return self._driver.scene_identity
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for turn in turns(requests, self._driver.check):
+        for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
             yield from self._captures_of_turn(turn)
 
     def objects(self) -> ObjectTable:
@@ -182,7 +183,8 @@ class UnrealSource(Source):
                 for request in requests:
                     request.check_state(state, self._connection.address)
                 while len(captures) < len(requests):
-                    batch = in_flight(requests[len(captures) :])
+                    left = requests[len(captures) :]
+                    batch = left if self._driver.one_tick else in_flight(left)
                     collected, fault = self._collect(batch, fault)
                     captures += collected
                 self._driver.check_scene()  # the level may change behind the same connection
@@ -229,23 +231,25 @@ class ChangedSource(SourceWrapper):
         self._undo()
 
 
-def turns(requests: Iterable[Request], check: Callable[[Request], None]) -> Iterator[list[Request]]:
+def turns(
+    requests: Iterable[Request], check: Callable[[Request], None], alone: bool
+) -> Iterator[list[Request]]:
     """Yield requests in turns, between which the world may be changed; raise what ``check`` raises for one.
 
-    A turn has whole viewpoints: consecutive requests from one optical centre. Small viewpoints share a turn.
-    One with more pixels than memory should hold is divided.
+    A turn has whole viewpoints: consecutive requests from one optical centre. Small viewpoints share a turn,
+    unless each is ``alone``. One with more pixels than memory should hold is divided.
     """
     turn: list[Request] = []
     pixels = 0
     for _, viewpoint in groupby(requests, lambda request: request.view.key().position):
         for request in viewpoint:
             check(request)
-            if turn and pixels + _pixels(request) > _TURN_PX:
+            if turn and not alone and pixels + _pixels(request) > _TURN_PX:
                 yield turn
                 turn, pixels = [], 0
             turn.append(request)
             pixels += _pixels(request)
-        if len(turn) >= _TURN_REQUESTS or pixels >= _IN_FLIGHT_PX:
+        if alone or len(turn) >= _TURN_REQUESTS or pixels >= _IN_FLIGHT_PX:
             yield turn
             turn, pixels = [], 0
     if turn:

@@ -15,7 +15,7 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import known_objects
 from omniscv.sources.unreal.boxes import upright_box
-from omniscv.sources.unreal.commands import BOUNDS, DIALECTS, changes_world
+from omniscv.sources.unreal.commands import BOUNDS, changes_world
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import (
     Journal,
@@ -29,6 +29,7 @@ from omniscv.sources.unreal.instants import (
     same_pose,
     set_commands,
 )
+from omniscv.sources.unreal.plugin import DIALECTS
 from omniscv.sources.unreal.replies import described, numbers
 from omniscv.sources.world import Freeze, World
 
@@ -48,6 +49,9 @@ class UnrealWorld(World):
     Attributes:
         freeze: the same, with ``puppet`` for ``auto``: every dialect can pause, and the poses are then known
             exactly.
+
+    Raises:
+        ServerRefusedError: the dialect cannot freeze the world so.
     """
 
     def __init__(self, driver: CameraDriver, journal: Journal, freeze: Freeze) -> None:
@@ -55,6 +59,8 @@ class UnrealWorld(World):
         self._clock = clock_of(driver)
         self._stands = False  # whether it was paused here
         self.freeze = "puppet" if freeze == "auto" else freeze
+        if freeze == "batch" and not self._connection.plugin.batches:
+            raise self._cannot("answer a batch in one tick")
 
     def objects(self) -> list[str]:
         with self._journal.turn():
@@ -66,9 +72,7 @@ class UnrealWorld(World):
 
     def bounds(self, name: str) -> ObjectBox:
         if not self._connection.supports(BOUNDS):
-            dialect = self._connection.plugin.dialect
-            plugin = f"{DIALECTS[dialect].plugin}, dialect {dialect}"
-            raise ServerRefusedError(f"expected a server that can read the bounds of objects, got {plugin}")
+            raise self._cannot("read the bounds of objects")
         with self._turn_for(name):
             reply = self._connection.text(f"vget /object/{name}/bounds")
         box = upright_box(np.array(numbers(reply, 6)).reshape(2, 3))
@@ -277,6 +281,11 @@ class UnrealWorld(World):
                 undo()
         for key in keys:
             self._journal.undone(layer, key)
+
+    def _cannot(self, what: str) -> ServerRefusedError:
+        dialect = self._connection.plugin.dialect
+        plugin = f"{DIALECTS[dialect].plugin}, dialect {dialect}"
+        return ServerRefusedError(f"expected a server that can {what}, got {plugin}")
 
 
 def _steps(layer: Layer) -> list[list[Key]]:

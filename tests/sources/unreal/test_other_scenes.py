@@ -125,3 +125,14 @@ def test_another_level_behind_the_same_connection_is_refused(game):
         game.server.world.scene = mock_server.load_scene("six-wall")
         with pytest.raises(SceneChangedError):
             list(source.capture(REQUESTS[6:12]))
+
+
+def test_another_level_in_a_batch_of_one_tick_is_refused():
+    with (
+        mock_server.serve("four-wall", dialect="N2", size=(16, 16), frames_per_s=1000) as server,
+        omniscv.open_source(server.uri, freeze="batch") as source,
+    ):
+        list(source.capture(REQUESTS[:6]))
+        server.world.scene = mock_server.load_scene("six-wall")
+        with pytest.raises(SceneChangedError):
+            list(source.capture(REQUESTS[6:12]))

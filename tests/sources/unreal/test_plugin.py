@@ -10,7 +10,7 @@ from support.worlds import serve
 import omniscv
 from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import DIALECTS
+from omniscv.sources.unreal.plugin import DIALECTS
 
 LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"
 METHOD, CINE = "vset /camera/[uint]/exposure_method [str]", "vget /camera/[uint]/cine/enabled"
@@ -38,6 +38,7 @@ def test_commands_are_known_from_the_list_or_the_help_and_without_both_by_the_di
     with serve(dialect) as server:
         plugin = plugin_of(server.uri)
         assert (plugin.dialect, supported(plugin)) == (dialect, HAVE[dialect])
+        assert plugin.batches == (dialect in ("N2", "N3"))
         with relayed(server, no_texts) as uri:
             without = plugin_of(uri)
     # Without its list N3 answers as N2 does, and the commands of cine cameras are not known.

@@ -84,7 +84,7 @@ def test_a_frozen_game_shows_what_a_still_scene_does(dialect, shot):
         assert all(np.array_equal(image[name], other[name]) for name in LAYERS)
 
 
-@pytest.mark.parametrize("freeze", ["puppet", "pause"])
+@pytest.mark.parametrize("freeze", ["puppet", "pause", "batch"])
 def test_every_way_to_freeze_is_proven_and_recorded(freeze, tmp_path):
     path, instant = tmp_path / "yard.sqlite", at_time(0.8)
     with (

@@ -93,9 +93,11 @@ def test_turns_are_whole_viewpoints():
         return [Request(View(Pose.from_angles((x, 0, 0), i), 90.0, size, size), "lit") for i in range(count)]
 
     requests = [*at(0, 6), *at(1, 6), *at(2, 90), *at(3, 6), *at(4, 1, 4096), *at(5, 1), *at(6, 12, 4096)]
-    found = list(turns(iter(requests), lambda request: None))
+    found = list(turns(iter(requests), lambda request: None, alone=False))
     assert [request for turn in found for request in turn] == requests
     assert [len(turn) for turn in found] == [102, 7, 8, 5]  # more than 2^27 pixels are divided
+    alone = list(turns(iter(requests), lambda request: None, alone=True))
+    assert [len(turn) for turn in alone] == [6, 6, 90, 6, 1, 1, 12]
 
 
 # Repeating.

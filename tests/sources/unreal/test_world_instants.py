@@ -10,8 +10,9 @@ from support.worlds import CENTER, DIALECTS, MOVED, SCENE, SIZE, THINGS, ahead, 
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, ServerRefusedError, SourceError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
-from omniscv.sources import Request
+from omniscv.sources import Request, View
 
 MODES = ("depth",)
 RUNNING = {"time_step_s": 0.02}
@@ -66,6 +67,32 @@ def test_without_names_every_movable_object_is_read():
         with source.at(Instant()) as still:
             assert set(still.instant.poses) == {"Ball", "Box", "Pole"}
         assert server.world.paused  # as it was
+
+
+def test_a_batch_is_answered_in_one_tick():
+    """More requests than a tick or a batch without it takes."""
+    view = View(Pose.from_angles(CENTER), 90.0, 16, 16)
+    payloads = {}
+    for freeze in ("none", "batch"):
+        with serve("N2", **RUNNING) as server, omniscv.open_source(server.uri, freeze=freeze) as source:
+            with source.at(Instant(hidden=frozenset({"Box"}))) as there:
+                requests = [Request(view, "depth", there.state)] * 80
+                payloads[freeze] = {capture.payload for capture in there.capture(requests)}
+                other = Request(View(Pose.from_angles((0, 0.2, 1.5)), 90.0, 16, 16), "depth", there.state)
+                assert len(list(there.capture([*requests[:6], other]))) == 7
+            assert server.statistics.total("vbatch") == (3 if freeze == "batch" else 0)
+            assert not server.world.paused
+    assert len(payloads["batch"]) == 1
+    assert len(payloads["none"]) > 1
+
+
+def test_a_batch_survives_faults():
+    with serve("N2", seed=3, time_step_s=0.0) as server:
+        with omniscv.open_source(server.uri, freeze="batch", timeout_s=1.0, retries=8) as source:
+            server.faults.start("reset@0.01")
+            for _ in range(3):
+                assert not wrong(source, SCENE)
+        assert server.faults.struck["reset"] > 0
 
 
 def test_nothing_is_paused_where_nothing_is_to_be_kept():
@@ -167,6 +194,15 @@ def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_er
 
 
 # What is refused.
+
+
+@pytest.mark.parametrize("dialect", DIALECTS[:3:2])
+def test_batches_are_refused_where_the_dialect_has_none(dialect):
+    with (
+        serve(dialect) as server,
+        pytest.raises(ServerRefusedError, match="expected a server that can answer a batch in one tick, got"),
+    ):
+        omniscv.open_source(server.uri, freeze="batch")
 
 
 def test_a_wrong_word_is_refused():
