@@ -90,25 +90,23 @@ def test_any_pose_comes_out_right(source):
 
 
 def test_one_round_of_captures_disturbs_neither_the_stream_nor_the_window():
-    """Out of step, or after a fault, the source would connect, and request the version, again."""
+    """Out of step, or after a fault, the source would connect, and request the version, again.
+
+    Pictures come behind three round trips after a move, and before another: fewer may show the pose before,
+    and each more costs a tick (protocol reference, section 7.2).
+    """
     with serve() as server:
         with omniscv.open_source(server.uri) as source:
+            before = server.statistics.counts.copy()
             list(source.capture(FACES))
+            sent = server.statistics.counts - before
+        moves = sum(count for text, count in sent.items() if text.startswith("vset /camera/0/pose"))
+        assert moves == len(FACES)  # they go mode by mode
+        assert sent["vget /camera/0/pose"] == (3 + 1) * moves
         with open_connection(server.uri) as connection:
             assert connection.text("vget /viewmode") == "lit"
         assert server.statistics.counts["vset /action/input/disable"] == 1
         assert server.statistics.counts["vget /unrealcv/version"] == 1
-
-
-def test_pictures_come_behind_three_round_trips_after_a_move_and_before_another():
-    """Fewer may show the pose before, and each more costs a tick (protocol reference, section 7.2)."""
-    with serve() as server, omniscv.open_source(server.uri) as source:
-        before = server.statistics.counts.copy()
-        list(source.capture(FACES))
-        asked = server.statistics.counts - before
-        moves = sum(count for text, count in asked.items() if text.startswith("vset /camera/0/pose"))
-        assert moves == len(FACES)  # they go mode by mode
-        assert asked["vget /camera/0/pose"] == (3 + 1) * moves
 
 
 def test_masks_have_the_windows_size_and_field_of_view():

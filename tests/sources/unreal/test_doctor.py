@@ -70,6 +70,7 @@ def test_a_server_without_faults_is_ok():
     assert findings["depth is"].value.startswith("planar")
     assert findings["depth unit"].value.startswith("cm")
     assert findings["depth steps"].value.startswith("float16")
+    assert findings["mask colours"].value.endswith("0% black")
     assert findings.keys() >= {"exposure", "vignette", "same again", "depth, moved", "world moves"}
 
 

@@ -251,7 +251,14 @@ def test_exposure_holds_and_is_recorded(dialect):
                 assert provenance["exposure"] == f"manual, bias {bias:g}"
                 levels.append(there)
         assert levels[1] / levels[0] == pytest.approx(2, rel=0.03)
-        assert server.statistics.total("vrun") == 0
+        assert server.statistics.total("vrun") == server.statistics.total("vset /viewmode") == 0
+        for setting in (
+            "illumination lumen",
+            "reflection lumen",
+            "exposure_method manual",
+            "physical_exposure 0",
+        ):
+            assert server.statistics.total(f"vset /camera/1/{setting}") == 2
 
 
 def test_the_bias_that_matches_the_games_exposure_is_found():
