@@ -307,12 +307,16 @@ def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[
     """Return whether masks show another dark colour than was set, by the object with the most pixels."""
     names = {color: name for name, color in table.items()}
     camera.go(_YAWS_DEG[0])
-    areas = {names[color]: count for color, count in camera.color_counts().items() if color in names}
+    areas = {
+        names[color]: count
+        for color, count in color_counts(camera.pixels("object_mask")).items()
+        if color in names
+    }
     if not areas:
         return False
     name = max(areas, key=areas.__getitem__)
     connection.text(paint_command(name, _DARK))
-    changes = vertex_color_roundtrip(_DARK) in camera.color_counts()
+    changes = vertex_color_roundtrip(_DARK) in color_counts(camera.pixels("object_mask"))
     connection.text(paint_command(name, table[name]))
     return changes
 

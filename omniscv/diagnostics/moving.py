@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.server import RawCamera
+from omniscv.diagnostics.server import RawCamera, color_counts
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
@@ -102,7 +102,7 @@ class MovingWorld:
         """Return the object that has the most pixels straight ahead; None for none."""
         self._camera.go(0)
         by_color = {color: name for name, color in colors(self._connection).items()}
-        counts = self._camera.color_counts()
+        counts = color_counts(self._camera.pixels("object_mask"))
         areas = {by_color[color]: count for color, count in counts.items() if color in by_color}
         return max(areas, key=areas.__getitem__, default=None)
 

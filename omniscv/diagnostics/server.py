@@ -136,10 +136,6 @@ class RawCamera(AbstractContextManager["RawCamera"]):
 
         return self._connection.read([self.driver.table.image(self.driver.camera, mode)], decoded)[0]
 
-    def color_counts(self) -> dict[Color, int]:
-        """Return the colours in a frame of the object mask, and how many pixels have each."""
-        return color_counts(self.pixels("object_mask"))
-
     def __exit__(self, *error: object) -> None:
         self.driver.release()
 

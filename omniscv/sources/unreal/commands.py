@@ -78,10 +78,8 @@ _IMAGES = {
     "normals": ("normal png", "png normal"),
 }
 _SHARED_IMAGES = {
-    "lit": ("lit_shared", "npy"),
-    "object_mask": ("object_mask_shared", "npy"),
-    "depth": ("depth_shared", "npy planar cm"),
-    "normals": ("normal_shared", "npy normal"),
+    mode: (f"{command.split()[0]}_shared", encoding.replace("png", "npy"))
+    for mode, (command, encoding) in _IMAGES.items()
 }
 SHARED_MASK = "vget /camera/[uint]/object_mask_shared"
 MODERN = CameraTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
