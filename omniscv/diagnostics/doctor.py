@@ -15,7 +15,16 @@ from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
-from omniscv.diagnostics.server import EDGE_PX, FACES, NEVER, RawCamera, across, alike, color_counts
+from omniscv.diagnostics.server import (
+    EDGE_PX,
+    FACES,
+    NEVER,
+    RawCamera,
+    across,
+    alike,
+    color_counts,
+    largest_object,
+)
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.base import Color
@@ -305,16 +314,9 @@ def turned_pairs(camera: RawCamera) -> Pairs:
 
 def _changes_dark_colors(connection: Connection, camera: RawCamera, table: dict[str, Color]) -> bool:
     """Return whether masks show another dark colour than was set, by the object with the most pixels."""
-    names = {color: name for name, color in table.items()}
-    camera.go(_YAWS_DEG[0])
-    areas = {
-        names[color]: count
-        for color, count in color_counts(camera.pixels("object_mask")).items()
-        if color in names
-    }
-    if not areas:
+    name = largest_object(camera, table)
+    if name is None:
         return False
-    name = max(areas, key=areas.__getitem__)
     connection.text(paint_command(name, _DARK))
     changes = vertex_color_roundtrip(_DARK) in color_counts(camera.pixels("object_mask"))
     connection.text(paint_command(name, table[name]))

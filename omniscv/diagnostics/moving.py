@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.server import RawCamera, color_counts
+from omniscv.diagnostics.server import RawCamera, largest_object
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
@@ -65,7 +65,7 @@ class MovingWorld:
     def _follows(self) -> Finding:
         """Move the object with the most pixels, and count the frames that do not show the move yet."""
         title = "captures follow a move"
-        name = self._largest()
+        name = largest_object(self._camera, colors(self._connection))
         if name is None:
             return Finding(title, "unknown: no object in sight", "warning", "give --position where one is")
         location = f"/object/{name}/location"
@@ -97,14 +97,6 @@ class MovingWorld:
             poses = object_poses(self._connection, names)
             moving |= {name for name in names if _differ(first[name], poses[name])}
         return [name for name in names if name in moving]
-
-    def _largest(self) -> str | None:
-        """Return the object that has the most pixels straight ahead; None for none."""
-        self._camera.go(0)
-        by_color = {color: name for name, color in colors(self._connection).items()}
-        counts = color_counts(self._camera.pixels("object_mask"))
-        areas = {by_color[color]: count for color, count in counts.items() if color in by_color}
-        return max(areas, key=areas.__getitem__, default=None)
 
     @contextmanager
     def _paused(self) -> Iterator[None]:

@@ -1,7 +1,7 @@
 """Raw access to a server: replies to commands, and a camera's frames without repairs of stale ones."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Unpack
 
@@ -153,6 +153,15 @@ def color_counts(mask: NDArray[np.uint8]) -> dict[Color, int]:
     """Return the colours in an object mask (H, W, 3), and how many pixels have each."""
     colors, counts = np.unique(mask.reshape(-1, 3), axis=0, return_counts=True)
     return {(r, g, b): count for (r, g, b), count in zip(colors.tolist(), counts.tolist(), strict=True)}
+
+
+def largest_object(camera: RawCamera, colors: Mapping[str, Color]) -> str | None:
+    """Return the object with the most pixels straight ahead, by the colours of masks; None for none."""
+    camera.go(0)
+    names = {color: name for name, color in colors.items()}
+    counts = color_counts(camera.pixels("object_mask"))
+    areas = {names[color]: count for color, count in counts.items() if color in names}
+    return max(areas, key=areas.__getitem__, default=None)
 
 
 def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
