@@ -77,14 +77,14 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
 
 
 def test_a_worker_killed_while_it_starts_is_one_clear_sentence(tmp_path):
-    with started(*OMNISCV, "dataset", "make", job_of(tmp_path, "none"), "--cluster", "local:2") as process:
+    with started(*OMNISCV, "dataset", "make", job_of(tmp_path, "none"), "--cluster", "local:1") as process:
         starting = waited_for(
             lambda: [p for p, line in below(process).items() if re.match(LINES["worker"], line)]
         )
         starting[0].kill()
         _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
-    assert "--cluster: expected 2 workers to start, but one ended" in said
+    assert "--cluster: expected 1 workers to start, but one ended" in said
     assert "Traceback" not in said
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from support.traced_frames import frame_of, traced_frame
+from support.traced_frames import black_frame, frame_of, traced_frame
 
 import mock_server
 from omniscv import Pose, cameras
@@ -36,9 +36,9 @@ def level(pose):
     return Pose.from_angles((0, 0, 0)).inverse() @ pose
 
 
-def rig_frames(folder, names=tuple(CAMERAS), write=traced_frame):
+def rig_frames(folder, names=tuple(CAMERAS), write=black_frame):
     return [
-        write(folder, SCENE, CAMERAS[name], move @ level(MOUNTED[name]), name, f"{name}-{i}")
+        write(folder, CAMERAS[name], move @ level(MOUNTED[name]), name, f"{name}-{i}")
         for i, move in enumerate(MOVES) for name in names
     ]  # fmt: skip
 
@@ -47,7 +47,7 @@ def rig_frames(folder, names=tuple(CAMERAS), write=traced_frame):
 def model(tmp_path_factory):
     """The frames of a rig of five cameras at three moments, and what pycolmap reads of their export."""
     folder = tmp_path_factory.mktemp("colmap")
-    frames = rig_frames(folder)
+    frames = rig_frames(folder, write=lambda folder, *more: traced_frame(folder, SCENE, *more))
     get("colmap").export(frames, folder / "out", {"points": 0.15})
     return frames, folder / "out", pycolmap.Reconstruction(folder / "out/sparse/0")
 
@@ -144,14 +144,7 @@ def test_the_example_of_the_reference(tmp_path):
     )
     poses = [Pose.from_angles((0, 0, 1.5)), Pose.from_angles((0, -0.1, 1.5))]
     pair = [
-        frame_of(
-            tmp_path,
-            {"lit": np.zeros((camera.height, camera.width, 3), np.uint8)},
-            camera,
-            pose,
-            f"cam{i}",
-            f"cam{i}",
-        )
+        black_frame(tmp_path, camera, pose, f"cam{i}", f"cam{i}")
         for i, (camera, pose) in enumerate(zip((PANORAMA, brandt), poses, strict=True))
     ]
     get("colmap").export(pair, tmp_path, {})
@@ -175,15 +168,10 @@ def test_the_example_of_the_reference(tmp_path):
     assert lines["points3D"] == []
 
 
-def small(folder, scene, camera, pose, camera_name, key, **more):
-    lit = np.zeros((camera.height, camera.width, 3), np.uint8)
-    return frame_of(folder, {"lit": lit}, camera, pose, camera_name, key, **more)
-
-
 def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
-    frames = rig_frames(tmp_path, ("panorama", "pinhole"), small)
+    frames = rig_frames(tmp_path, ("panorama", "pinhole"))
     turning = [
-        small(tmp_path, SCENE, PANORAMA, Pose.from_angles((i, 0, 1), 30 * i * i), "turning", f"turning-{i}")
+        black_frame(tmp_path, PANORAMA, Pose.from_angles((i, 0, 1), 30 * i * i), "turning", f"turning-{i}")
         for i in range(2)
     ]
     found = rigs([*frames, *turning])
@@ -200,7 +188,7 @@ def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
 
 def test_a_moment_may_lack_an_image(tmp_path):
     """Of the reference camera, even: the rig's pose follows from another one."""
-    frames = [f for f in rig_frames(tmp_path, ("panorama", "pinhole"), small) if f.key != "panorama-1"]
+    frames = [f for f in rig_frames(tmp_path, ("panorama", "pinhole")) if f.key != "panorama-1"]
     get("colmap").export(frames, tmp_path, {})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     for frame in frames:
@@ -211,7 +199,7 @@ def test_a_moment_may_lack_an_image(tmp_path):
 
 def test_frames_of_other_names_are_together_by_time_or_pose(tmp_path):
     def of(name, key, pose, time=None):
-        return small(tmp_path, SCENE, PANORAMA, pose, name, key, time=time)
+        return black_frame(tmp_path, PANORAMA, pose, name, key, time=time)
 
     here, there = MOVES[:2]
     timed = [of("a", "k0", here, 1.0), of("b", "k1", there, 1.0), of("a", "k2", there, 2.0)]

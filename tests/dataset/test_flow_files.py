@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import OpenEXR
 import pytest
-from support.traced_frames import frame_of, traced_frame
+from support.traced_frames import channels, frame_of, traced_frame
 
 import mock_server
 from omniscv import Pose, cameras, truth
@@ -32,11 +31,6 @@ def expected(first, second, **options):
     one, two = first.layer("depth"), second.layer("depth")
     labels = first.layer("labels")
     return truth.flow(one, CAMERA.unproject(), first.pose, CAMERA, second.pose, two, labels, **options)
-
-
-def channels(path):
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: each.pixels for name, each in file.channels().items()}
 
 
 def test_both_readers_get_the_flow_between_neighbours(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import yaml
-from support.traced_frames import frame_of
+from support.traced_frames import black_frame
 
 from omniscv import Pose, cameras
 from omniscv.calibration import read_kalibr
@@ -29,8 +29,7 @@ def frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kalibr")
     level = Pose.from_angles((0, 0, 0)).inverse()
     return [
-        frame_of(folder, {"lit": np.zeros((camera.height, camera.width, 3), np.uint8)}, camera,
-                 move @ (level @ place), name, f"{name}-{i}")
+        black_frame(folder, camera, move @ (level @ place), name, f"{name}-{i}")
         for i, move in enumerate(MOVES)
         for (name, camera), place in zip(CAMERAS.items(), PLACES, strict=True)
     ]  # fmt: skip
@@ -80,10 +79,6 @@ def test_the_chain_leads_to_the_poses_and_pixels_of_every_camera(frames, tmp_pat
 
 def test_cameras_that_move_apart_get_a_file_each(frames, tmp_path):
     moved = [frame for frame in frames if frame.key not in ("rear-0", "right-0", "right-1")]
-    moved += [
-        frame_of(
-            tmp_path, {"lit": np.zeros((40, 40, 3), np.uint8)}, CAMERAS["rear"], PLACES[1], "rear", "rear-0"
-        )
-    ]
+    moved += [black_frame(tmp_path, CAMERAS["rear"], PLACES[1], "rear", "rear-0")]
     written = get("kalibr").export(moved, tmp_path, {})
     assert [path.name for path in written] == ["camchain-left.yaml", "camchain-rear.yaml"]

@@ -6,9 +6,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import OpenEXR
 import pytest
 from support.datasets import tree
+from support.traced_frames import channels
 
 import mock_server
 from mock_server.motion import turned
@@ -134,11 +134,6 @@ def test_flow_and_scene_flow_are_those_of_the_motion(made):
             np.testing.assert_allclose(flow[f"flow.{axis}"], exact.pixels[..., i], atol=1e-3)
         for i, axis in enumerate("XYZ"):
             np.testing.assert_allclose(scene[f"sceneflow.{axis}"], exact.scene[..., i], atol=1e-6)
-
-
-def channels(path):
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: each.pixels for name, each in file.channels().items()}
 
 
 def test_a_recording_makes_the_same_dataset(made, tmp_path):

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from support.traced_frames import frame_of, traced_frame
+from support.traced_frames import black_frame, traced_frame
 
 import mock_server
 from omniscv import Pose, cameras
@@ -65,8 +65,7 @@ def rays_of(data, frame, v, u):
 @pytest.mark.parametrize("model", CAMERAS)
 def test_its_rays_are_ours(model, tmp_path):
     camera = CAMERAS[model]
-    lit = np.zeros((camera.height, camera.width, 3), np.uint8)
-    frames = [frame_of(tmp_path, {"lit": lit}, camera, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
+    frames = [black_frame(tmp_path, camera, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
     get("nerfstudio").export(frames[::-1], tmp_path / "out", {})
     data = json.loads((tmp_path / "out/transforms.json").read_text())
     assert data["camera_model"] == model
@@ -83,8 +82,7 @@ def test_its_rays_are_ours(model, tmp_path):
 
 def test_one_pose_as_the_reference_has_it(tmp_path):
     """Section 4.4 of the formats' reference."""
-    lit = np.zeros((32, 64, 3), np.uint8)
-    frame = frame_of(tmp_path, {"lit": lit}, CAMERAS["EQUIRECTANGULAR"], Pose.from_angles((0, 0, 1.5)))
+    frame = black_frame(tmp_path, CAMERAS["EQUIRECTANGULAR"], Pose.from_angles((0, 0, 1.5)))
     get("nerfstudio").export([frame], tmp_path, {})
     data = json.loads((tmp_path / "transforms.json").read_text())
     assert data["frames"] == [{
@@ -120,9 +118,8 @@ def test_several_cameras_get_a_folder_each_with_depth_and_masks(tmp_path):
 
 
 def test_splits_are_lists_of_files(tmp_path):
-    lit = np.zeros((32, 64, 3), np.uint8)
     frames = [
-        frame_of(tmp_path, {"lit": lit}, CAMERAS["EQUIRECTANGULAR"], POSES[0], key=f"cam-{i}", split=split)
+        black_frame(tmp_path, CAMERAS["EQUIRECTANGULAR"], POSES[0], key=f"cam-{i}", split=split)
         for i, split in enumerate(("train", "val", "train"))
     ]
     get("nerfstudio").export(frames, tmp_path, {})

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from evo.tools import file_interface
-from support.traced_frames import frame_of
+from support.traced_frames import black_frame
 
 from omniscv import Pose, cameras
 from omniscv.dataset import get
@@ -14,9 +14,8 @@ POSES = [Pose.from_angles((i, 0.1 * i, 1.5), 10 * i, i, -i) for i in range(4)]
 
 
 def frames(folder, names=("left", "right"), times=None):
-    lit = np.zeros((2, 4, 3), np.uint8)
     return [
-        frame_of(folder, {"lit": lit}, CAMERA, pose, name, f"{name}-{i}", time=times and times[i])
+        black_frame(folder, CAMERA, pose, name, f"{name}-{i}", time=times and times[i])
         for i, pose in enumerate(POSES) for name in names
     ]  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Frames of datasets, exact: their layers are traced, not composed."""
 
 import numpy as np
+import OpenEXR
 
 from omniscv.compose.files import write
 from omniscv.dataset import Frame
@@ -30,3 +31,15 @@ def frame_of(folder, layers, camera, pose, camera_name="cam", key="cam", scene=N
 def traced_frame(folder, scene, camera, pose, camera_name="cam", key="cam", **more):
     """A frame of a scene."""
     return frame_of(folder, traced(scene, camera, pose), camera, pose, camera_name, key, scene, **more)
+
+
+def black_frame(folder, camera, pose, camera_name="cam", key="cam", **more):
+    """A frame of which only camera and pose matter."""
+    lit = np.zeros((camera.height, camera.width, 3), np.uint8)
+    return frame_of(folder, {"lit": lit}, camera, pose, camera_name, key, **more)
+
+
+def channels(path):
+    """The channels of an EXR file, by another reader."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: channel.pixels for name, channel in file.channels().items()}
