@@ -22,16 +22,16 @@ SLIDE = "[{time: 0, position: [-2, -0.6, 0.85]}, {time: 2, position: [-1.2, 0.8,
 JOB = """
 source: scene://workshop
 cameras: {{pano: {camera}}}
-poses: [{{position: [0, 0, 1.2]}}]
+poses: {poses}
 modes: [lit, object_mask, depth]
 face_size: 32
 {more}
 """
 
 
-def job_of(folder, more="", camera=PANORAMA):
+def job_of(folder, more="", camera=PANORAMA, poses="[{position: [0, 0, 1.2]}]"):
     path = folder / "job.yaml"
-    path.write_text(JOB.format(camera=camera, more=more), encoding="utf-8")
+    path.write_text(JOB.format(camera=camera, more=more, poses=poses), encoding="utf-8")
     return jobs.load(path)
 
 
@@ -83,19 +83,13 @@ def test_each_image_is_of_the_scene_at_its_time(tmp_path):
 
 def test_a_world_with_a_clock_of_its_own_is_at_the_poses_times(tmp_path):
     """Only where 'times' is given: the poses' own times alone are those of a trajectory in a still world."""
-    poses = "poses: [{position: [0, 0, 1.2], time: 1.25}]"
+    poses = "[{position: [0, 0, 1.2], time: 1.25}]"
     job = job_of(tmp_path)
     still = replace(job, times=(1.25,))
-    moving = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: poses"), poses))
+    moving = job_of(tmp_path, "times: poses", poses=poses)
     assert (still.moves, moving.moves) == (False, True)
     assert_same(images_of(still)["pano"], rendered(job, 0, poses={}))
     assert_same(images_of(moving)["pano"], rendered(job, 1.25, poses={}))
-
-
-def _written(folder, text, poses):
-    path = folder / "timed.yaml"
-    path.write_text(text.replace("poses: [{position: [0, 0, 1.2]}]", poses), encoding="utf-8")
-    return path
 
 
 def test_motions_of_files_and_splines(tmp_path):
@@ -117,28 +111,28 @@ def test_times_of_poses(tmp_path):
     ranged = job_of(tmp_path, "times: {start: 1, rate: 4, count: 3}")
     assert ranged.times == (1.0, 1.25, 1.5)
     assert len(ranged) == 3
-    poses = "poses: [{position: [0, 0, 1], time: 0}, {position: [2, 0, 1], time: 4}]"
-    along = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: [1, 3]"), poses))
+    poses = "[{position: [0, 0, 1], time: 0}, {position: [2, 0, 1], time: 4}]"
+    along = job_of(tmp_path, "times: [1, 3]", poses=poses)
     assert [pose.position[0] for pose in along.poses] == [0.5, 1.5]
-    sampled = "poses: {path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
-    path = jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: poses"), sampled))
+    sampled = "{path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
+    path = job_of(tmp_path, "times: poses", poses=sampled)
     assert path.times == (0.0, 0.5, 1.0)
     assert [moment.instant.time for moment in moments(path)] == [0.0, 0.5, 1.0]
 
 
 def test_poses_at_one_time_share_the_instant(tmp_path):
-    poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
-    text = JOB.format(camera=PANORAMA, more=f"times: [0.5, 0.5]\nmotions: {{Cabinet: {SLIDE}}}")
-    first, second = moments(jobs.load(_written(tmp_path, text, poses)))
+    poses = "[{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
+    more = f"times: [0.5, 0.5]\nmotions: {{Cabinet: {SLIDE}}}"
+    first, second = moments(job_of(tmp_path, more, poses=poses))
     assert first.instant.state == second.instant.state != ""
 
 
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     rig = f"""rig: {{cameras: {{left: {{camera: {PANORAMA}}},
       right: {{camera: {PANORAMA}, position: [0.1, 0, 0], time_offset: 0.25}}}}}}"""
-    poses = "poses: [{position: [0, 0, 1.2], time: 0}, {position: [0, 0, 1.2], time: 1}]"
-    text = JOB.format(camera=PANORAMA, more=f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}")
-    job = jobs.load(_written(tmp_path, text, poses))
+    poses = "[{position: [0, 0, 1.2], time: 0}, {position: [0, 0, 1.2], time: 1}]"
+    more = f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}"
+    job = job_of(tmp_path, more, poses=poses)
     times = {
         frame.key: (moment.instant.time, frame.time) for moment in moments(job) for frame in moment.frames
     }
@@ -168,9 +162,9 @@ def test_colours_are_the_mean_of_an_exposure_and_the_truth_is_its_middle(tmp_pat
 
 def test_a_camera_that_moves_is_exposed_along_its_way(tmp_path):
     """In a still world; a camera that rests, and one that stands still, show what a single instant does."""
-    poses = "poses: [{position: [0, 0, 1.2], time: 0}, {position: [1, 0, 1.2], time: 1}]"
-    text = JOB.format(camera=PANORAMA, more="exposure: {seconds: 0.3, instants: 3}")
-    job = jobs.load(_written(tmp_path, text, poses))
+    poses = "[{position: [0, 0, 1.2], time: 0}, {position: [1, 0, 1.2], time: 1}]"
+    more = "exposure: {seconds: 0.3, instants: 3}"
+    job = job_of(tmp_path, more, poses=poses)
     found = images_of(job)
     for i, start in enumerate((0.0, 1.0)):
         ways = [Pose.from_angles((start + offset, 0, 1.2)) for offset in (-0.1, 0, 0.1)]
@@ -261,9 +255,9 @@ def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
 
 
 def test_numbers_of_poses_and_times_agree(tmp_path):
-    poses = "poses: [{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
+    poses = "[{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
     with pytest.raises(ArgumentError, match="times: expected one for each of 2 poses, got 3"):
-        jobs.load(_written(tmp_path, JOB.format(camera=PANORAMA, more="times: [0, 1, 2]"), poses))
+        job_of(tmp_path, "times: [0, 1, 2]", poses=poses)
 
 
 def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):
