@@ -1,15 +1,13 @@
 """Work on all cores: nested, from several threads, after a fork and in spawned processes."""
 
-import multiprocessing
 import os
 import threading
 
 import numpy as np
 import pytest
+from support.processes import sent_by_child
 
 from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, limit, side_by_side
-
-TIMEOUT_S = 60
 
 
 def squares(count=40):
@@ -114,7 +112,7 @@ def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
     busy = threading.Thread(target=work)
     busy.start()
     try:
-        assert run_in_children(method, _send_all_well, children) == [True] * children
+        assert all(sent_by_child(method, _send_all_well) for _ in range(children))
     finally:
         stop.set()
         busy.join()
@@ -122,25 +120,3 @@ def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
 
 def _send_all_well(pipe):
     pipe.send(all_well() and os.getpid() > 0)
-
-
-@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
-def run_in_children(method, target, count, *arguments):
-    """What each of several processes sends; a child that hangs fails the test."""
-    context = multiprocessing.get_context(method)
-    sent = []
-    for _ in range(count):
-        receiver, sender = context.Pipe(duplex=False)
-        child = context.Process(target=target, args=(sender, *arguments))
-        child.start()
-        sender.close()
-        try:
-            assert receiver.poll(TIMEOUT_S), "the child hangs"
-            sent.append(receiver.recv())
-        finally:
-            child.join(TIMEOUT_S)
-            if child.is_alive():
-                child.kill()
-                child.join()
-        assert child.exitcode == 0
-    return sent

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from support.faces import face_requests
+from support.processes import sent_by_child
 
 import mock_server
 import omniscv
@@ -102,7 +103,7 @@ def test_fork(name, things):
     expected = work(things[name])
     with ThreadPoolExecutor(1) as thread:
         busy = thread.submit(lambda: [work(things[name]) for _ in range(2)])
-        sent = forked(things[name])
+        sent = sent_by_child("fork", _send_work, things[name])
         assert busy.result(TIMEOUT_S) == [expected] * 2
     if name in LIVE:
         assert "expected to be used by the process that opened it" in sent
@@ -110,21 +111,6 @@ def test_fork(name, things):
     else:
         assert sent == expected
     assert work(things[name]) == expected  # a child that closes its copy closes nothing of the parent
-
-
-def forked(thing):
-    """What a forked child makes of an object, or its SourceError; the child closes it."""
-    context = multiprocessing.get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_send_work, args=(sender, thing))
-    child.start()
-    sender.close()
-    try:
-        assert receiver.poll(TIMEOUT_S), "the child hangs"
-        return receiver.recv()
-    finally:
-        child.kill()
-        child.join()
 
 
 def _send_work(pipe, thing):

@@ -1,8 +1,7 @@
 """Six faces of one place as a cube: which edges meet, and the steps across them.
 
-Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
-at their edges. The step of an edge is the mean difference across it, less that between pixels beside it.
-Where masks show another object across an edge, the step is an outline, and does not count.
+The step of an edge is the mean difference across it, less the difference between pixels beside it. Where
+masks show another object across an edge, the step is an outline and does not count.
 """
 
 from __future__ import annotations

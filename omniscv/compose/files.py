@@ -53,7 +53,6 @@ _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 _ZSTD, _ZIP = "zstd:1", "zip:1"
 """Compression of EXR. By measurement Zstd writes 0.39 of the bytes of interpolated depth, ZIP 0.83 of them in
 2.4 times its time. Readers older than OpenEXR 3.5 read only ZIP."""
-_FEWER_BITS = np.uint16(15)
 _INTERPOLATED = ("surface", "direction", "plane")
 
 

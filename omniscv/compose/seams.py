@@ -1,7 +1,7 @@
 """Seams between the six faces of a cube: measured, explained by gains, and closed.
 
 Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
-at their edges. The step of an edge is the mean difference across it, less that between pixels beside it.
+at their edges. :mod:`omniscv.compose.cube` measures the steps.
 Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
 they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
 falls off within a tenth of a face and stops at outlines. Where masks show another object across an edge, the

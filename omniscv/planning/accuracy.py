@@ -50,25 +50,25 @@ _PATCH_PX = 200_000  # of a typical patch
 _PROBED = 2
 """Views in which an image of more views is measured first."""
 _CAPS, _STEEP = 0.2, 0.7
-"""Density of edges in faces that look up or down, against others, and the sine from which they do."""
+"""Density of edges in faces that look up or down, relative to others, and the least sine of their pitch."""
 _FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
 """How many times finer patches may be than what is in doubt."""
 _BAND_PX = 4.0  # of a capture: the width of a band of doubt
 _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 _SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
-_AGAIN = 0.85  # chance that a pixel still in doubt leaves it, for each patch that it was in
-_FALLS, _PATIENCE = 0.02, 3  # part of the doubt that a round must resolve, and how many may not
+_AGAIN = 0.85  # factor of the chance that a patch resolves a pixel, per patch that it was in before
+_FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
 _MOST_ROUNDS = 12
-_STILL = 0.9  # of the doubt: what finer captures of everything must bring it below
+_STILL = 0.9  # of the doubt: finer captures of everything must leave less
 _FEW = "adaptive"
 """The strategy of few viewpoints, which several centres are captured with unless another one is given."""
 _DEPTH = 0.01  # relative bound of a depth above which it is doubtful
 _FEW_CENTERS = 2
 """Centres that are tried first."""
 _LEAST_DOUBT, _MOST_DOUBT = 1.06, 1.3
-"""Doubt of an image against that of its depth, by measurement: edges of labels add to it."""
+"""Doubt of an image relative to that of its depth, least and most, by measurement: label edges add to it."""
 _SHRINKS = 1.09
-"""Finer views leave less doubt, by measurement by this root of how much less."""
+"""Views that are n^_SHRINKS times finer leave 1 / n of the doubt, by measurement."""
 _STUCK, _SPENT = "doubt no longer falls", "a budget is spent"
 
 _Probed = Generator[Round, Kept | None, int]

@@ -8,7 +8,7 @@ views.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -94,10 +94,6 @@ class Rim:
     centers: Array
     turns: Floats
 
-    def moved(self, first: int) -> "Rim":
-        """Return the rim with indices that count from pixel ``first`` on."""
-        return replace(self, pixels=self.pixels - first) if first else self
-
 
 @dataclass(frozen=True, eq=False)
 class Footprints:
@@ -114,16 +110,17 @@ class Footprints:
     centers: Array
 
 
-def footprints_of(pixels: Ints, rays: Array, rim: Rim) -> Footprints:
+def footprints_of(pixels: Ints, rays: Array, first: int, rim: Rim) -> Footprints:
     """Return what pixels span.
 
     Args:
-        pixels: (N,) flat indices into ``rays``.
+        pixels: (N,) flat indices.
         rays: (h, W, 3) of these pixels and of their neighbours, NaN where not valid.
-        rim: of the image, with flat indices into ``rays``.
+        first: flat index of the first of these rays.
+        rim: of the image.
     """
     edges = np.empty((len(pixels), 2, 3), np.float32)
-    run(_measure, (pixels, edges), rays)
+    run(_measure, (pixels - first, edges), rays)
     at = np.searchsorted(rim.pixels, pixels)
     known = rim.pixels[np.minimum(at, len(rim.pixels) - 1)] == pixels if len(rim.pixels) else at < 0
     cut = np.flatnonzero(known)

@@ -35,10 +35,12 @@ _ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres a
 _SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each other meet the same surface
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
-_BEHIND = 1.0 + 1e-6  # relative depth beyond which a ray's origin is hidden from the centre
-_DEEPER_PX, _TOUCHING = 2.0, 4.0  # a ray grazes if so many px on it is less than so many depth errors behind
+_BEHIND = 1.0 + 1e-6  # relative depth beyond which a ray's origin counts as hidden from the centre
+_DEEPER_PX, _TOUCHING = 2.0, 4.0
+"""A ray grazes a surface if, ``_DEEPER_PX`` on, it is less than ``_TOUCHING`` depth errors behind it."""
 _BESIDE_PX, _BESIDE = 2.5, 0.98  # a nearer surface beside: so many px away, and relative depth below
-_SHORT = 0.25  # of the reach: a longer hidden part of a ray's way may hold anything
+_SHORT = 0.25
+"""Of the reach: a hidden part up to this long widens the bound, a longer one makes the pixel unsure."""
 _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
 
 FAR_M = 1e6
@@ -104,13 +106,13 @@ class Hits(NamedTuple):
         )
 
     def distrust(self, rows: Mask) -> None:
-        """Make guesses of some of N hits."""
+        """Mark some of N hits as unsure, and their rays as hidden all the way."""
         self.sure[rows], self.hidden_from[rows], self.hidden_to[rows] = False, 0.0, np.inf
 
     def join(self, others: Hits) -> Mask:
-        """Take in hits of the same rays, seen from another centre, that end at the same surface.
+        """Combine with hits of the same rays from another centre, where both end at the same surface.
 
-        Two centres may see all of a ray's way together, which none of them sees alone.
+        Two centres together may see all of a ray of which each sees a part.
 
         Returns:
             (N,) whether both end at the same surface.

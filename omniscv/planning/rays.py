@@ -310,7 +310,7 @@ class RayBlock:
         pixels, width = self._pixels, around.shape[1]
         if pixels is None:
             pixels = np.arange(self._rows.start * width, self._rows.stop * width)
-        return densities.footprints_of(pixels - first * width, around, self._image.rim.moved(first * width))
+        return densities.footprints_of(pixels, around, first * width, self._image.rim)
 
     def _of_rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values of the block's pixels, of those of all pixels in its rows."""

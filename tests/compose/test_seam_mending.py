@@ -38,6 +38,13 @@ def faces(edge=256, smooth=2, turned=None, scene="four-wall", center=CENTER, mod
     return np.uint8(pictures.reshape(6, edge, smooth, edge, smooth, 3).mean(axis=(2, 4)) + 0.5)
 
 
+def exposed(pictures, factors):
+    """Pictures whose light is multiplied by a factor, or by (s, s) factors, each."""
+    lights = (light.decode(picture, "srgb") for picture in pictures)
+    both = zip(lights, factors, strict=True)
+    return np.stack([light.encode(np.float32(one * np.atleast_3d(factor)), "srgb") for one, factor in both])
+
+
 def cube(pixels):
     return Cube.of([*views(pixels.shape[1])], [*pixels])
 
@@ -74,20 +81,13 @@ def test_one_bright_face_meets_the_others_half_way():
 
 
 def test_gains_are_those_of_light(room):
-    darkened = np.stack(
-        [
-            light.encode(light.decode(face, "srgb") * gain, "srgb")
-            for face, gain in zip(room, GAINS, strict=True)
-        ]
-    )
+    darkened = exposed(room, GAINS)
     found = estimate_gains(cube(darkened), "srgb")
     assert found.proven
     expected = np.exp(np.log(GAINS).mean()) / GAINS
     np.testing.assert_allclose(found.gains, expected, rtol=0.005)
     mended = mend([*views(256)], [*darkened], "gains", "srgb")
-    common = np.stack(
-        [light.encode(light.decode(face, "srgb") * np.exp(np.log(GAINS).mean()), "srgb") for face in room]
-    )
+    common = exposed(room, [np.exp(np.log(GAINS).mean())] * 6)
     usable = (common < 250) & (darkened < 250)
     assert np.abs(np.stack(mended.pixels).astype(float) - common)[usable].mean() < 0.5
     assert mended.report["steps_after"]["median"] < mended.report["steps"]["median"]
@@ -177,18 +177,12 @@ def test_gains_and_vignette_from_overscan(room_with_overscan, drift):
     x = (np.arange(288) + 0.5) / 144 - 1
     loss = (1 + 0.16 * (x[None] ** 2 + x[:, None] ** 2)) ** -2
     gains = 0.6 * GAINS**drift  # nothing clips
-    dark = np.stack(
-        [
-            light.encode(light.decode(face, "srgb") * np.float32(gain * loss)[..., None], "srgb")
-            for face, gain in zip(true, gains, strict=True)
-        ]
-    )
+    dark = exposed(true, [gain * loss for gain in gains])
     mended = mend(wide, [*dark], "gains", "srgb")
     expected = np.exp(np.log(gains).mean()) / gains
     np.testing.assert_allclose(mended.report["gains"], expected, rtol=0.005)
     assert abs(mended.report["vignette"] - (1 - 1.32**-2)) < 0.01
-    common = np.float32(np.exp(np.log(gains).mean()))
-    due = np.stack([light.encode(light.decode(face, "srgb") * common, "srgb") for face in true])
+    due = exposed(true, [np.exp(np.log(gains).mean())] * 6)
     usable = (due < 250) & (dark > 16)  # of rounded codes below, one level is a tenth of the light
     assert np.abs(np.stack(mended.pixels).astype(float) - due)[usable].mean() < 0.7
     unharmed = mend(wide, [*true], "gains", "srgb")
@@ -207,8 +201,7 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
         store = Store(path, write=True)
         for at in places:
             pictures = faces(128, 1, scene="six-wall", center=at)
-            for view, face in zip(views(128, center=at), pictures, strict=True):
-                pixels = light.encode(np.float32(light.decode(face, "srgb") * loss[..., None]), "srgb")
+            for view, pixels in zip(views(128, center=at), exposed(pictures, [loss] * 6), strict=True):
                 store.add(Capture(Request(view, "lit"), view, pixels, {"transfer": "srgb"}))
         store.close()
         with RecordedSource(path) as source:
@@ -285,8 +278,7 @@ def uneven(tmp_path_factory, room):
         truth = [Request(view, mode) for view in views(256) for mode in ("depth", "object_mask")]
         list(recording.capture(truth))
     store = Store(path, write=True)
-    for view, face, gain in zip(views(256), room, GAINS, strict=True):
-        pixels = light.encode(light.decode(face, "srgb") * gain, "srgb")
+    for view, pixels in zip(views(256), exposed(room, GAINS), strict=True):
         store.add(Capture(Request(view, "lit"), view, pixels, {}))
     store.close()
     return path
@@ -298,12 +290,8 @@ def test_an_image_is_mended_in_colour_alone(uneven):
     with RecordedSource(uneven) as source:
         kept = omniscv.render(camera, pose, source, modes)
         mended = omniscv.render(camera, pose, source, modes, seams="close")
-        front = omniscv.render(
-            omniscv.cameras.create("pinhole", 64, 64, fov_deg=60),
-            Pose.from_angles(CENTER),
-            source,
-            seams="close",
-        )
+        narrow = omniscv.cameras.create("pinhole", 64, 64, fov_deg=60)
+        front = omniscv.render(narrow, Pose.from_angles(CENTER), source, seams="close")
     for layer in ("depth", "labels", "object_mask", "depth_error"):
         np.testing.assert_array_equal(kept[layer], mended[layer])
     change = np.abs(kept.lit.astype(int) - mended.lit).max(axis=-1)

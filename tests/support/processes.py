@@ -1,5 +1,6 @@
-"""Programs in processes of their own, and the signals that they inherit as ignored."""
+"""Programs in processes of their own, and the signals that they inherit as ignored; functions in children."""
 
+import multiprocessing
 import signal
 import subprocess
 import sys
@@ -36,3 +37,21 @@ def started(*arguments, ignored=(), **options):
     finally:
         process.kill()
         process.communicate()
+
+
+def sent_by_child(method, target, *arguments, timeout_s=60):
+    """What a child process sends through the pipe that ``target`` gets first; one that hangs is killed."""
+    context = multiprocessing.get_context(method)
+    receiver, sender = context.Pipe(duplex=False)
+    child = context.Process(target=target, args=(sender, *arguments))
+    child.start()
+    sender.close()
+    try:
+        assert receiver.poll(timeout_s), "the child hangs"
+        message = receiver.recv()
+        child.join(timeout_s)
+        assert child.exitcode == 0
+        return message
+    finally:
+        child.kill()
+        child.join()
