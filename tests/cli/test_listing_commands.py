@@ -30,6 +30,7 @@ def test_the_example_of_a_job_has_every_key_and_loads(tmp_path, capsys):
     top = {key.name for key in keys() if "." not in key.name}
     assert set(given) == top
     assert all(f"# {key.help}\n" in text for key in keys() if "." not in key.name)
+    assert not re.search(r"\n# (?!--).*\n\w+:.*#", text), "a key with two comments"
     path = tmp_path / "job.yaml"
     path.write_text(text)
     job = load(path)
