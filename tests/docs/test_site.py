@@ -1,6 +1,7 @@
 """The site: its navigation has every page, links and anchors lead somewhere, every key is documented."""
 
 import re
+from dataclasses import fields
 from itertools import pairwise
 
 import pytest
@@ -12,7 +13,8 @@ from omniscv.cli import COMMANDS
 from omniscv.cli.job import key_rows
 from omniscv.cli.job_options import IMAGES
 from omniscv.cli.record import OPTIONS as RECORD
-from omniscv.dataset import truths
+from omniscv.dataset import exporting, truths
+from omniscv.records import key_of
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -92,6 +94,17 @@ def test_the_page_of_the_command_line_has_every_command_and_override():
     assert set(COMMANDS) <= set(re.findall(r"^\| `omniscv ([a-z]+)", text, flags=re.MULTILINE))
     options = {f"--{name.replace('_', '-')}" for name in {**IMAGES, **RECORD}}
     assert options <= set(re.findall(r"--[a-z-]+", text))
+
+
+def test_the_page_of_datasets_has_every_option_of_a_format():
+    page = (DOCS / "datasets.md").read_text(encoding="utf-8")
+    for name in exporting.names():
+        known = exporting.get(name).options  # None: a format of another package
+        options = {key_of(field) for field in fields(known)} if known else set()
+        missing = (
+            options - {"layout", "sensor"} - set(re.findall(r"`(\w+)`", page))
+        )  # these come from the job
+        assert not missing, name
 
 
 def source_of(name):
