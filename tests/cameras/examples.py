@@ -1,7 +1,7 @@
-"""Cameras for the contract suite: every registered model's own example, and more of some models.
+"""Cameras for the contract suite: every registered model's own example, and those of ``EXAMPLES``.
 
-``EXAMPLES`` has constructor arguments by name: cameras at the ends of their parameters. Small images of odd
-and even sizes; what holds for their pixels holds for more of them.
+``EXAMPLES`` has constructor arguments by model, at the ends of their domains, with small images of odd and
+even sizes.
 """
 
 import inspect
@@ -16,7 +16,6 @@ LONG = {"width": 80, "height": 45}
 EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "equirectangular": [WIDE, {"width": 45, "height": 33}],
     "cylindrical": [
-        WIDE,
         {**LONG, "fov_h_deg": 200, "fov_v_deg": 179},
         {**LONG, "fov_v_deg": 180},
         {**WIDE, "fov_h_deg": 360, "fov_v_deg": 170, "profile": "perspective"},
@@ -24,24 +23,22 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**WIDE, "fov_v_deg": 180, "profile": "miller"},
         {**LONG, "fov_h_deg": 200, "fov_v_deg": 180, "profile": "equal-area"},
     ],
-    "cube-map": [{**LONG, "layout": "strip"}, {**ROUND, "layout": "cross"}, LONG],
-    "equiangular-cube": [LONG, {**LONG, "layout": "strip"}],
+    "cube-map": [{**LONG, "layout": "strip"}, {**ROUND, "layout": "cross"}],
+    "equiangular-cube": [LONG],
     "octahedral": [LONG],
-    "fisheye-equidistant": [ROUND, {**LONG, "fov_deg": 185}, {**ROUND, "fov_deg": 360}],
-    "fisheye-stereographic": [ROUND, {**LONG, "fov_deg": 220}, {**ROUND, "fov_deg": 359.9}],
-    "fisheye-orthographic": [ROUND, {**LONG, "fov_deg": 90}, {**ROUND, "focal": 22.5}],
-    "fisheye-equisolid": [ROUND, {**LONG, "fov_deg": 240}, {**ROUND, "fov_deg": 360}],
+    "fisheye-equidistant": [{**LONG, "fov_deg": 185}, {**ROUND, "fov_deg": 360}],
+    "fisheye-stereographic": [{**LONG, "fov_deg": 220}, {**ROUND, "fov_deg": 359.9}],
+    "fisheye-orthographic": [{**LONG, "fov_deg": 90}, {**ROUND, "focal": 22.5}],
+    "fisheye-equisolid": [{**LONG, "fov_deg": 240}, {**ROUND, "fov_deg": 360}],
     "catadioptric-parabolic": [
-        ROUND,
         {**LONG, "semi_latus_rectum": 0.03, "focal": 300.0},
         {**ROUND, "fov_deg": 359.9},
     ],
     "catadioptric-hyperbolic": [
-        ROUND,
         {**LONG, "distance": 0.1, "semi_latus_rectum": 0.2, "focal": 40.0},
         {**ROUND, "distance": 3.0, "semi_latus_rectum": 0.1, "fov_deg": 200},
     ],
-    "catadioptric-planar": [ROUND, {**LONG, "focal": 12.0}, {**ROUND, "fov_deg": 175}],
+    "catadioptric-planar": [{**LONG, "focal": 12.0}, {**ROUND, "fov_deg": 175}],
     "scaramuzza": [
         {**LONG, "coefficients": [-20.0, 0.0, 0.012, -1e-5, 3e-6]},
         {**LONG, "coefficients": [-25.0, 0, 0.01], "affine": (1.02, 0.004, -0.003), "center": (43, 21)},
@@ -131,31 +128,29 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
 
 
 def example_cameras(central_only: bool = False) -> dict[str, cameras.Camera]:
-    """Cameras of every registered model: its own example, and those above."""
-    found = {}
+    """Return cameras of every registered model: its own example, and those above."""
+    examples = {}
     for name in cameras.names():
         if central_only and not cameras.model(name).central:
             continue
-        found[f"{name}-example"] = cameras.model(name).example(64)
+        examples[f"{name}-example"] = cameras.model(name).example(64)
         for i, parameters in enumerate(EXAMPLES.get(name, ())):
-            found[f"{name}-{i}"] = cameras.create(name, **parameters)
-    return found
+            examples[f"{name}-{i}"] = cameras.create(name, **parameters)
+    return examples
 
 
 def changed(camera: cameras.Camera, **arguments: Any) -> cameras.Camera:
-    """The camera with other arguments; ``center`` is ignored by models without one, None is the default."""
-    described = camera.to_dict()
+    """Return the camera with other arguments; models without ``center`` ignore it, None is its default."""
     center = arguments.pop("center", camera.center.tolist())
-    placed: dict[str, Any] = {}
-    if "cx" in described:
-        placed = dict(zip(("cx", "cy"), center or (None, None), strict=True))
-    elif takes_center(camera.name):
-        placed = {"center": center}
-    given = {**described, **arguments, **placed}
-    return cameras.from_dict({key: value for key, value in given.items() if value is not None})
+    keys = takes_center(camera.name)
+    centers = (
+        {"center": center} if keys == ("center",) else dict(zip(keys, center or (None, None), strict=False))
+    )
+    described = {**camera.to_dict(), **arguments, **centers}
+    return cameras.from_dict({key: value for key, value in described.items() if value is not None})
 
 
 def takes_center(name: str) -> tuple[str, ...]:
-    """The constructor's parameters for the centre: ("center",), ("cx", "cy") or ()."""
+    """Return the constructor's parameters for the centre: ("center",), ("cx", "cy") or ()."""
     taken = inspect.signature(cameras.model(name)).parameters
     return ("center",) if "center" in taken else tuple(key for key in ("cx", "cy") if key in taken)
