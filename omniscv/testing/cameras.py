@@ -200,8 +200,8 @@ def check_narrow_numbers(camera: Camera) -> None:
         np.testing.assert_array_equal(given.directions, wide.directions)
         assert given.directions.dtype == np.float64
     points = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32) * 5
-    for each in (points, (100 * points).astype(np.int16)):
-        for got, expected in zip(camera.project(each), camera.project(each.astype(float)), strict=True):
+    for values in (points, (100 * points).astype(np.int16)):
+        for got, expected in zip(camera.project(values), camera.project(values.astype(float)), strict=True):
             np.testing.assert_array_equal(got, expected)
 
 

@@ -60,9 +60,9 @@ def test_pixels_are_arias_plus_half_a_pixel(name: str) -> None:
     params, pixels = GIVEN[name]
     camera = calibration.read_aria(json.dumps(document(name, params)))["camera-slam-left"]
     assert (camera.width, camera.height) == (640, 480)
-    found, valid = camera.project(POINTS)
+    projected, valid = camera.project(POINTS)
     assert valid.all()
-    np.testing.assert_allclose(found - 0.5, pixels, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(projected - 0.5, pixels, rtol=0, atol=1e-9)
 
 
 def test_a_device_is_a_rig_and_comes_back() -> None:

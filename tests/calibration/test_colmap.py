@@ -64,8 +64,8 @@ def test_projections_are_those_of_pycolmap(model: str) -> None:
     theirs = pycolmap.Camera(model=model, width=64, height=48, params=params)
     pixels, directions = seen_in_front(camera)
     assert len(pixels) > 1500
-    found = theirs.img_from_cam(directions)
-    np.testing.assert_allclose(found, pixels, rtol=0, atol=1e-9)
+    projected = theirs.img_from_cam(directions)
+    np.testing.assert_allclose(projected, pixels, rtol=0, atol=1e-9)
     again = calibration.write_colmap({"1": camera})
     assert_same_rays(camera, calibration.read_colmap(again)["1"])
 

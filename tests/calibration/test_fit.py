@@ -1,4 +1,4 @@
-"""The nearest camera of another model: known pairs are found, and errors are what they are said to be."""
+"""The nearest camera of another model: known pairs are fitted, and errors are what they are said to be."""
 
 import json
 from pathlib import Path
@@ -18,30 +18,30 @@ LENS = cameras.create("kannala-brandt", **SIZE, fx=50.0, fy=50.5, k=(0.02, -0.00
 
 
 def test_the_sphere_model_is_the_extended_one_with_beta_1() -> None:
-    found = calibration.fit(MEI, "extended-unified")
+    fitted = calibration.fit(MEI, "extended-unified")
     expected = {"fx": 75 / 1.9, "fy": 76 / 1.9, "cx": 81.0, "cy": 59.0, "alpha": 0.9 / 1.9, "beta": 1.0}
     for name, value in expected.items():
-        assert found.camera.parameters()[name] == pytest.approx(value, abs=1e-7)
-    assert found.max_px < 1e-9
-    assert found.coverage == 1
-    back = calibration.fit(found.camera, "unified")
+        assert fitted.camera.parameters()[name] == pytest.approx(value, abs=1e-7)
+    assert fitted.max_px < 1e-9
+    assert fitted.coverage == 1
+    back = calibration.fit(fitted.camera, "unified")
     assert back.max_px < 1e-6
     assert back.camera.parameters()["xi"] == pytest.approx(0.9, abs=1e-5)
 
 
 @pytest.mark.parametrize("model", ["kannala-brandt", "ftheta"])
 def test_an_equidistant_lens_is_a_polynomial_of_one_term(model: str) -> None:
-    found = calibration.fit(cameras.create("fisheye-equidistant", 120, 120, fov_deg=190), model)
-    assert found.max_px < 1e-6
-    assert found.coverage == 1
+    fitted = calibration.fit(cameras.create("fisheye-equidistant", 120, 120, fov_deg=190), model)
+    assert fitted.max_px < 1e-6
+    assert fitted.coverage == 1
 
 
 @pytest.mark.parametrize("model", ["fisheye-equidistant", "fisheye-orthographic"])
 def test_a_lens_is_nearest_to_itself(model: str) -> None:
     lens = cameras.create(model, 120, 100, focal=50.0, center=(61, 48))
-    found = calibration.fit(lens, model)
-    assert found.camera.focal == pytest.approx(50.0, abs=1e-6)  # type: ignore[attr-defined]
-    assert found.max_px < 1e-6
+    fitted = calibration.fit(lens, model)
+    assert fitted.camera.focal == pytest.approx(50.0, abs=1e-6)  # type: ignore[attr-defined]
+    assert fitted.max_px < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -50,38 +50,38 @@ def test_a_lens_is_nearest_to_itself(model: str) -> None:
 )
 def test_the_errors_are_those_of_projected_rays(source: cameras.Camera, model: str, most: float) -> None:
     """Away from the border, where both see everything, by their public projections."""
-    found = calibration.fit(source, model)
-    assert found.max_px < most
+    fitted = calibration.fit(source, model)
+    assert fitted.max_px < most
     pixels = source.pixels()[4:-4, 4:-4].reshape(-1, 2)
     rays = source.unproject(pixels)
     reach = np.cos(np.radians(80.0)) if model == "pinhole" else -1.0
     near = rays.valid & (rays.directions[:, 2] > reach)
-    seen, valid = found.camera.project(rays.directions[near])
+    seen, valid = fitted.camera.project(rays.directions[near])
     off = np.linalg.norm(seen - pixels[near], axis=-1)[valid]
-    assert off.max() <= found.max_px + 1e-9
-    assert 0.3 * found.rms_px < np.sqrt(np.mean(off**2)) < 1.5 * found.rms_px
+    assert off.max() <= fitted.max_px + 1e-9
+    assert 0.3 * fitted.rms_px < np.sqrt(np.mean(off**2)) < 1.5 * fitted.rms_px
 
 
 def test_a_stretched_lens_stays_stretched() -> None:
     """A polynomial whose columns are 5 % wider than its rows: two focal lengths, though it has none."""
     bent = cameras.create("scaramuzza", **SIZE, coefficients=[-60.0, 0.0, 0.004], affine=(1.05, 0, 0))
-    found = calibration.fit(bent, "kannala-brandt")
-    assert found.max_px < 0.01
-    assert found.camera.fx / found.camera.fy == pytest.approx(1.05, abs=1e-3)  # type: ignore[attr-defined]
+    fitted = calibration.fit(bent, "kannala-brandt")
+    assert fitted.max_px < 0.01
+    assert fitted.camera.fx / fitted.camera.fy == pytest.approx(1.05, abs=1e-3)  # type: ignore[attr-defined]
 
 
 def test_no_other_camera_of_the_model_is_nearer() -> None:
     """Every number a little off makes the sum of the squares larger: it is a minimum."""
-    found = calibration.fit(DOUBLE, "extended-unified")
+    fitted = calibration.fit(DOUBLE, "extended-unified")
     pixels = DOUBLE.pixels()[8:-8:8, 8:-8:8].reshape(-1, 2)
     rays = DOUBLE.unproject(pixels)
 
     def rms(changes: dict[str, Any]) -> float:
-        other = cameras.from_dict(found.camera.to_dict() | changes)
+        other = cameras.from_dict(fitted.camera.to_dict() | changes)
         seen, valid = other.project(rays.directions)
         return float(np.sqrt(np.mean(np.sum((seen - pixels)[valid & rays.valid] ** 2, axis=-1))))
 
-    own = found.camera.parameters()
+    own = fitted.camera.parameters()
     for name, step in (("fx", 0.3), ("cy", 0.3), ("alpha", 0.02), ("beta", 0.05)):
         for sign in (-1, 1):
             assert rms({name: own[name] + sign * step}) > rms({})

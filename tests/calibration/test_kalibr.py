@@ -124,11 +124,11 @@ def test_pixels_are_kalibrs_plus_half_a_pixel(name: str) -> None:
     assert np.count_nonzero(rays.valid) > 500
     theirs = SimpleNamespace(skew=0.0, **own, **focals)
     with mp.workdps(30):
-        found = [
+        projected = [
             FORMULAS[formula](theirs, *map(mpf, ray)) for ray in rays.directions[rays.valid][::7].tolist()
         ]
     expected = camera.pixels()[rays.valid][::7] - 0.5
-    np.testing.assert_allclose(np.array(found, float), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.array(projected, float), expected, rtol=0, atol=1e-9)
     text = calibration.write_kalibr({"cam0": camera})
     assert (entry(camera)["camera_model"], entry(camera)["distortion_model"]) == (model, distortion)
     assert_same_rays(camera, calibration.read_kalibr(text)["cam0"])

@@ -25,8 +25,8 @@ THETA = cameras.create(
 def attributes(camera: cameras.Camera) -> dict[str, list[float]]:
     """The numbers of a layer by the last part of their names, by a parser that shares nothing with ours."""
     text = calibration.write_isaac({"cam0": camera})
-    found = re.findall(r"omni:lensdistortion:\w+:(\w+) = \(?([^)\n]*)", text)
-    return {name: [float(word) for word in words.split(",")] for name, words in found}
+    pairs = re.findall(r"omni:lensdistortion:\w+:(\w+) = \(?([^)\n]*)", text)
+    return {name: [float(word) for word in words.split(",")] for name, words in pairs}
 
 
 def test_isaacs_f_theta_gives_the_angle_of_a_pixels_distance() -> None:

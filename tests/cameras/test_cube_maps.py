@@ -96,7 +96,7 @@ def test_faces_look_where_the_table_says(name, layout):
 )
 def test_faces_go_on_across_the_borders_of_these_layouts(name, layout, borders):
     """Rays on both sides of a border between two faces are neighbours: nothing is turned or mirrored."""
-    camera, found = cube(name, layout), 0
+    camera, smooth_borders = cube(name, layout), 0
     width, height = camera.width, camera.height
     along = np.arange(5.0, FACE, 6)
     for x in range(0, width, FACE):
@@ -106,8 +106,8 @@ def test_faces_go_on_across_the_borders_of_these_layouts(name, layout, borders):
             for before, step in ((left, (2e-6, 0)), (above, (0, 2e-6))):
                 a, b = camera.unproject(before), camera.unproject(before + step)
                 if a.valid.all() and b.valid.all():
-                    found += np.linalg.norm(a.directions - b.directions, axis=-1).max() < 1e-6
-    assert found == borders
+                    smooth_borders += np.linalg.norm(a.directions - b.directions, axis=-1).max() < 1e-6
+    assert smooth_borders == borders
 
 
 def test_how_evenly_pixels_are_spread():

@@ -68,7 +68,7 @@ def test_no_crack_along_edges(camera):
             there, seen_there = camera.project(beside)
             both = seen & seen_there
             apart = np.abs(there - pixels)[both].max(axis=1, initial=0)
-            rays, rays_there = (camera.unproject(each[both]).directions for each in (pixels, there))
+            rays, rays_there = (camera.unproject(places[both]).directions for places in (pixels, there))
             assert ((apart <= 1e-6) | (np.linalg.norm(rays_there - rays, axis=1) <= 1e-12)).all()
             # One is seen and the other not only where the rays end: further out there is no pixel.
             lone = seen ^ seen_there

@@ -69,9 +69,9 @@ def test_a_table_says_where_it_breaks(rows):
 
 def test_the_page_has_the_table_of_its_data():
     """And a second table explains every cause that is silent."""
-    found = [Row(**row) for row in json.loads((ROOT / "docs" / "chart-failures.json").read_text())]
+    rows_of_docs = [Row(**row) for row in json.loads((ROOT / "docs" / "chart-failures.json").read_text())]
     page = (ROOT / "docs" / "failures.md").read_text(encoding="utf-8")
-    assert failures.table(found) in page
-    assert {row.cause for row in found} == {cause.name for cause in failures.CAUSES}
-    silent = {row.cause for row in found if row.said == "silent"}
+    assert failures.table(rows_of_docs) in page
+    assert {row.cause for row in rows_of_docs} == {cause.name for cause in failures.CAUSES}
+    silent = {row.cause for row in rows_of_docs if row.said == "silent"}
     assert all(page.count(f"\n| {cause}") >= 2 for cause in silent)

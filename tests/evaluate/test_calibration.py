@@ -134,9 +134,9 @@ def test_the_whole_evaluation_reaches_its_figures(tmp_path):
 def rows_of(estimates):
     """Rows as the evaluation has them, by value of r_vl."""
     return [
-        {"input": "rendered", "model": "stereographic", "r_vl": value, "image": i, "estimate": each}
-        for value, found in estimates.items()
-        for i, each in enumerate(found)
+        {"input": "rendered", "model": "stereographic", "r_vl": value, "image": i, "estimate": estimate}
+        for value, of_value in estimates.items()
+        for i, estimate in enumerate(of_value)
     ]
 
 

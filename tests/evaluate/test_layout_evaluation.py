@@ -47,11 +47,11 @@ def shot_of(plan, yaw_deg=20.0):
 def test_map_scores_of_eight_by_eight_pixels_by_hand():
     """True: 8 pixels, of which 2 are faint (3 of 255 is above 0.01); another, 2 of 255, is not. Found: 6 of
     the true ones, and 3 others; what is 0.1 is not found."""
-    truth, found = np.zeros((8, 8), np.uint8), np.zeros((8, 8))
+    truth, prediction = np.zeros((8, 8), np.uint8), np.zeros((8, 8))
     truth[2, :6], truth[3, :2], truth[7, 7] = 255, 3, 2
-    found[2, :5], found[3, 0], found[3, 1] = 0.11, 1.0, 0.1
-    found[5, :2], found[7, 7] = 0.5, 0.5
-    measured = map_scores(found, truth)
+    prediction[2, :5], prediction[3, 0], prediction[3, 1] = 0.11, 1.0, 0.1
+    prediction[5, :2], prediction[7, 7] = 0.5, 0.5
+    measured = map_scores(prediction, truth)
     assert measured.precision == 6 / 9
     assert measured.recall == 6 / 8
     assert measured.accuracy == (64 - 3 - 2) / 64
@@ -64,14 +64,14 @@ def test_map_scores_of_eight_by_eight_pixels_by_hand():
 def test_the_true_layout_has_the_best_scores(plan):
     """Its maps less than 1: CFL's thresholds differ, and the paper's recipe draws wider than ours."""
     shot = shot_of(plan)
-    found = scores(Prediction(shot.corners), shot)
-    assert found["iou_2d"] == pytest.approx(1)
-    assert found["iou_3d"] == pytest.approx(1)
-    assert [found[key] for key in ("corner_error", "pixel_error", "rmse_m")] == pytest.approx([0, 0, 0])
-    assert found["delta_1"] == found["walls_right"] == 1
-    assert found["edges_precision"] > 0.98
-    assert 0.6 < found["edges_iou"] < 0.8
-    drawn = tuple((each >= 3).astype(float) for each in shot.maps)
+    measured = scores(Prediction(shot.corners), shot)
+    assert measured["iou_2d"] == pytest.approx(1)
+    assert measured["iou_3d"] == pytest.approx(1)
+    assert [measured[key] for key in ("corner_error", "pixel_error", "rmse_m")] == pytest.approx([0, 0, 0])
+    assert measured["delta_1"] == measured["walls_right"] == 1
+    assert measured["edges_precision"] > 0.98
+    assert 0.6 < measured["edges_iou"] < 0.8
+    drawn = tuple((pixels >= 3).astype(float) for pixels in shot.maps)
     assert all(scores(Prediction(maps=drawn), shot)[f"{kind}_iou"] == 1 for kind in ("edges", "corners"))
 
 
@@ -97,33 +97,33 @@ def test_maps_by_the_papers_recipe_are_where_the_exact_ones_are(plan):
 
 def test_rolling_the_panorama_lowers_the_score_step_by_step():
     shot = shot_of(PLAIN)
-    maps = [each / 255 for each in draw_maps(shot.corners, 512)]
+    maps = [pixels / 255 for pixels in draw_maps(shot.corners, 512)]
     for kind in ("edges", "corners"):
-        rolled = (tuple(np.roll(each, k, axis=1) for each in maps) for k in (0, 2, 4, 8, 12, 16))
-        values = [scores(Prediction(maps=each), shot)[f"{kind}_iou"] for each in rolled]
+        rolled = (tuple(np.roll(pixels, k, axis=1) for pixels in maps) for k in (0, 2, 4, 8, 12, 16))
+        values = [scores(Prediction(maps=pair), shot)[f"{kind}_iou"] for pair in rolled]
         assert (np.diff(values) <= 0).all()  # truth counts from 0.01, found from 0.1: 2 px fit in between
         assert (np.diff(values[1:]) < 0).all()
 
 
 def test_maps_alone_have_no_scores_of_corners():
     shot = shot_of(PLAIN)
-    measured = scores(Prediction(maps=tuple(each / 255 for each in draw_maps(shot.corners, 512))), shot)
+    measured = scores(Prediction(maps=tuple(pixels / 255 for pixels in draw_maps(shot.corners, 512))), shot)
     rows = [{"group": "4-wall", "method": "predictions", **measured}]
-    found = {each.name.partition(": ")[2]: each for each in figures(rows)}
-    assert set(found) == {
+    by_name = {figure.name.partition(": ")[2]: figure for figure in figures(rows)}
+    assert set(by_name) == {
         f"{kind} {key}" for kind in ("edges", "corners") for key in ("IoU", "Acc", "P", "R", "F1")
     }
-    assert found["edges F1"].value == measured["edges_f1"]
-    assert found["edges F1"].paper == PAPER["edges", "4-wall"][-1] == 0.642
+    assert by_name["edges F1"].value == measured["edges_f1"]
+    assert by_name["edges F1"].paper == PAPER["edges", "4-wall"][-1] == 0.642
 
 
 def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
     """The file knows no room: it is fitted to panoramas of the two places."""
-    found = list(panoramas.render(Settings(Path(), quick=True, source=str(RECORDING))))
-    assert [shot.name for shot in found] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
+    shots = list(panoramas.render(Settings(Path(), quick=True, source=str(RECORDING))))
+    assert [shot.name for shot in shots] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
     room = room_of_scene("four-wall")
-    expected = [cor_id(room, PANORAMA, Pose.from_angles(*each)) for each in itertools.product(*RECORDED)]
-    apart = [min(np.abs(shot.corners - each).max() for each in expected) for shot in found]
+    expected = [cor_id(room, PANORAMA, Pose.from_angles(*pose)) for pose in itertools.product(*RECORDED)]
+    apart = [min(np.abs(shot.corners - corners).max() for corners in expected) for shot in shots]
     assert max(apart) < 0.5  # of 512 px: the fit is good to millimetres
 
 
@@ -138,7 +138,7 @@ def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, mon
     arguments = ["--quick", "--source", f"scene://{scene}", "--predictions", str(given), "--out", str(out)]
     assert cli.run(["evaluate", "layout", *arguments]) == 0
     written = json.loads((out / "layout.json").read_text())
-    values = {each["name"]: each["value"] for each in written["figures"]}
+    values = {figure["name"]: figure["value"] for figure in written["figures"]}
     assert values["4-wall rooms, predictions: 3D IoU"] == pytest.approx(1)
     assert values["4-wall rooms, predictions: edges F1"] == values["4-wall rooms, perfect: edges F1"]
     assert {row["method"] for row in written["raw"]} == {"predictions", "perfect"}

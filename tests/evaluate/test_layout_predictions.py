@@ -44,10 +44,10 @@ def test_corners_come_back_as_they_were_written(tmp_path, form):
     for name, corners in CORNERS.items():
         form(corners, tmp_path / "deeper" / name)
     (tmp_path / "log.txt").write_text("of another program")
-    found = read(tmp_path, list(CORNERS), WIDTH)
+    predictions = read(tmp_path, list(CORNERS), WIDTH)
     for name, corners in CORNERS.items():
-        assert found[name].corners == pytest.approx(corners, abs=1e-12)
-        assert found[name].maps is None
+        assert predictions[name].corners == pytest.approx(corners, abs=1e-12)
+        assert predictions[name].maps is None
 
 
 @pytest.mark.parametrize(("suffix", "off", "mean_off"), [("png", 0, 0), ("jpg", 30, 1.0)])
@@ -55,10 +55,10 @@ def test_maps_come_back_as_they_were_written(tmp_path, suffix, off, mean_off):
     """JPEG's own loss aside."""
     for name, corners in CORNERS.items():
         as_maps(corners, tmp_path / name, suffix)
-    found = read(tmp_path, list(CORNERS), WIDTH)
+    predictions = read(tmp_path, list(CORNERS), WIDTH)
     for name, corners in CORNERS.items():
-        assert found[name].corners is None
-        for read_back, drawn in zip(found[name].maps, draw_maps(corners, WIDTH), strict=True):
+        assert predictions[name].corners is None
+        for read_back, drawn in zip(predictions[name].maps, draw_maps(corners, WIDTH), strict=True):
             change = np.abs(255 * read_back - drawn)
             assert change.max() <= off + 1e-9
             assert change.mean() <= mean_off + 1e-9
@@ -77,9 +77,9 @@ def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
     lit = np.zeros((WIDTH // 2, WIDTH, 3), np.uint8)
     shot = panoramas.with_truth("shot", lit, room_of_plan(L_SHAPE), PANORAMA, POSE)
     panoramas.write(shot, tmp_path)
-    found = read(tmp_path, ["shot"], WIDTH)["shot"]
-    assert found.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
-    for read_back, drawn in zip(found.maps, shot.maps, strict=True):
+    predictions = read(tmp_path, ["shot"], WIDTH)["shot"]
+    assert predictions.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
+    for read_back, drawn in zip(predictions.maps, shot.maps, strict=True):
         assert (255 * read_back).round() == pytest.approx(drawn)
 
 

@@ -46,7 +46,7 @@ def seen(shot):
 @pytest.fixture(scope="module")
 def rows(seen, shot):
     """The errors of the lines that those of the room give."""
-    of_room = [each for each in seen if each[0].of == "room"]
+    of_room = [pair for pair in seen if pair[0].of == "room"]
     return list(lines.score(of_room, lines.reconstruct(of_room, shot), shot))
 
 
@@ -97,9 +97,9 @@ def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
     )
     for camera, *angles in ((panorama, 20, 10, 0), (panorama, 130, 8, -6), (cone, 20, 80, 0)):
         shot = lines.Setup("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
-        found = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
-        assert len(found) >= 2
-        assert max(found) <= 1e-9
+        distances = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
+        assert len(distances) >= 2
+        assert max(distances) <= 1e-9
 
 
 def test_edges_of_an_l_shaped_room_go_once_around():

@@ -34,8 +34,8 @@ GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10
 def seen_lines(name, count, wanted=5):
     """Lines (6,), their points (N, 3) and their pixels in an image, of 5 cm of baseline or more."""
     camera, _ = CAMERAS[name]
-    rng, found = np.random.default_rng(3), []
-    while len(found) < wanted:
+    rng, lines = np.random.default_rng(3), []
+    while len(lines) < wanted:
         rays = camera.unproject(rng.uniform(0, (camera.width, camera.height), (2, 2)))
         a, b = rays.origins + rng.uniform(1, 4, (2, 1)) * rays.directions
         points = a + np.linspace(0, 1, count)[:, None] * (b - a)
@@ -45,8 +45,8 @@ def seen_lines(name, count, wanted=5):
             normal = np.cross(observed.directions[0], b - a) / np.linalg.norm(b - a)
             many = effective_baseline(observed.origins, observed.directions)
             if (many if count > 2 else abs(np.diff(observed.origins @ normal)[0])) >= 0.05:
-                found.append((plucker.through(a, b - a), points, observed))
-    return found
+                lines.append((plucker.through(a, b - a), points, observed))
+    return lines
 
 
 def off(line, points):
@@ -71,9 +71,9 @@ def test_exact_rays_give_the_exact_line(name):
     for i, (line, points, observed) in enumerate(seen_lines(name, 40)):
         gravity = np.cross(line[:3], np.random.default_rng(i).normal(size=3))
         gravity /= np.linalg.norm(gravity)
-        found = level_line(observed.rows, gravity)
-        assert off(found, points) <= 1e-9
-        assert abs(found[:3] @ gravity) <= 1e-9
+        level = level_line(observed.rows, gravity)
+        assert off(level, points) <= 1e-9
+        assert abs(level[:3] @ gravity) <= 1e-9
 
 
 def test_a_line_meets_its_rays_and_points_are_nearest():
@@ -81,11 +81,11 @@ def test_a_line_meets_its_rays_and_points_are_nearest():
     line = plucker.through(rng.normal(size=3), rng.normal(size=3))
     origins, directions = rng.normal(size=(2, 6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    found = plucker.nearest_to_rays(line, origins, directions)
-    assert plucker.distance_to(line, found) == pytest.approx(0, abs=1e-12)
+    points = plucker.nearest_to_rays(line, origins, directions)
+    assert plucker.distance_to(line, points) == pytest.approx(0, abs=1e-12)
     base = np.cross(line[:3], line[3:])
     assert plucker.distance_to(line, base[None]) == pytest.approx(0, abs=1e-12)
-    for point, origin, direction in zip(found, origins, directions, strict=True):
+    for point, origin, direction in zip(points, origins, directions, strict=True):
 
         def gap(x, o=origin, d=direction):
             return ((base + x[0] * line[:3] - o - x[1] * d) ** 2).sum()
@@ -127,7 +127,7 @@ def test_refinement_and_priors_each_bring_the_line_nearer():
         free = reconstruction.free(observed, np.array([0, 1.0, 0]))
         level = reconstruction.with_gravity(observed, gravity)
         known = reconstruction.along(observed, direction)
-        errors.append([off(each, np.array(WIDE)) for each in (algebraic, free, level, known)])
+        errors.append([off(line, np.array(WIDE)) for line in (algebraic, free, level, known)])
     algebraic, free, level, known = np.median(errors, axis=0)
     assert free < algebraic
     assert free <= 0.12
@@ -161,11 +161,11 @@ def test_a_rooms_directions_come_from_its_level_lines():
     y = np.cross(GRAVITY, x)
     corner = -1.0 * GRAVITY - 2.0 * x - 2.0 * y
     ends = [(corner, corner + 4 * x), (corner, corner + 4 * y), (corner + 4 * y, corner + 4 * x + 4 * y)]
-    observed = [noisy(*each, seed, px=0.3) for seed, each in enumerate(ends)]
-    level = [reconstruction.with_gravity(each, GRAVITY) for each in observed]
-    found = reconstruction.manhattan(observed, level, GRAVITY)
-    assert plucker.angle_deg(found[0][:3], found[1][:3]) == pytest.approx(90)
-    assert plucker.angle_deg(found[0][:3], found[2][:3]) == pytest.approx(0, abs=1e-5)
-    for line, direction, points in zip(found, (x, y, x), ends, strict=True):
+    observed = [noisy(*segment, seed, px=0.3) for seed, segment in enumerate(ends)]
+    level = [reconstruction.with_gravity(line, GRAVITY) for line in observed]
+    aligned = reconstruction.manhattan(observed, level, GRAVITY)
+    assert plucker.angle_deg(aligned[0][:3], aligned[1][:3]) == pytest.approx(90)
+    assert plucker.angle_deg(aligned[0][:3], aligned[2][:3]) == pytest.approx(0, abs=1e-5)
+    for line, direction, points in zip(aligned, (x, y, x), ends, strict=True):
         assert plucker.angle_deg(line[:3], direction) <= 0.1
         assert off(line, np.array(points)) <= 0.03

@@ -40,9 +40,9 @@ def images(tmp_path_factory):
 @pytest.mark.parametrize("name", ["panorama", "mirror"])
 def test_an_arc_is_recovered(images, name):
     mounted = RIG.cameras[name]
-    found = reconstruct(images[name], mounted.camera)
-    assert list(found) == list(range(len(ARC)))
-    errors = trajectory_errors(ARC, {i: pose @ mounted.pose.inverse() for i, pose in found.items()})
+    estimates = reconstruct(images[name], mounted.camera)
+    assert list(estimates) == list(range(len(ARC)))
+    errors = trajectory_errors(ARC, {i: pose @ mounted.pose.inverse() for i, pose in estimates.items()})
     assert rms(errors.position_m) < 0.01 * path_length(ARC)
     assert max(errors.eps_t_deg.max(), errors.eps_theta_deg.max()) < 2
 

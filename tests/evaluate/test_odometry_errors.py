@@ -39,15 +39,15 @@ def in_evo(poses):
     return trajectory.PosePath3D(poses_se3=rows)
 
 
-def of_evo(metric, reference, found):
-    metric.process_data((reference, found))
+def of_evo(metric, reference, estimate):
+    metric.process_data((reference, estimate))
     return metric.get_statistic(metrics.StatisticsType.rmse), metric.error
 
 
 def test_evo_aligns_and_scores_alike():
-    found = estimated()
-    ours = trajectory_errors(TRUTH, found)
-    reference, theirs = in_evo(TRUTH), in_evo(found.values())
+    estimates = estimated()
+    ours = trajectory_errors(TRUTH, estimates)
+    reference, theirs = in_evo(TRUTH), in_evo(estimates.values())
     theirs.align(reference, correct_scale=True)
     ate, each = of_evo(metrics.APE(metrics.PoseRelation.translation_part), reference, theirs)
     assert rms(ours.position_m) == pytest.approx(ate, rel=1e-9)
@@ -73,27 +73,27 @@ def test_mirrored_points_are_turned_not_mirrored():
 
 
 def test_the_papers_two_errors_are_its_formulas():
-    found = trajectory_errors(TRUTH, estimated(), origin := np.array([0.4, -0.2, 3.0]))
-    for i, pose in enumerate(found.aligned):
+    errors = trajectory_errors(TRUTH, estimated(), origin := np.array([0.4, -0.2, 3.0]))
+    for i, pose in enumerate(errors.aligned):
         t_gt, t_est = TRUTH[i].position - origin, pose.position - origin
         cosine = t_gt @ t_est / np.linalg.norm(t_gt) / np.linalg.norm(t_est)
-        assert found.eps_t_deg[i] == pytest.approx(np.degrees(np.arccos(cosine)), abs=1e-6)
+        assert errors.eps_t_deg[i] == pytest.approx(np.degrees(np.arccos(cosine)), abs=1e-6)
         trace = np.trace(TRUTH[i].rotation @ pose.rotation.T)
-        assert found.eps_theta_deg[i] == pytest.approx(np.degrees(np.arccos((trace - 1) / 2)), abs=1e-6)
+        assert errors.eps_theta_deg[i] == pytest.approx(np.degrees(np.arccos((trace - 1) / 2)), abs=1e-6)
 
 
 def test_eps_t_depends_on_the_origin():
-    found = estimated()
-    near = trajectory_errors(TRUTH, found, TRUTH[7].position + 1e-3).eps_t_deg
-    far = trajectory_errors(TRUTH, found, (100, 0, 0)).eps_t_deg
+    estimates = estimated()
+    near = trajectory_errors(TRUTH, estimates, TRUTH[7].position + 1e-3).eps_t_deg
+    far = trajectory_errors(TRUTH, estimates, (100, 0, 0)).eps_t_deg
     assert near[7] > 10 > 0.2 > far.max()
 
 
 def test_steps_over_missing_frames_do_not_count():
-    found = estimated()
-    del found[4], found[17], found[18]
-    errors = trajectory_errors(TRUTH, found)
-    assert errors.frames == sorted(found)
+    estimates = estimated()
+    del estimates[4], estimates[17], estimates[18]
+    errors = trajectory_errors(TRUTH, estimates)
+    assert errors.frames == sorted(estimates)
     assert len(errors.step_m) == len(errors.step_deg) == 29 - 2 - 3
 
 

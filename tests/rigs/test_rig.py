@@ -23,8 +23,8 @@ poses = st.builds(Pose.from_angles, places, angles, st.floats(-89, 89), angles)
 @cases(15)
 @given(poses, poses, places)
 def test_camera_poses_are_rig_pose_times_mount(T_w_rig: Pose, T_rig_cam: Pose, p_cam: list[float]) -> None:
-    found = Rig({"a": RigCamera(LENS, T_rig_cam)}).poses(T_w_rig)["a"]
-    np.testing.assert_allclose(found.to_world(p_cam), T_w_rig.to_world(T_rig_cam.to_world(p_cam)), atol=1e-12)
+    pose = Rig({"a": RigCamera(LENS, T_rig_cam)}).poses(T_w_rig)["a"]
+    np.testing.assert_allclose(pose.to_world(p_cam), T_w_rig.to_world(T_rig_cam.to_world(p_cam)), atol=1e-12)
 
 
 def test_angles_turn_a_camera_from_where_the_rig_looks() -> None:
@@ -49,13 +49,13 @@ def test_time_offsets_move_cameras_along_the_trajectory(offset: float, time: flo
     turned.append(Pose.from_angles((2, 1, 1.5), yaw_deg=60))
     trajectory = Trajectory(tuple(turned), (0.0, 1.0, 2.0))
     rig = Rig({"late": RigCamera(LENS, time_offset=offset), "prompt": RigCamera(LENS)})
-    found = rig.poses(trajectory, time)
+    poses_now = rig.poses(trajectory, time)
     slerp = Slerp([0, 1, 2], Rotation.from_matrix([pose.R_w_c for pose in turned]))
     for name, at in (("late", time + offset), ("prompt", time)):
         if 0 <= at <= 2:
             expected = [np.interp(at, [0, 1, 2], [pose.t_w_c[i] for pose in turned]) for i in range(3)]
-            np.testing.assert_allclose(found[name].t_w_c, expected, atol=1e-12)
-            np.testing.assert_allclose(found[name].R_w_c, slerp(at).as_matrix(), atol=1e-12)
+            np.testing.assert_allclose(poses_now[name].t_w_c, expected, atol=1e-12)
+            np.testing.assert_allclose(poses_now[name].R_w_c, slerp(at).as_matrix(), atol=1e-12)
 
 
 def test_times_are_extrapolated_by_one_step_at_most() -> None:

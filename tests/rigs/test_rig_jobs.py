@@ -73,7 +73,7 @@ def test_a_dataset_of_a_rig_is_the_same_in_parts_and_captures_each_place_once(tm
             jobs.make(job, shard=shard)
         recordings = sorted(folder.glob("*.sqlite"))
         assert len(recordings) == len(shards)
-        assert sum(len(open_source(each).recorded_views()) for each in recordings) == 2 * 6
+        assert sum(len(open_source(path).recorded_views()) for path in recordings) == 2 * 6
     pictures = {path.name: path.read_bytes() for path in (whole / "out").rglob("*.png")}
     assert pictures
     assert pictures == {path.name: path.read_bytes() for path in (parts / "out").rglob("*.png")}

@@ -69,7 +69,7 @@ def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
 )
 def test_temporal_variance_is_the_standards(electrons, variance, snr):
     sensor = Sensor(electrons=10_000, full_well=20_000, read_noise=5, gain=0.2, black_level=20, mosaic="mono")
-    a, b = (each.astype(float) for each in frames(sensor, electrons, 2))
+    a, b = (codes.astype(float) for codes in frames(sensor, electrons, 2))
     measured = (a - b).var() / 2
     assert measured == pytest.approx(variance, rel=4 * np.sqrt(2) / SIZE)
     assert a.mean() == pytest.approx(20 + 0.2 * electrons, rel=1e-3)
@@ -80,7 +80,7 @@ def test_dark_current_adds_its_own_shot_noise():
     sensor = Sensor(
         dark_current=2000, exposure_s=0.5, full_well=5000, gain=2, bits=16, black_level=50, mosaic="mono"
     )
-    a, b = (each.astype(float) / 2 for each in frames(sensor, 0, 2))
+    a, b = (codes.astype(float) / 2 for codes in frames(sensor, 0, 2))
     assert a.mean() - 25 == pytest.approx(1000, rel=2e-3)
     assert (a - b).var() / 2 == pytest.approx(1000, rel=0.03)
 

@@ -55,7 +55,7 @@ def test_means_are_of_light(codes, mean):
 def test_exposures_are_merged_by_their_rounding_errors():
     stops = (0, 2, 4, 6)
     codes = [light.encode(np.full((1, 1, 3), 0.05 * 2**stop, np.float32), "srgb") for stop in stops]
-    assert [int(each[0, 0, 0]) for each in codes] == [63, 124, 231, 255]
+    assert [int(picture[0, 0, 0]) for picture in codes] == [63, 124, 231, 255]
     assert light.merge(codes, stops, "srgb")[0, 0] == pytest.approx([0.050025] * 3, abs=2e-6)
 
 

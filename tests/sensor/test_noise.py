@@ -38,7 +38,8 @@ def test_words_of_a_part_are_those_of_the_whole():
 
 def test_keys_depend_on_seed_camera_and_frame():
     keys = {
-        tuple(noise.key(*each)) for each in [(1, "a", 1), (2, "a", 1), (1, "b", 1), (1, "a", 2), (1, "a")]
+        tuple(noise.key(*identity))
+        for identity in [(1, "a", 1), (2, "a", 1), (1, "b", 1), (1, "a", 2), (1, "a")]
     }
     assert len(keys) == 5
 

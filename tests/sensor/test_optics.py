@@ -90,7 +90,7 @@ def test_lateral_colour_is_three_exact_images(name, parameters):
     cameras = sensor.lateral_cameras(camera)
     with SceneSource(load_scene("four-wall"), lit="float32") as source:
         green, *others = (
-            omniscv.render(each, POSE, source, filter="bilinear") for each in (camera, *cameras)
+            omniscv.render(lens, POSE, source, filter="bilinear") for lens in (camera, *cameras)
         )
     for share, other in zip(sensor.lateral, cameras, strict=True):
         ray = np.array([0.1, 0.2, 1.0])

@@ -126,7 +126,7 @@ def test_parts_resuming_and_order_change_no_bytes(recorded, tmp_path):
 
 def test_a_dataset_of_another_sensor_is_not_resumed(recorded, tmp_path):
     make(job(recorded, tmp_path, sensor=NOISY))
-    with pytest.raises(ArgumentError, match=r"options\.sensor\.seed 3"):
+    with pytest.raises(ArgumentError, match=r"options\.sensor\.seed is 3"):
         make(job(recorded, tmp_path, sensor=NOISY | {"seed": 4}), resume=True)
 
 
@@ -137,8 +137,8 @@ def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
     pose = load(JOB).poses[0]
     with omniscv.open_source(recorded) as source:
         green, *others = (
-            omniscv.render(each, pose, source, face_size=32)
-            for each in (camera, *sensor.lateral_cameras(camera))
+            omniscv.render(lens, pose, source, face_size=32)
+            for lens in (camera, *sensor.lateral_cameras(camera))
         )
     due = sensor.apply(green, "eye", lateral=others)["sensor"]
     shown = cv2.imread(str(tmp_path / "eye.sensor.png"))[..., ::-1]

@@ -45,10 +45,10 @@ class AsLight(SourceWrapper):
     """Captures as floating-point light, by the definition of sRGB."""
 
     def capture(self, requests):
-        for each in super().capture(requests):
-            v = each.pixels / 255
+        for capture in super().capture(requests):
+            v = capture.pixels / 255
             values = np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-            yield replace(each, pixels=values.astype(np.float32))
+            yield replace(capture, pixels=values.astype(np.float32))
 
 
 @pytest.mark.parametrize("transfer", ["srgb", "unknown"])
