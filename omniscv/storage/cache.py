@@ -17,8 +17,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from omniscv.arguments import number
-from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError
-from omniscv.storage.local import LocalFolder, in_one_line, whole_file
+from omniscv.errors import DamagedFileError
+from omniscv.storage.local import in_one_line, whole_file, write_text
 
 Download = Callable[[Path], None]
 """``download(path)`` writes the bytes of a stored file to a path."""
@@ -37,57 +37,39 @@ def folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "omniscv"
 
 
-def limit_bytes() -> float:
-    """Return the size of the cache, bytes: ``OMNISCV_CACHE_GB`` times 10^9.
-
-    Raises:
-        ArgumentError: it is not a number >= 0.
-    """
-    text = os.environ.get("OMNISCV_CACHE_GB") or str(_LIMIT_GB)
-    try:
-        return 1e9 * number("OMNISCV_CACHE_GB", float(text), least=0)
-    except ValueError as cause:
-        raise ArgumentError(f"OMNISCV_CACHE_GB: expected a number >= 0, got {text!r}") from cause
-
-
-def by_checksum(shown: str, name: str, checksum: str, download: Download) -> Path:
-    """Return the copy of a SHA-256; download it if it is missing or differs.
-
-    Raises:
-        DamagedFileError: the store has other bytes.
-        StorageError: the cache cannot be written.
-    """
-    path = _path(checksum, name)
-    if _digest(path) == checksum:
-        return path
-    _fetch(path, download, shown, checksum)
-    return path
-
-
-def by_version(url: str, version: str, size: int | None, download: Download) -> Path:
-    """Return the copy of a version of a file; download it if it is missing, or has changed since.
+def copy_of(
+    key: str, name: str, download: Download, *, checksum: str = "", size: int | None = None, shown: str = ""
+) -> Path:
+    """Return the copy of a file; download it if it is missing or differs.
 
     Args:
-        url, version: of the file.
+        key: 64 hexadecimal digits, of the file's bytes, or of its URL and version.
+        name: of the file.
+        download: see :data:`Download`.
+        checksum: SHA-256 of the bytes; if it is empty, that of the first download is kept beside the copy.
         size: in the store, bytes; a copy of another size is downloaded again. None if it is not known.
-        download: as :func:`by_checksum`.
+        shown: the file in messages.
 
     Raises:
+        DamagedFileError: the store has bytes of another checksum.
         StorageError: the cache cannot be written.
     """
-    path = _path(hashlib.sha256(f"{url}\n{version}".encode()).hexdigest(), url.rpartition("/")[2])
-    checksums = LocalFolder(path.parent)
-    try:
-        checksum = checksums.read(path.name + _SUM).decode("ascii", "replace")
-    except MissingFileError:
-        checksum = ""
-    if not checksum or _digest(path) != checksum or size not in (None, path.stat().st_size):
-        checksums.put(path.name + _SUM, _fetch(path, download).encode())
+    path = folder() / key[:2] / key / name.rpartition("/")[2]
+    sums = path.with_name(path.name + _SUM)
+    with in_one_line(path):
+        expected = checksum or (sums.read_text("ascii", "replace") if sums.exists() else "")
+        if expected and _digest(path) == expected and size in (None, path.stat().st_size):
+            return path
+        with whole_file(path) as part:
+            download(part)
+            digest = _digest(part)
+            if checksum and digest != checksum:
+                difference = f"{checksum[:12]}..., got {digest[:12]}..."
+                raise DamagedFileError(f"{shown}: expected the bytes of its checksum {difference}")
+        if not checksum:
+            write_text(sums, digest)
+        _make_room()
     return path
-
-
-def _path(key: str, name: str) -> Path:
-    return folder() / key[:2] / key / name.rpartition("/")[2]
 
 
 def _digest(path: Path) -> str:
@@ -101,29 +83,17 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def _fetch(path: Path, download: Download, shown: str = "", expected: str = "") -> str:
-    """Download a file, and return its SHA-256; with an expected one, a file of other bytes is not kept."""
-    with in_one_line(path):
-        with whole_file(path) as part:
-            download(part)
-            checksum = _digest(part)
-            if expected and checksum != expected:
-                sums = f"{expected[:12]}..., got {checksum[:12]}..."
-                raise DamagedFileError(f"{shown}: expected the bytes of its checksum {sums}")
-        _make_room()
-    return checksum
-
-
 def _make_room() -> None:
     """Remove the least recently used copies while the cache is too large; at most once an hour."""
-    limit, now, mark = limit_bytes(), time.time(), folder() / _CLEANED
+    limit_gb = number("OMNISCV_CACHE_GB", os.environ.get("OMNISCV_CACHE_GB") or _LIMIT_GB, least=0)
+    now, mark = time.time(), folder() / _CLEANED
     if mark.exists() and now - mark.stat().st_mtime < _CLEANED_EVERY_S:
         return
     mark.touch()
     copies = [_use(copy) for copy in folder().glob("??/*") if _KEY.fullmatch(copy.name)]
     size = sum(nbytes for _, nbytes, _ in copies)
     for used, nbytes, copy in sorted(copies):
-        if size <= limit or now - used < _KEPT_S:
+        if size <= 1e9 * limit_gb or now - used < _KEPT_S:
             return
         shutil.rmtree(copy, ignore_errors=True)  # another process may be removing it
         size -= nbytes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import random
 import re
@@ -142,13 +143,15 @@ class RemoteFolder(Folder):
         """Return a copy in the local cache, compared with its checksum at every call."""
         where = f"{self}/{checked_name(name)}"
         if checksum:
-            return cache.by_checksum(where, name, checksum, lambda path: self._download(name, path, size))
+            return cache.copy_of(
+                checksum, name, lambda path: self._download(name, path, size), checksum=checksum, shown=where
+            )
         info = self._info(name)
         if info is None:
             raise MissingFileError(f"{where}: expected a file, it is missing")
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
-        nbytes = _size_in(info)
-        return cache.by_version(where, version, nbytes, lambda path: self._copy(name, path, nbytes))
+        key, nbytes = hashlib.sha256(f"{where}\n{version}".encode()).hexdigest(), _size_in(info)
+        return cache.copy_of(key, name, lambda path: self._copy(name, path, nbytes), size=nbytes)
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
         if most is None:
