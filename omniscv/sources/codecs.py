@@ -33,6 +33,7 @@ from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry.surfaces import Precision
 from omniscv.sources.base import Capture, View
+from omniscv.storage import png
 
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
@@ -44,7 +45,6 @@ NEAR_MIDDLE = "npy 0.005 px"
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
-_PNG_HEADER = 33  # bytes of the signature and the first chunk
 _NPY_HEADER = re.compile(
     rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': False, "
     rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
@@ -112,8 +112,6 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
 def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
     """Return bytes and encoding of pixels, lossless: PNG for three channels of uint8, else NPY."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
-        from omniscv.storage import png
-
         return png.encode(pixels), "png"
     buffer = io.BytesIO()
     np.save(buffer, np.ascontiguousarray(pixels), allow_pickle=False)
@@ -143,7 +141,7 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
 
 def picture_size(payload: bytes) -> tuple[int, int]:
     """Return width and height in the header of a PNG or NPY; BadReplyError for other bytes or sizes."""
-    if payload.startswith(_PNG) and len(payload) >= _PNG_HEADER:
+    if payload.startswith(_PNG) and len(payload) >= png.HEADER_BYTES:
         width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
     elif payload.startswith(_NPY):
         (height, width, *_), _, _ = _npy_layout(payload)
@@ -156,7 +154,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 def check_png(payload: bytes, view: View) -> None:
     """Raise BadReplyError unless the header is that of a PNG of the view's size."""
-    if not payload.startswith(_PNG) or len(payload) < _PNG_HEADER:
+    if not payload.startswith(_PNG) or len(payload) < png.HEADER_BYTES:
         raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
     width, height = picture_size(payload)
     if (width, height) != (view.width, view.height):
@@ -167,8 +165,6 @@ def check_png(payload: bytes, view: View) -> None:
 def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
     """Return (H, W, 3) RGB; the header is checked first, so that no larger picture is decoded."""
     import cv2
-
-    from omniscv.storage import png
 
     check_png(payload, view)
     pixels = png.decode(payload)
@@ -238,8 +234,6 @@ def _first_bytes(payload: bytes) -> str:
 
 def _png(payload: bytes, view: View, bits: int, channels: tuple[int, ...]) -> NDArray[Any]:
     """Return (H, W, C) of a PNG of the view's size with so many bits and channels."""
-    from omniscv.storage import png
-
     check_png(payload, view)
     pixels = png.decode(payload, bits)
     if pixels.shape[2] not in channels:
