@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -91,24 +91,30 @@ def test_boxes_come_over_the_wire_from_vertices(dialect):
     assert np.sort(found) == pytest.approx(np.sort(exact), abs=1e-4)  # it is turned by 12 degrees
 
 
+@contextmanager
+def replying(change, **options):
+    """A server, and a source behind a relay that changes the server's replies."""
+    with (
+        mock_server.serve("four-wall") as server,
+        relayed(server, change) as address,
+        omniscv.open_source(address, **options) as source,
+    ):
+        yield server, source
+
+
 def test_bounds_serve_where_there_are_no_vertices():
     def refuses(command, forward):
         return "error Can not find a handler for URI" if "vertex_location" in command else forward(command)
 
-    with (
-        mock_server.serve("four-wall") as server,
-        relayed(server, refuses) as address,
-        omniscv.open_source(address) as source,
-    ):
+    with replying(refuses) as (_, source):
         geometry = source.geometry()
     assert geometry.room is None
     for name in SCENE.objects:
         box = geometry.boxes[name]
-        low, high = SCENE.bounds(name)
         assert box.source == "bounds"
         assert np.array_equal(box.R_w_b, np.eye(3))
-        assert box.center_w - box.size / 2 == pytest.approx(low, abs=CM)
-        assert box.center_w + box.size / 2 == pytest.approx(high, abs=CM)
+        ends = box.center_w - box.size / 2, box.center_w + box.size / 2
+        assert np.array(ends) == pytest.approx(np.array(SCENE.bounds(name)), abs=CM)
 
 
 def test_an_object_that_was_turned_has_the_box_of_its_own_frame():
@@ -133,12 +139,9 @@ def test_vertices_that_are_none_are_a_fault():
     def spoils(command, forward):
         return reply[0] if "vertex_location" in command else forward(command)
 
-    with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
+    with replying(spoils, retries=1, patience_s=0.1) as (_, source):
         for reply[0] in ("1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"):
-            with (
-                omniscv.open_source(address, retries=1, patience_s=0.1) as source,
-                pytest.raises(SourceError, match=r"expected (three numbers|text)"),
-            ):
+            with pytest.raises(SourceError, match=r"expected (three numbers|text)"):
                 source.geometry()
 
 
@@ -147,10 +150,8 @@ def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
         return "1 2" if command.endswith(("vertex_location", "bounds")) else forward(command)
 
     path = tmp_path / "room.sqlite"
-    with mock_server.serve("four-wall") as server, relayed(server, spoils) as address:
-        live = omniscv.open_source(address, retries=1, patience_s=0.5)
-        with omniscv.record(live, path) as source:
-            assert len(list(source.capture(MASKS[:2]))) == 2
+    with replying(spoils, retries=1, patience_s=0.5) as (_, live), omniscv.record(live, path) as source:
+        assert len(list(source.capture(MASKS[:2]))) == 2
     assert "no boxes of objects are recorded: " in caplog.text
     with omniscv.open_source(path) as replay:
         assert not replay.geometry()
@@ -225,14 +226,10 @@ def test_a_game_that_refuses_to_hide_is_left_as_it_was():
     def refuses(command, forward):
         return "error Can not hide" if command.endswith("Table/hide") else forward(command)
 
-    with (
-        mock_server.serve("four-wall") as server,
-        relayed(server, refuses) as address,
-        omniscv.open_source(address) as source,
-    ):
+    with replying(refuses) as (server, source):
         with pytest.raises(SourceError, match=r"Table/hide.* with ok, got 'error Can not hide'"):
             source.without(["Sofa", "Table", "Vase"])
-        assert not any(each.hidden for each in server.world.objects.values())
+        assert not any(thing.hidden for thing in server.world.objects.values())
 
 
 def test_shapes_are_recorded_with_the_objects(tmp_path):
