@@ -237,8 +237,9 @@ def stale_captures(store: Store) -> Iterator[str]:
             equal[row.mode, row.payload_checksum].append(row)
     for (mode, _), rows in equal.items():
         pairs = [views[row.asked, row.state] for row in rows if len(views[row.asked, row.state]) == 2]
-        if len({pair[mode].captured for pair in pairs}) < 2:
-            continue
+        edges = _bends if mode == "depth" else _borders
+        if len({pair[mode].captured for pair in pairs}) < 2 or not edges(_pixels(store, rows[0])).any():
+            continue  # as in views of the sky, of which there may be many
         shares = [_common_edges(store, pair) for pair in pairs]
         best = int(np.nan_to_num(shares).argmax())
         for pair, share in zip(pairs, shares, strict=True):
@@ -247,9 +248,13 @@ def stale_captures(store: Store) -> Iterator[str]:
                 yield f"{mode} of {view}: expected its own picture, got that of {other}"
 
 
+def _pixels(store: Store, row: Row) -> NDArray[np.generic]:
+    return next(store.rows([row.number])).capture().pixels
+
+
 def _common_edges(store: Store, pair: dict[str, Row]) -> float:
     """Return the share of a mask's edges at which depth bends or jumps; NaN where there are few."""
-    depth, mask = (next(store.rows([pair[mode].number])).capture().pixels for mode in _MODES)
+    depth, mask = (_pixels(store, pair[mode]) for mode in _MODES)
     if depth.shape[:2] != mask.shape[:2]:
         return float("nan")
     borders = _borders(mask)
