@@ -130,7 +130,9 @@ class SceneSource(Source):
     def geometry(self) -> SceneGeometry:
         """Return the boxes of all objects, each turned as its object, and the room."""
         self._check_open()
-        return geometry_of(self.scene)
+        scene = self.scene
+        boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
+        return SceneGeometry(MappingProxyType(boxes), room_of(scene))
 
     def object_poses(self) -> dict[str, Pose]:
         """Return the poses of objects that move by themselves, and of those that the instant moves."""
@@ -275,12 +277,6 @@ def _scene_at(scene: Scene, instant: Instant) -> Scene:
         return scene.at(scene.time if instant.time is None else instant.time, poses)
     except ValueError as wrong:
         raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
-
-
-def geometry_of(scene: Scene) -> SceneGeometry:
-    """Return what is known of the shapes in a scene of the mock server."""
-    boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
-    return SceneGeometry(MappingProxyType(boxes), room_of(scene))
 
 
 def room_of(scene: Scene) -> Room | None:

@@ -9,7 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
@@ -191,20 +191,20 @@ def locked(folder: Path, timeout_s: float | None = None) -> Iterator[None]:
         yield
         return
     opened = os.open(folder, os.O_RDONLY)
-    deadline = time.monotonic() + (0 if timeout_s is None else timeout_s)
+    deadline = time.monotonic() + (timeout_s or 0)
     try:
         while True:
             try:
                 fcntl.flock(opened, fcntl.LOCK_EX | (0 if timeout_s is None else fcntl.LOCK_NB))
                 break
-            except OSError as cause:
-                if cause.errno in _NO_LOCKS:
-                    break
-                if not isinstance(cause, BlockingIOError):
-                    raise
+            except BlockingIOError as cause:
                 if time.monotonic() > deadline:
                     raise TimeoutError(f"{folder}: locked by another process") from cause
                 time.sleep(0.1)
+            except OSError as cause:
+                if cause.errno not in _NO_LOCKS:
+                    raise
+                break
         yield
     finally:
         os.close(opened)
@@ -213,23 +213,15 @@ def locked(folder: Path, timeout_s: float | None = None) -> Iterator[None]:
 @contextmanager
 def _try_lock(folder: Path) -> Iterator[bool]:
     """Lock a folder, and yield whether it exists and was free."""
-    if fcntl is None:
-        yield False
-        return
-    try:
-        opened = os.open(folder, os.O_RDONLY)
-    except OSError:
-        yield False
-        return
-    try:
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        is_locked = folder.exists()
-    except OSError:
-        is_locked = False
-    try:
+    is_locked = False
+    with ExitStack() as stack:
+        if fcntl is not None:
+            with suppress(OSError):
+                opened = os.open(folder, os.O_RDONLY)
+                stack.callback(os.close, opened)
+                fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                is_locked = folder.exists()
         yield is_locked
-    finally:
-        os.close(opened)
 
 
 @contextmanager
