@@ -16,33 +16,21 @@ from omniscv.cameras import create, model, names
 from omniscv.geometry import Pose
 
 MODES = ("object_mask", "depth")
-UNCOVERED = (
-    0.0005  # of the valid pixels: tips of wedges between pixels, creases within the noise of half floats
-)
+UNCOVERED = 0.0005
+"""Of the valid pixels: tips of wedges between pixels, creases within the noise of half floats."""
+TURNING = {"velocity": (10, 3, 2), "angular_velocity_deg": (100, -200, 300), "readout": 0.03}
 SMALL = {
-    "noncentral-panorama": create("noncentral-panorama", width=128, height=64, radius=1.0),
-    "noncentral-spherical-mirror": create(
-        "noncentral-spherical-mirror", width=80, height=80, mirror_radius=0.3, distance=0.3, fov_deg=280
-    ),
-    "noncentral-conical-mirror": create(
-        "noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3
-    ),
+    name: create(name, width, height, **parameters)
+    for name, width, height, parameters in (
+        ("noncentral-panorama", 128, 64, {"radius": 1.0}),
+        ("noncentral-spherical-mirror", 80, 80, {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}),
+        ("noncentral-conical-mirror", 128, 128, {"half_angle_deg": 55.0, "distance": 0.3}),
+        ("ods", 160, 80, {"interpupillary": 0.1}),
+        ("rolling-shutter", 128, 96, {"base": {"model": "fisheye-equidistant", "fov_deg": 150}, **TURNING}),
+        ("push-broom", 80, 60, {"travel": (1.5, 0.1, -0.2)}),
+        ("orthographic", 80, 60, {"width_m": 1.2}),
+    )
 }
-MOVING = {
-    "ods": create("ods", width=160, height=80, interpupillary=0.1),
-    "rolling-shutter": create(
-        "rolling-shutter",
-        width=128,
-        height=96,
-        base={"model": "fisheye-equidistant", "fov_deg": 150},
-        readout=0.03,
-        velocity=(10, 3, 2),
-        angular_velocity_deg=(100, -200, 300),
-    ),
-    "push-broom": create("push-broom", width=80, height=60, travel=(1.5, 0.1, -0.2)),
-    "orthographic": create("orthographic", width=80, height=60, width_m=1.2),
-}
-SMALL |= MOVING
 WAYS = ({}, {"strategy": "adaptive"}, {"strategy": "strips", "viewpoints": 12})
 ROOMS = ("four-wall", "open", "fence")
 
@@ -50,13 +38,8 @@ ROOMS = ("four-wall", "open", "fence")
 @pytest.fixture(scope="module")
 def rooms():
     with ExitStack() as opened:
-        yield {
-            name: (
-                mock_server.load_scene(name),
-                opened.enter_context(omniscv.open_source(f"mock://{name}")),
-            )
-            for name in ROOMS
-        }
+        sources = [opened.enter_context(omniscv.open_source(f"mock://{name}")) for name in ROOMS]
+        yield {name: (mock_server.load_scene(name), each) for name, each in zip(ROOMS, sources, strict=True)}
 
 
 def drawn_pose(seed):
@@ -103,18 +86,11 @@ def test_rounding_is_bounded_where_captures_are_floats(name, rooms):
 def test_bars_as_narrow_as_what_is_interpolated(seed):
     """Square bars of 5 cm at 3.3 m against the sky: three pixels of a capture, with a crease between them."""
     rng = np.random.default_rng(seed)
-    bars = {
-        f"Bar_{i}": {
-            "solids": [
-                {
-                    "box": [0.05, 0.05, 3.0],
-                    "at": [3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.5],
-                    "turn_deg": float(rng.uniform(0, 90)),
-                }
-            ]
-        }
-        for i, angle in enumerate(np.linspace(0, 2 * np.pi, 24, endpoint=False))
-    }
+    bars = {}
+    for i, angle in enumerate(np.linspace(0, 2 * np.pi, 24, endpoint=False)):
+        at = [3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.5]
+        bar = {"box": [0.05, 0.05, 3.0], "at": at, "turn_deg": float(rng.uniform(0, 90))}
+        bars[f"Bar_{i}"] = {"solids": [bar]}
     scene = mock_server.Scene("rails", {"sky": [0.5, 0.7, 1.0], "objects": bars})
     camera = create("fisheye-equidistant", width=128, height=128, fov_deg=150)
     with mock_server.serve(scene) as server, omniscv.open_source(server.uri) as source:

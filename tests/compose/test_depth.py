@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from support.computed import Computed
-from support.exact import by_rays, cameras_at, distance_to_surfaces, float_source
+from support.exact import by_rays, cameras_at, distance_to_surfaces, float_source, plain_room
 
 import omniscv
 from mock_server import load_scene
-from mock_server.scene import Scene
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
@@ -96,16 +95,7 @@ def test_outside_the_field_of_view_depth_is_zero():
 
 def test_a_thin_pole_keeps_its_depth():
     """Thinner than two pixels of a face: no neighbour continues it, so its own pixel's depth is taken."""
-    white, red = ({"kind": "plain", "colors": [color]} for color in ([1, 1, 1], [1, 0, 0]))
-    corners = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
-    scene = Scene(
-        "pole",
-        {
-            "room": {"floor": corners, "height": 3, "walls": [white] * 4}
-            | {"floor_texture": white, "ceiling_texture": white},
-            "objects": {"Pole": {"texture": red, "solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}},
-        },
-    )
+    scene = plain_room({"Pole": {"solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}})
     source = float_source(scene)
     camera = create("equirectangular", width=1024, height=512)
     image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth", "object_mask"))

@@ -64,30 +64,31 @@ def test_values_and_types_pass_through(value, dtype, filter):
         assert (image.lit[~image.valid] == 0).all()
 
 
-def test_faces_of_different_sizes_are_refused():
+def faulty(fault):
+    """Make captures of which one is of another size, or most of another type, or that look elsewhere."""
+
     def make(i, request):
-        view = request.view if i != 3 else View(request.view.pose, request.view.fov_deg, 50, 50)
-        return Capture(request, view, np.zeros((view.height, view.width, 3), np.uint8))
+        view, dtype = request.view, np.float32 if fault == "type" and i else np.uint8
+        if fault == "size" and i == 3:
+            view = View(view.pose, view.fov_deg, 50, 50)
+        if fault == "direction":
+            view = View(Pose.from_angles((0, 0, 0), yaw_deg=90), 90.0, view.width, view.height)
+        return Capture(request, view, np.zeros((view.height, view.width, 3), dtype))
 
-    with pytest.raises(BadReplyError, match="captures of one size and type"):
-        omniscv.render(CAMERA, POSE, Made(make))
-
-
-def test_faces_of_different_types_are_refused():
-    def make(i, request):
-        return plain(1, np.uint8 if i else np.float32)(i, request)
-
-    with pytest.raises(BadReplyError, match="captures of one size and type"):
-        omniscv.render(CAMERA, POSE, Made(make))
+    return make
 
 
-def test_views_that_do_not_see_every_ray_are_refused():
-    def make(_, request):
-        turned = View(Pose.from_angles((0, 0, 0), yaw_deg=90), 90.0, request.view.width, request.view.height)
-        return Capture(request, turned, np.zeros((turned.height, turned.width, 3), np.uint8))
-
-    with pytest.raises(MissingCaptureError, match="seen by none"):
-        omniscv.render(CAMERA, POSE, Made(make))
+@pytest.mark.parametrize(
+    ("fault", "error", "says"),
+    [
+        ("size", BadReplyError, "captures of one size and type"),
+        ("type", BadReplyError, "captures of one size and type"),
+        ("direction", MissingCaptureError, "seen by none"),
+    ],
+)
+def test_faces_that_do_not_fit_together_are_refused(fault, error, says):
+    with pytest.raises(error, match=says):
+        omniscv.render(CAMERA, POSE, Made(faulty(fault)))
 
 
 def test_a_source_that_ends_early_is_refused():

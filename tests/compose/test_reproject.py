@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.exact import float_source
+from support.exact import float_source, plain_room
 from support.judged import Errors
 
 import omniscv
@@ -100,19 +100,6 @@ def test_a_replay_is_the_same_and_a_missing_view_is_named(tmp_path):
             omniscv.render(camera, elsewhere, replay, modes, strategy="adaptive", face_size=96)
 
 
-def room_with(objects):
-    white = {"kind": "plain", "colors": [[0.9, 0.9, 0.9]]}
-    corners = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
-    room = {
-        "floor": corners,
-        "height": 3,
-        "walls": [white] * 4,
-        "floor_texture": white,
-        "ceiling_texture": white,
-    }
-    return Scene("made", {"room": room, "objects": objects})
-
-
 RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
 
 
@@ -127,7 +114,7 @@ RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
 )
 def test_places_where_it_can_fail(what, solids, sure):
     """What it is sure of is right but for rims, and what it lost it says."""
-    source = float_source(room_with({"Thing": {"texture": RED, "solids": solids}}))
+    source = float_source(plain_room({"Thing": {"texture": RED, "solids": solids}}))
     camera = create("noncentral-panorama", width=256, height=32, radius=1.0)
     image = omniscv.render(camera, POSE, source, ("object_mask", "depth"), strategy="adaptive", face_size=336)
     rightly = right(image, traced(source.scene, camera, POSE))

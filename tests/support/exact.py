@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
+from mock_server.scene import Scene
 from omniscv import cameras
 from omniscv.sources import Capabilities
 from omniscv.sources.scene import SceneSource
@@ -33,6 +34,14 @@ def by_rays(names, dear=()):
     """Parameters of a test for every model: those whose rays are like another one's, and those that are dear,
     only with ``--soak``."""
     return [pytest.param(name, marks=[pytest.mark.soak] * (name in {*_ALIKE, *dear})) for name in names]
+
+
+def plain_room(objects):
+    """A white room of 6 m x 6 m with objects."""
+    white = {"kind": "plain", "colors": [[0.9, 0.9, 0.9]]}
+    room = {"floor": [[-3, -3], [3, -3], [3, 3], [-3, 3]], "height": 3, "walls": [white] * 4}
+    room |= {"floor_texture": white, "ceiling_texture": white}
+    return Scene("plain", {"room": room, "objects": objects})
 
 
 def float_source(scene, capabilities=None):
