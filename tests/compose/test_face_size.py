@@ -20,7 +20,7 @@ SCENE = load_scene("four-wall")
 CAMERAS = cameras_at(72)
 
 
-@pytest.mark.parametrize("name", ["equirectangular", "catadioptric-hyperbolic", "pinhole"])
+@pytest.mark.parametrize("name", ["equirectangular", "pinhole"])
 def test_twice_the_size_gains_less_than_a_tenth(name, monkeypatch):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 
