@@ -43,12 +43,12 @@ def make(
     with workers.client(job.sources) as client:
         if note:
             note(f"dashboard: {client.dashboard_link}")
-        job, done = _on(client, job, progress, warn)
+        job, made = _make_parts(client, job, progress, warn)
     finish(job, len(parts_of(job)), warn)
-    return done
+    return made
 
 
-def _on(
+def _make_parts(
     client: Client,
     job: Job,
     progress: Callable[[int, int], None] | None,
@@ -59,38 +59,26 @@ def _on(
 
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
+    written = kept = warnings = 0
     try:
         client.register_plugin(Server(job.sources, source_options(job)))
         if job.sampling is not None:
             (job,) = _results(client, [client.submit(with_poses, job, **HOW)])
         client.register_plugin(Work(job))
-        futures = client.map(make_part, parts_of(job), **HOW)
-        return job, _add_up(client, futures, len(job), progress, warn)
+        for done in _results(client, client.map(make_part, parts_of(job), **HOW)):
+            if done.refused is not None:
+                raise done.refused
+            written, kept = written + done.written, kept + done.kept
+            warnings += done.warnings
+            if progress:
+                progress(written + kept, len(job))
     finally:
         for name in (SERVER, WORK) if client.status == "running" else ():
             with suppress(OSError, ValueError):  # the scheduler is gone, or the plugin was not registered
                 client.unregister_worker_plugin(name)
-
-
-def _add_up(
-    client: Client,
-    futures: Sequence[Future],
-    total: int,
-    progress: Callable[[int, int], None] | None,
-    warn: Callable[[str], None] | None,
-) -> Made:
-    """Add up the results of tasks."""
-    written = kept = warnings = 0
-    for done in _results(client, futures):
-        if done.refused is not None:
-            raise done.refused
-        written, kept = written + done.written, kept + done.kept
-        warnings += done.warnings
-        if progress:
-            progress(written + kept, total)
     if warnings and warn:
         warn(f"{warnings} images have unsure or occluded pixels: see their STEM.unsure.png and occluded.png")
-    return Made(written, kept)
+    return job, Made(written, kept)
 
 
 def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 from omniscv import storage
 from omniscv.arguments import number, whole_number
@@ -62,7 +60,11 @@ def write_video(
 def _encoded(
     frames: Sequence[Frame], rate: float, quality: int, progress: Callable[[int, int], None] | None
 ) -> bytes:
-    av, file = _library(), BytesIO()
+    try:
+        import av
+    except ImportError as missing:
+        raise ArgumentError("video: expected PyAV, got none; install omniscv[video]") from missing
+    file = BytesIO()
     with av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = (
@@ -79,11 +81,3 @@ def _encoded(
                 progress(done, len(frames))
         container.mux(stream.encode())
     return file.getvalue()
-
-
-def _library() -> ModuleType | Any:
-    try:
-        import av
-    except ImportError as missing:
-        raise ArgumentError("video: expected PyAV, got none; install omniscv[video]") from missing
-    return av

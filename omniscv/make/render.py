@@ -70,22 +70,17 @@ def run(
         if warn:
             for line in transfer_warning(job, source):
                 warn(line)
-        for stem, image in _images(job, Renderer(source), progress):
-            if warn:
-                for line in warnings_of(stem, image):
-                    warn(line)
-            written += saving.result() if saving else []
-            saving = saver.submit(image.save, job.out, stem=stem, image_format=job.image_format)
+        renderer, meter = Renderer(source), Meter(len(job), progress)
+        for moment in moments(job):
+            images = images_of(renderer, moment, job, progress=meter.part())
+            for frame, image in zip(moment.frames, images, strict=True):
+                if warn:
+                    for line in warnings_of(frame.key, image):
+                        warn(line)
+                written += saving.result() if saving else []
+                saving = saver.submit(image.save, job.out, stem=frame.key, image_format=job.image_format)
         written += saving.result() if saving else []
     return written
-
-
-def _images(job: Job, renderer: Renderer, progress: Report | None) -> Iterator[tuple[str, OmniImage]]:
-    """Yield stem and image of every camera at every pose; those of a moment share captures."""
-    meter = Meter(len(job), progress)
-    for moment in moments(job):
-        images = images_of(renderer, moment, job, progress=meter.part())
-        yield from zip((frame.key for frame in moment.frames), images, strict=True)
 
 
 _WARNINGS = {

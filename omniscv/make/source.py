@@ -69,24 +69,19 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         open_source(job, live) as source,
         source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,
     ):
-        yield with_poses(job, still), still
+        if job.sampling is not None:
+            sampled = sample_poses(job.sampling, still)
+            times = sampled.times if job.times is None else job.times
+            job = replace(job, poses=sampled.poses, times=times, sampling=None)
+        yield job, still
 
 
-def with_poses(job: Job, source: Source) -> Job:
-    """Return a job with the poses that it samples in its source.
+def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
+    """Return the poses that a description samples in a source.
 
     Raises:
         OmniscvError: there are no such poses, or depth cannot be captured.
     """
-    if job.sampling is None:
-        return job
-    sampled = sample_poses(job.sampling, source)
-    times = sampled.times if job.times is None else job.times
-    return replace(job, poses=sampled.poses, times=times, sampling=None)
-
-
-def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
-    """Return the poses that a description samples in a source; as :func:`with_poses`."""
     if sampling.clearance is None or sampling.start is None:
         return sampling.poses()
     return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)

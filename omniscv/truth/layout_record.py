@@ -16,8 +16,7 @@ within one of it may be wrong.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -66,19 +65,27 @@ def project_layout(
         ArgumentError: a depth of another size than the image, or a room that is none.
     """
     known = RoomLayout(room) if isinstance(room, Room) else room
-    view = _View(known.room, camera, pose, depth, tolerance or Tolerance())
-    ends, kinds, planes = edges_of(known.room)
-    corners_c = pose.to_camera(corners_of(known.room))
+    room, allowed = known.room, tolerance or Tolerance()
+
+    def flags(points_c: Array, pixels: Array, origins_c: Array) -> tuple[Flags, Flags | None]:
+        """(S,) ``visible_room`` and ``visible`` of points on the room's edges."""
+        in_room = seen_in_room(room, pose, points_c, origins_c)
+        if depth is None:
+            return in_room, None
+        return in_room, in_room & seen_in_depth(room, camera, pose, pixels, depth, allowed)
+
+    ends, kinds, planes = edges_of(room)
+    corners_c = pose.to_camera(corners_of(room))
     curves = sample_edges(camera, corners_c[ends[:, 0]], corners_c[ends[:, 1]])
-    pieces = _pieces(curves, *view.flags(curves.points_c, curves.pixels, curves.origins_c))
+    pieces = _pieces(curves, *flags(curves.points_c, curves.pixels, curves.origins_c))
     return {
         "version": VERSION,
         "source": known.source,
         "residual_m": float(known.residual_m),
-        "floor": float(known.room.floor_z),
-        "ceiling": float(known.room.ceiling_z),
-        "camera_height": float(pose.position[2] - known.room.floor_z),
-        "corners": _corner_records(view),
+        "floor": float(room.floor_z),
+        "ceiling": float(room.ceiling_z),
+        "camera_height": float(pose.position[2] - room.floor_z),
+        "corners": _corner_records(corners_of(room), corners_c, camera, flags),
         "edges": [
             {"id": i, "kind": kind, "corners": pair, "planes": names, "pieces": pieces.get(i, [])}
             for i, (kind, pair, names) in enumerate(zip(kinds, ends.tolist(), planes, strict=True))
@@ -114,30 +121,14 @@ def room_of(record: Mapping[str, Any]) -> Room:
     return Room(floor[:, :2], *heights, names, walls[0][1], walls[count][1])
 
 
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A room in an image."""
-
-    room: Room
-    camera: Camera
-    pose: Pose
-    depth: ArrayLike | None
-    tolerance: Tolerance
-
-    def flags(self, points_c: Array, pixels: Array, origins_c: Array) -> tuple[Flags, Flags | None]:
-        """(S,) ``visible_room`` and ``visible`` of points on the room's edges."""
-        in_room = seen_in_room(self.room, self.pose, points_c, origins_c)
-        if self.depth is None:
-            return in_room, None
-        in_depth = seen_in_depth(self.room, self.camera, self.pose, pixels, self.depth, self.tolerance)
-        return in_room, in_room & in_depth
-
-
-def _corner_records(view: _View) -> list[dict[str, Any]]:
-    corners_w = corners_of(view.room)
-    corners_c = view.pose.to_camera(corners_w)
-    pixels, origins_c, seen = resolved(view.camera, corners_c, view.camera.project(corners_c)[0])
-    in_room, in_full = view.flags(corners_c[seen], pixels[seen], origins_c[seen])
+def _corner_records(
+    corners_w: Array,
+    corners_c: Array,
+    camera: Camera,
+    flags: Callable[[Array, Array, Array], tuple[Flags, Flags | None]],
+) -> list[dict[str, Any]]:
+    pixels, origins_c, seen = resolved(camera, corners_c, camera.project(corners_c)[0])
+    in_room, in_full = flags(corners_c[seen], pixels[seen], origins_c[seen])
     visible_room, visible = np.zeros_like(seen), np.zeros_like(seen)
     visible_room[seen], visible[seen] = in_room, in_room if in_full is None else in_full
     count, records = len(corners_w) // 2, []

@@ -102,13 +102,13 @@ def flow(
         scene=np.full((height, width, 3), np.nan),
     )
     occlusion = None if depth1 is None else _Occlusion(camera1, depth1, tolerance)
-    move = _Movement(pose0, pose1, motions)
 
     def fill(rows: slice) -> None:
         mine = seen[rows]
         objects = None if labels is None else labels[rows][mine]
         depth = depth0[rows][mine].astype(np.float64)
-        points_c1, scene = move(depth, rays0.directions[rows][mine], rays0.origins[rows][mine], objects)
+        directions, origins = rays0.directions[rows][mine], rays0.origins[rows][mine]
+        points_c1, scene = _move(pose0, pose1, motions, depth, directions, origins, objects)
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
         if occlusion is not None:
@@ -129,43 +129,38 @@ def motion(before: Pose, after: Pose) -> Pose:
     return after @ before.inverse()
 
 
-class _Movement:
-    """The transform of points from the first camera to the second one while objects move.
+def _move(
+    pose0: Pose,
+    pose1: Pose,
+    motions: Mapping[int, Pose | None],
+    depth: Array,
+    directions: Array,
+    origins: Array,
+    labels: NDArray[Any] | None,
+) -> tuple[Array, Array]:
+    """Return points (N, 3) in the second camera's frame, and their motion (N, 3) in the world, metres.
 
-    Args:
-        pose0, pose1: of the cameras.
-        motions: by label.
+    Both are NaN if the motion of an object is unknown. The motion of points at infinity is NaN too.
     """
-
-    def __init__(self, pose0: Pose, pose1: Pose, motions: Mapping[int, Pose | None]) -> None:
-        self._pose0, self._pose1, self._motions = pose0, pose1, motions
-        self._T_c1_c0 = pose1.inverse() @ pose0
-
-    def __call__(
-        self, depth: Array, directions: Array, origins: Array, labels: NDArray[Any] | None
-    ) -> tuple[Array, Array]:
-        """Return points (N, 3) in the second camera's frame, and their motion (N, 3) in the world, metres.
-
-        Both are NaN if the motion is unknown. The motion of points at infinity is NaN too.
-        """
-        infinite = np.isposinf(depth)
-        points_c0 = directions * np.where(infinite, _INFINITY_M, depth)[:, None]
-        points_c0 += origins
-        points_c1 = points_c0 @ self._T_c1_c0.rotation.T
-        points_c1 += self._T_c1_c0.position
-        scene = np.zeros_like(points_c0)
-        if infinite.any():
-            points_c1[infinite] = _INFINITY_M * (directions[infinite] @ self._T_c1_c0.rotation.T)
-            scene[infinite] = np.nan
-        for label, motion in self._motions.items():
-            mine = labels == label
-            if motion is None:
-                points_c1[mine] = scene[mine] = np.nan
-            else:
-                points_w = self._pose0.to_world(points_c0[mine])
-                moved_w = motion.to_world(points_w)
-                points_c1[mine], scene[mine] = self._pose1.to_camera(moved_w), moved_w - points_w
-        return points_c1, scene
+    T_c1_c0 = pose1.inverse() @ pose0
+    infinite = np.isposinf(depth)
+    points_c0 = directions * np.where(infinite, _INFINITY_M, depth)[:, None]
+    points_c0 += origins
+    points_c1 = points_c0 @ T_c1_c0.rotation.T
+    points_c1 += T_c1_c0.position
+    scene = np.zeros_like(points_c0)
+    if infinite.any():
+        points_c1[infinite] = _INFINITY_M * (directions[infinite] @ T_c1_c0.rotation.T)
+        scene[infinite] = np.nan
+    for label, motion in motions.items():
+        mine = labels == label
+        if motion is None:
+            points_c1[mine] = scene[mine] = np.nan
+        else:
+            points_w = pose0.to_world(points_c0[mine])
+            moved_w = motion.to_world(points_w)
+            points_c1[mine], scene[mine] = pose1.to_camera(moved_w), moved_w - points_w
+    return points_c1, scene
 
 
 class _Occlusion:

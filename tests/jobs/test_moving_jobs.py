@@ -234,7 +234,7 @@ def test_a_plan_counts_every_instant(tmp_path):
         ("times: []", "times: expected a list of seconds, {start, rate, count}, or 'poses'"),
         ("times: {rate: 0, count: 3}", "times.rate: expected a finite number > 0"),
         ("times: {rate: 2}", "times: missing key 'count'"),
-        ("freeze: hard", "freeze: expected one of auto, puppet, pause, none; got 'hard'"),
+        ("freeze: hard", "freeze: expected one of auto, puppet, pause, batch, none; got 'hard'"),
         ("exposure: {seconds: -1}", "exposure.seconds: expected a finite number >= 0"),
         ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),
         ("exposure: {camera: jumps}", "exposure.camera: expected one of moves, rests"),
@@ -249,7 +249,7 @@ def test_wrong_keys_are_refused_before_a_source_is_opened(more, says, tmp_path):
 
 
 def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
-    with pytest.raises(ArgumentError, match="freeze: expected auto, puppet or none for motions and"):
+    with pytest.raises(ArgumentError, match="freeze: expected auto, puppet, batch or none for motions and"):
         job_of(tmp_path, f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nfreeze: pause")
     assert job_of(tmp_path, "freeze: pause").source_options == {"freeze": "pause"}
 
