@@ -132,9 +132,18 @@ def test_a_job_names_files_relative_to_its_own(here):
 
 
 @pytest.mark.parametrize("name", cameras.names())
-def test_the_example_of_a_model_runs(name, here, capsys):
+def test_the_example_of_a_model_is_its_typical_camera(name, here, monkeypatch, capsys):
+    """As far as six digits say; images of these cameras have tests of their own."""
+    jobs = []
+    monkeypatch.setattr("omniscv.make.run", lambda job, *_, **__: jobs.append(job) or [])
     assert run(["cameras", name]) == 0
     *_, example = capsys.readouterr().out.splitlines()
-    words = shlex.split(example.removeprefix("Example: omniscv ").replace("mock://", "scene://"))
-    assert run([*words, "--modes", "depth", "--set", "face_size=32", "--set", "viewpoints=2"]) == 0
-    assert rendered(here, name).width == 256
+    assert run(shlex.split(example.removeprefix("Example: omniscv "))) == 0
+    typical = cameras.model(name).example(256)
+    (camera,), (pose,) = jobs[0].cameras.values(), jobs[0].poses
+    assert (camera.name, camera.width, camera.height) == (name, 256, typical.height)
+    both = camera.valid() & typical.valid()
+    assert both.mean() > 0.99 * typical.valid().mean()
+    turned = camera.unproject().directions[both] - typical.unproject().directions[both]
+    assert np.abs(turned).max() < 1e-4
+    assert pose.angles()[1] == pytest.approx(typical.typical_pitch_deg)

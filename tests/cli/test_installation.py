@@ -1,6 +1,5 @@
 """``omniscv doctor --self``: what an installation lacks is found, and what to do about it."""
 
-import json
 import os
 import socket
 import subprocess
@@ -26,8 +25,6 @@ def test_this_installation_is_whole(tmp_path, capsys, monkeypatch):
     for word in ("numpy:", "import cv2: loads", "working folder", "numba cache", "127.0.0.1", "GB free"):
         assert word in text
     assert list(tmp_path.iterdir()) == []
-    assert run(["doctor", "--self", "--json"]) == 0
-    assert {each["name"] for each in json.loads(capsys.readouterr().out)} >= {"numpy", "disk"}
 
 
 def test_a_folder_without_room_to_write_is_bad(tmp_path):

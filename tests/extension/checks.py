@@ -123,7 +123,7 @@ def test_all_of_them_through_the_command_line(tmp_path):
     command = [
         sys.executable, "-c", "from omniscv.cli import main; main()", "render", "--source", "checker://",
         "--camera", "lambert", "--size", "384x128", "--position", "0,0,0", "--modes", "lit,object_mask,depth",
-        "--strategy", "depth-first", "--image-format", "ppm", "--out", str(tmp_path / "out"),
+        "--set", "strategy=depth-first", "--set", "image_format=ppm", "--out", str(tmp_path / "out"),
     ]  # fmt: skip
     paths = os.pathsep.join([str(site), *sys.path])
     done = subprocess.run(

@@ -2,7 +2,7 @@
 
 ``picture``  the bytes of a PNG or JPEG file, or of a PNG that is made: RGB
 ``ids``      uint16: labels, classes
-``scalar``   float32, exact for depth; depth_error is rounded to 10 binary digits
+``scalar``   float32
 ``vectors``  int8, 127 for 1: normals
 ``marks``    uint8, 1 where a pixel is marked
 
@@ -12,7 +12,7 @@ Arrays are packed: a mapping with ``type`` (``f4``, ``u4``, ``u2``, ``i2``, ``i1
 ``data``: the base64 text of a zlib stream. Its bytes are those of the array with the channels first,
 (C, H, W), each number read as an unsigned whole number less its left neighbour (modulo its range), split into
 planes: the lowest byte of every number, then the next. Neighbours in images are alike, so planes are mostly
-zeros: float32 depth takes half of what EXR takes, without a loss. ``codec.js`` reads it.
+zeros. ``codec.js`` reads it.
 """
 
 import base64
@@ -29,7 +29,6 @@ from omniscv.dataset import Frame
 from omniscv.parallel import side_by_side
 
 _PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
-_ERROR_BITS = 10
 _ARRAY_TYPES = ("f4", "u4", "u2", "i2", "i1", "u1")
 _LEVEL = 5
 
@@ -75,8 +74,7 @@ def _packed_layer(frame: Frame, name: str) -> dict[str, Any]:
         exact = values.astype(np.float32)
         known = exact[np.isfinite(exact) & (exact > 0)]
         ends = np.quantile(known, (0.005, 0.995)).tolist() if known.size else None
-        kept = rounded(exact, _ERROR_BITS) if name == "depth_error" else exact
-        return {"form": kind, "range": ends, **pack(kept)}
+        return {"form": kind, "range": ends, **pack(exact)}
     return {"form": kind, **pack(values)}
 
 
@@ -100,15 +98,3 @@ def pack(values: NDArray[Any]) -> dict[str, Any]:
 def text(data: bytes) -> str:
     """Return bytes as base64."""
     return base64.b64encode(data).decode("ascii")
-
-
-def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
-    """Return float32 values rounded to so many binary digits of mantissa: 2^-(bits + 1) relative error.
-
-    Zeros and infinities stay what they are.
-    """
-    spare = np.uint32(23 - bits)
-    whole = np.ascontiguousarray(values, dtype=np.float32).view(np.uint32)
-    half = np.uint32(1) << (spare - np.uint32(1))
-    kept = np.where(np.isfinite(values), (whole + half) >> spare << spare, whole)
-    return kept.astype(np.uint32).view(np.float32)
