@@ -262,15 +262,14 @@ def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
 def test_plan_lists_every_strategy(job, capsys):
     from omniscv import planning
 
-    for measured in ([], ["--measure"]):
-        assert run(["plan", str(job), *measured]) == 0
-        strategies, aims = capsys.readouterr().out.split("accuracy ")
-        heading, *rows = strategies.splitlines()
-        assert [row.split()[0] for row in aims.splitlines()] == ["requests", "1.0%", "0.3%", "0.1%"]
-        columns = "strategy views requests at most Mpx MB seconds shift m marked %"
-        assert heading.split() == columns.split()
-        assert [row.split()[0] for row in rows] == list(planning.names())
-        assert all(len(row.split()) == 9 for row in rows)
+    assert run(["plan", str(job), "--measure"]) == 0
+    strategies, aims = capsys.readouterr().out.split("accuracy ")
+    heading, *rows = strategies.splitlines()
+    assert [row.split()[0] for row in aims.splitlines()] == ["requests", "1.0%", "0.3%", "0.1%"]
+    columns = "strategy views requests at most Mpx MB seconds shift m marked %"
+    assert heading.split() == columns.split()
+    assert [row.split()[0] for row in rows] == list(planning.names())
+    assert all(len(row.split()) == 9 for row in rows)
 
 
 def test_plan_shows_how_far_fewer_viewpoints_shift_the_optical_centre(capsys):

@@ -32,8 +32,9 @@ def name_of(words):
 
 def shape_of(words):
     """What two command lines that run the same code share: the command and its options' names."""
-    dear = words[1] in ("doctor", "serve")  # whose options have tests of their own
-    options = {word.partition("=")[0] for word in words if word.startswith("--") and not dear}
+    if words[1] in ("doctor", "serve"):  # addresses and options have tests of their own
+        return words[1], "--self" in words
+    options = {word.partition("=")[0] for word in words if word.startswith("--")}
     return name_of(words), frozenset(options), words[2].partition("://")[0] if len(words) > 2 else ""
 
 
