@@ -3,11 +3,11 @@
     python examples/blender/make_room.py room.blend       # a Python that has bpy, or:
     blender --background --python examples/blender/make_room.py -- room.blend
 
-Everything is made here: shapes of boxes and cylinders with rounded edges, materials of noise and colours.
-World axes are omniscv's: X forward, Y left, Z up, metres; the middle of the floor is the origin.
+The script builds everything: boxes and cylinders with rounded edges, and materials of noise and colours.
+The world axes are omniscv's: X forward, Y left, Z up, metres. The origin is the middle of the floor.
 
-This file runs inside Blender and uses its Python API, which is under the GNU GPL, as whoever shares a changed
-copy should know. omniscv itself neither imports nor needs it.
+This file runs inside Blender and uses its Python API, which is licensed under the GNU GPL: consider that
+before you share a changed copy. omniscv itself neither imports nor needs it.
 """
 
 import math
@@ -17,9 +17,9 @@ import sys
 import bpy
 
 LENGTH, WIDTH, HEIGHT = 5.6, 4.4, 2.7
-"""Of the room: along X, along Y, and up, metres."""
+"""Size of the room along X, Y and Z, metres."""
 WINDOW = (-0.1, 1.9, 0.75, 2.25)
-"""Y from and to, Z from and to: in the wall at X = LENGTH / 2."""
+"""Lowest and highest Y, lowest and highest Z, metres: in the wall at X = LENGTH / 2."""
 WALL = 0.2
 _random = random.Random(7)
 
@@ -30,7 +30,7 @@ _random = random.Random(7)
 def material(
     name, color, roughness=0.6, metallic=0.0, *, second=None, scale=8.0, stretch=(1, 1, 1), bump=0.0
 ):
-    """A surface of one colour, or of two that noise mixes; ``bump`` is how far noise roughens it."""
+    """Return a material of one colour, or of two mixed by noise; ``bump`` is the height of the noise."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     nodes, links = made.node_tree.nodes, made.node_tree.links
@@ -62,7 +62,7 @@ def material(
 
 
 def light(name, color, strength):
-    """A surface that shines, W/m^2 a steradian or so."""
+    """Return a material that emits light, about W/m^2 a steradian."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     shader = made.node_tree.nodes["Principled BSDF"]
@@ -75,7 +75,7 @@ def light(name, color, strength):
 
 
 def add(name, points, faces, surface, rounded=0.0, *, smooth=False):
-    """An object of points and faces; ``rounded`` is the radius of its edges, metres."""
+    """Return an object of points and faces; ``rounded`` is the radius of its edges, metres."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points, [], faces)
     mesh.materials.append(surface)
@@ -90,7 +90,7 @@ def add(name, points, faces, surface, rounded=0.0, *, smooth=False):
 
 
 def box(name, center, size, surface, rounded=0.0, turn_deg=0.0):
-    """A box about its centre, turned about the vertical."""
+    """Return a box by its centre, turned about the vertical."""
     half = [s / 2 for s in size]
     corners = [(x * half[0], y * half[1], z * half[2]) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)]
     faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
@@ -100,7 +100,7 @@ def box(name, center, size, surface, rounded=0.0, turn_deg=0.0):
 
 
 def turned(name, center, profile, surface, sides=40):
-    """A body of revolution about the vertical; ``profile`` is (radius, height) from bottom to top, metres."""
+    """Return a body of revolution about the vertical; ``profile``: (radius, height) upwards, metres."""
     around = [(math.cos(2 * math.pi * i / sides), math.sin(2 * math.pi * i / sides)) for i in range(sides)]
     points = [(r * x, r * y, z) for r, z in profile for x, y in around]
     faces = []
@@ -115,19 +115,19 @@ def turned(name, center, profile, surface, sides=40):
 
 
 def ball(radius, height=0.0, steps=24):
-    """The profile of a sphere that stands at a height."""
+    """Return the profile of a sphere whose lowest point is at a height."""
     turns = [math.pi * k / steps for k in range(steps + 1)]
     return [(radius * math.sin(t) + 1e-4, height + radius * (1 - math.cos(t))) for t in turns]
 
 
 def four(name, center, apart, size, surface):
-    """Four boxes, such as legs, ``apart`` from the centre along X and Y."""
+    """Return four boxes, such as legs, ``apart`` from the centre along X and Y."""
     (x, y, z), (a, b) = center, apart
     return [box(name, (x + s * a, y + t * b, z), size, surface, 0.006) for s in (-1, 1) for t in (-1, 1)]
 
 
 def joined(name, *objects):
-    """Several objects as one, with the modifiers of each applied."""
+    """Join several objects into one, with their modifiers applied."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for each in objects:
         mesh = bpy.data.meshes.new_from_object(each.evaluated_get(depsgraph))
@@ -146,7 +146,7 @@ def joined(name, *objects):
 
 
 def shell(plaster, accent, paint):
-    """Floor of planks, ceiling, walls with a window, skirting."""
+    """Build a floor of planks, the ceiling, walls with a window, and the skirting."""
     x, y = LENGTH / 2, WIDTH / 2
     oak = []
     for d in (-0.03, 0.0, 0.04):
@@ -190,7 +190,7 @@ def shell(plaster, accent, paint):
 
 
 def sofa(cloth, wood):
-    """Along the left wall, with cushions."""
+    """Build a sofa with cushions along the left wall."""
     cx, cy = -0.6, WIDTH / 2 - 0.55
     parts = [box("seat", (cx, cy, 0.25), (2.1, 0.9, 0.26), cloth, 0.04)]
     parts += [box("arm", (cx + s * 1.0, cy, 0.36), (0.18, 0.9, 0.5), cloth, 0.06) for s in (-1, 1)]
@@ -205,7 +205,7 @@ def sofa(cloth, wood):
 
 
 def table(wood, ceramic, paper):
-    """A low table before the sofa, with a bowl, books and a cup."""
+    """Build a low table in front of the sofa, with a bowl, books and a cup."""
     cx, cy = -0.5, 0.55
     top = box("top", (cx, cy, 0.4), (1.1, 0.6, 0.04), wood, 0.012)
     joined("Table", top, *four("leg", (cx, cy, 0.19), (0.48, 0.24), (0.05, 0.05, 0.38), wood))
@@ -223,7 +223,7 @@ def table(wood, ceramic, paper):
 
 
 def bookshelf(wood):
-    """Along the back wall, filled."""
+    """Build a full bookshelf along the back wall."""
     bx, by, width, height, depth = -LENGTH / 2 + 0.17, -0.9, 1.3, 2.0, 0.3
     side = (depth, 0.03, height)
     parts = [box("side", (bx, by + s * width / 2, height / 2), side, wood, 0.004) for s in (-1, 1)]
@@ -251,7 +251,7 @@ def bookshelf(wood):
 
 
 def desk(wood, metal):
-    """At the right wall, with a chair and a screen."""
+    """Build a desk with a chair and a screen at the right wall."""
     cx, cy = 1.2, -WIDTH / 2 + 0.36
     top = box("top", (cx, cy, 0.73), (1.5, 0.65, 0.03), wood, 0.006)
     joined("Desk", top, *four("leg", (cx, cy, 0.357), (0.68, 0.26), (0.05, 0.05, 0.715), metal))
@@ -275,7 +275,7 @@ def desk(wood, metal):
 
 
 def plant(clay):
-    """In the corner beside the window: leaves on stems."""
+    """Build a plant, leaves on stems, in the corner beside the window."""
     px, py = LENGTH / 2 - 0.42, -WIDTH / 2 + 0.45
     earth = material("earth", (0.05, 0.03, 0.02), 0.95)
     turned("Pot", (px, py, 0), [(0.13, 0), (0.17, 0.3), (0.18, 0.32), (0.16, 0.32), (0.15, 0.29)], clay)
@@ -301,7 +301,7 @@ def plant(clay):
 
 
 def lamps(metal):
-    """A floor lamp that is on, and a globe under the ceiling."""
+    """Build a floor lamp that is switched on, and a globe under the ceiling."""
     lx, ly = -LENGTH / 2 + 0.45, WIDTH / 2 - 0.5
     joined(
         "Lamp_Stand",
@@ -318,7 +318,7 @@ def lamps(metal):
 
 
 def pictures(wood):
-    """On the left wall, over the sofa: frames around fields of colour."""
+    """Build frames around fields of colour on the left wall, above the sofa."""
     fields = (
         ((0.85, 0.5, 0.2), (0.2, 0.25, 0.4), 2.0),
         ((0.75, 0.72, 0.66), (0.1, 0.3, 0.3), 3.5),
@@ -339,13 +339,13 @@ def pictures(wood):
 
 
 def rug():
-    """Between sofa and table."""
+    """Build a rug between sofa and table."""
     wool = material("wool", (0.62, 0.56, 0.47), 0.95, second=(0.3, 0.2, 0.16), scale=3.2, bump=0.004)
     box("Rug", (-0.4, 0.5, 0.008), (2.3, 1.6, 0.016), wool, 0.007)
 
 
 def daylight():
-    """A soft sky, and a low sun through the window."""
+    """Add a soft sky, and a low sun that shines through the window."""
     world = bpy.data.worlds.new("Day")
     bpy.context.scene.world = world
     world.use_nodes = True
