@@ -13,7 +13,7 @@ from functools import partial
 import psutil
 import pytest
 from support.clusters import PATIENCE_S, Cluster
-from support.clusters import waited_for as said_in
+from support.clusters import waited_for as content_of
 from support.datasets import tree
 from support.games import STAND_IN, waited_for
 from support.processes import OMNISCV, started
@@ -64,9 +64,9 @@ def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
         workers = list(below(process))
         for each in (*workers, process):
             os.kill(each.pid, signal.SIGINT)
-        printed, said = process.communicate(timeout=60)
+        printed, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert said.splitlines() == ["omniscv: stopped; what is complete is kept, rerun to resume"]
+    assert errors.splitlines() == ["omniscv: stopped; what is complete is kept, rerun to resume"]
     assert printed.startswith("dashboard: http://127.0.0.1:")
     psutil.wait_procs(workers, timeout=30)
     assert not any(each.is_running() for each in workers)
@@ -82,10 +82,10 @@ def test_a_worker_killed_while_it_starts_is_one_clear_sentence(tmp_path):
             lambda: [p for p, line in below(process).items() if re.match(LINES["worker"], line)]
         )
         starting[0].kill()
-        _, said = process.communicate(timeout=PATIENCE_S)
+        _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
-    assert "--cluster: expected 1 workers to start, but one ended" in said
-    assert "Traceback" not in said
+    assert "--cluster: expected 1 workers to start, but one ended" in errors
+    assert "Traceback" not in errors
 
 
 def wait_for_frames(out, count):
@@ -105,7 +105,7 @@ def test_killed_workers_servers_and_schedulers(tmp_path):
         job, out = job_of(tmp_path, "killed", source, 12), tmp_path / "killed"
         boss, address = cluster.ready("scheduler")
         workers = [cluster.ready("worker", address, number)[0] for number in range(2)]
-        _, said = cluster.start("make", job, address)
+        _, report = cluster.start("make", job, address)
         wait_for_frames(out, 2)
         cluster.kill(workers[0])
         cluster.ready("worker", address, 0)
@@ -114,7 +114,7 @@ def test_killed_workers_servers_and_schedulers(tmp_path):
         cluster.ready("server", addresses[1].rpartition(":")[2])
         wait_for_frames(out, 14)
         cluster.kill(boss)
-        lost = said_in(said)
+        lost = content_of(report)
         assert "ClusterError: expected the scheduler to stay" in lost
         assert "run the same command again" in lost
         _, address = cluster.ready("scheduler")
@@ -206,15 +206,15 @@ def test_kills_at_ten_moments(what, workers, store, tmp_path, monkeypatch):
                             events.append(f"{victim} at {there}")
                             if victim == "scheduler":
                                 break
-                    _, said = process.communicate(timeout=600)
+                    _, errors = process.communicate(timeout=600)
                 returned = process.returncode
-            assert returned == 0, said
+            assert returned == 0, errors
             seconds, killed = time.perf_counter() - began, killed + len(events)
             assert tree_at(out) == wanted
             job = jobs.load(job_of(tmp_path, out, rate=rate))
             again = jobs.make(job, resume=True)
             assert (again.written, again.kept) == (0, len(job))
             assert dataset.check(out, deep=number == 0) == []
-            print(f"{seconds:.0f} s, killed of {again.kept}: {', '.join(events)}; {said!r}", flush=True)
+            print(f"{seconds:.0f} s, killed of {again.kept}: {', '.join(events)}; {errors!r}", flush=True)
             assert waited_for(lambda mark=mark: not running(mark)), running(mark)
     assert killed >= runs * len(what.split()) / 2  # late ones may find that all is done

@@ -66,12 +66,12 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
     """Each worker has the address of its number."""
     jobs.make(replace(job, source="scene://four-wall", out=tmp_path / "single"))
     FAULTS.update({"failing:0": 2, "failing:1": 1})
-    said, seen = [], []
+    warnings, seen = [], []
     there = replace(job, source=("failing:0", "failing:1"))
-    made = cluster.make(there, Threads(), warn=said.append, progress=lambda *step: seen.append(step))
+    made = cluster.make(there, Threads(), warn=warnings.append, progress=lambda *step: seen.append(step))
     assert (made.written, made.missing) == (len(job), 0)
     assert seen[-1] == (len(job), len(job))
-    assert {each for each in said if "connection broke" in each} == {
+    assert {each for each in warnings if "connection broke" in each} == {
         f"worker {i}: failing:{i}: the connection broke" for i in range(2)
     }
     assert OPENED == {"failing:0": 3, "failing:1": 2}
@@ -79,13 +79,13 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
     assert tree(job.out) == tree(tmp_path / "single")
 
 
-def test_what_fails_again_and_again_ends_the_run(job):
+def test_repeated_failures_end_the_run(job):
     FAULTS["failing:0"] = 10**6
     with pytest.raises(ClusterError) as failed:
         cluster.make(replace(job, poses=job.poses[:1]), Threads())
-    said = str(failed.value)
-    assert "one failed 6 times: ServerConnectionError: failing:0: the connection broke" in said
-    assert said.endswith("what is made is kept: run the same command again")
+    message = str(failed.value)
+    assert "one failed 6 times: ServerConnectionError: failing:0: the connection broke" in message
+    assert message.endswith("what is made is kept: run the same command again")
     assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
 
 

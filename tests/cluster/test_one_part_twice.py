@@ -28,7 +28,7 @@ def test_two_makers_of_one_part(tmp_path):
     assert dataset.check(job.out, deep=True) == []
 
 
-def test_what_killed_writers_left_goes_when_the_dataset_is_finished(tmp_path):
+def test_finishing_removes_scratch_of_killed_writers(tmp_path):
     job = jobs.load(job_file(tmp_path))
     jobs.make(replace(job, out=tmp_path / "single"))
     left = job.out / ".omniscv-0123456789abcdef"

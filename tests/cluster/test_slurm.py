@@ -103,7 +103,7 @@ def test_a_dataset_by_jobs_of_slurm(slurm, tmp_path, capsys):
     assert tree(tmp_path / "dataset") == tree(tmp_path / "single")
 
 
-def test_what_slurm_refuses_is_one_line(tmp_path, monkeypatch):
+def test_a_job_that_slurm_refuses_is_one_line(tmp_path, monkeypatch):
     path = tmp_path / "slurm.yaml"
     path.write_text(SLURM)
     refusing = tmp_path / "sbatch"

@@ -138,7 +138,7 @@ READERS = {
         tiff_as_png,
     ],
 )
-def test_every_reader_refuses_what_the_border_refuses(change, copied, capsys):
+def test_every_reader_refuses_damaged_datasets(change, copied, capsys):
     says = change(copied)
     for name, reader in READERS.items():
         with pytest.raises(DatasetError) as refused:
@@ -160,15 +160,15 @@ def test_a_picture_is_of_the_form_that_its_name_says(copied):
 def test_patterns_of_a_dataset_are_not_run_where_it_is_read(copied):
     """Python would try every division of 40 letters."""
     path = copied / "dataset.json"
-    said = json.loads(path.read_bytes())
-    said["names"]["a" * 40 + "!"] = len(said["names"]) + 1
-    said["classes"]["rules"].insert(0, {"regex": "(a+)+", "class": "chair"})
-    path.write_text(json.dumps(said), encoding="utf-8")
+    stored = json.loads(path.read_bytes())
+    stored["names"]["a" * 40 + "!"] = len(stored["names"]) + 1
+    stored["classes"]["rules"].insert(0, {"regex": "(a+)+", "class": "chair"})
+    path.write_text(json.dumps(stored), encoding="utf-8")
     opened(copied)
     dataset.export(copied, "coco")
 
 
-def test_what_stands_in_the_place_of_a_frame_is_made_again(copied):
+def test_pipes_and_links_in_place_of_files_are_replaced(copied):
     """A pipe would be waited for, a link followed."""
     before = tree(copied)
     for name in ("pano-0.json", "lens-1.depth.exr"):

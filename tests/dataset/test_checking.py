@@ -16,10 +16,10 @@ def relisted(out, key, kind):
     """Enter a file of a frame as it is now, with its checksum, as an attacker or a faulty tool would."""
     entries = {entry.key: entry for entry in manifest.read_frames(out)}
     own = out / f"{key}.json"
-    said = json.loads(own.read_bytes())
-    entry = FileEntry.of(out / said["frame"]["files"][kind]["path"])
-    said["frame"]["files"][kind] = {"path": entry.path, "bytes": entry.bytes, "sha256": entry.sha256}
-    own.write_text(json.dumps(said, indent=2) + "\n", encoding="utf-8")
+    stored = json.loads(own.read_bytes())
+    entry = FileEntry.of(out / stored["frame"]["files"][kind]["path"])
+    stored["frame"]["files"][kind] = {"path": entry.path, "bytes": entry.bytes, "sha256": entry.sha256}
+    own.write_text(json.dumps(stored, indent=2) + "\n", encoding="utf-8")
     whole = manifest.read(out)
     entries[key] = whole.frame_of_file(own.name, own.read_bytes(), storage.folder(out))
     manifest.write_frames(out, entries.values())
@@ -147,7 +147,7 @@ def test_deep_faults_are_found_behind_right_checksums(layer, change, says, copie
 
 def test_records_are_json_of_objects_that_the_dataset_has(copied):
     own = copied / "pano-0.json"
-    said = json.loads(own.read_bytes())
+    stored = json.loads(own.read_bytes())
     for text, says in (
         ('{"boxes": [{"instance_id": 777, "name": "Ball", "bbox": [0, 0, 1, 1]}]}', "got 'Ball' as 777"),
         ('{"boxes": [{"instance_id": 1, "name": "Ball"}]}', "boxes[0]: missing key 'bbox'"),
@@ -163,8 +163,8 @@ def test_records_are_json_of_objects_that_the_dataset_has(copied):
         ('{"boxes": [', "expected JSON"),
     ):
         (copied / "pano-0.truth.json").write_text(text, encoding="utf-8")
-        said["frame"]["files"]["truth"] = {"path": "pano-0.truth.json", "bytes": 0, "sha256": "0" * 64}
-        own.write_text(json.dumps(said), encoding="utf-8")
+        stored["frame"]["files"]["truth"] = {"path": "pano-0.truth.json", "bytes": 0, "sha256": "0" * 64}
+        own.write_text(json.dumps(stored), encoding="utf-8")
         relisted(copied, "pano-0", "truth")
         assert dataset.check(copied) == []
         (line,) = dataset.check(copied, deep=True)

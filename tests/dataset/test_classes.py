@@ -174,10 +174,10 @@ def test_labels_and_classes_are_those_of_the_scene(whole):
 
 
 def test_the_manifest_holds_the_table(whole):
-    said = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
-    assert said["classes"]["taxonomy"] == "nyu40"
-    assert {"id": 5, "name": "chair", "supercategory": "furniture", "stuff": False} in said["classes"][
+    stored = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
+    assert stored["classes"]["taxonomy"] == "nyu40"
+    assert {"id": 5, "name": "chair", "supercategory": "furniture", "stuff": False} in stored["classes"][
         "classes"
     ]
-    assert said["classes"]["of_object"]["Chair_1"] == "chair"
-    assert said["names"]["Chair_1"] == 1 + sorted(said["names"]).index("Chair_1")
+    assert stored["classes"]["of_object"]["Chair_1"] == "chair"
+    assert stored["names"]["Chair_1"] == 1 + sorted(stored["names"]).index("Chair_1")

@@ -130,7 +130,7 @@ def test_an_object_over_the_seam_is_whole_or_in_two(frames, tmp_path):
         assert ("bbox_wrap" in each) == (image["key"] == "a")
 
 
-def test_annotations_have_what_the_truth_knows(frames, tmp_path):
+def test_annotations_have_fields_of_other_truths(frames, tmp_path):
     _, read = written(frames, tmp_path)
     for each in read.anns.values():
         assert 0 < each["visib_fract"] <= 1

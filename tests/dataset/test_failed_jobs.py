@@ -41,7 +41,7 @@ def made(tmp_path, monkeypatch, recording):
     return make
 
 
-def said(capsys):
+def stderr(capsys):
     """The one line on standard error."""
     (line,) = capsys.readouterr().err.splitlines()
     return line
@@ -60,11 +60,9 @@ def fitted(modes):
         ("truth: {boxes: {cameras: [side]}}\nmodes: [mask]", {}, "boxes.cameras: expected one of pano"),
     ],
 )  # fmt: skip
-def test_what_can_be_checked_is_checked_before_anything_is_captured(
-    more, options, says, made, tmp_path, capsys
-):
+def test_jobs_are_checked_before_the_first_capture(more, options, says, made, tmp_path, capsys):
     assert made(more, **options) != 0
-    assert says in said(capsys)
+    assert says in stderr(capsys)
     assert not (tmp_path / "made").exists()
 
 
@@ -82,9 +80,9 @@ def test_a_dataset_with_frames_is_completed_or_replaced_by_name(made, tmp_path, 
     (tmp_path / "made" / "notes.txt").write_text("mine")
     capsys.readouterr()
     assert made("modes: [lit, depth]") == 2
-    assert "--resume completes it, --overwrite replaces it, or write elsewhere" in said(capsys)
+    assert "--resume completes it, --overwrite replaces it, or write elsewhere" in stderr(capsys)
     assert made("modes: [lit, depth]", "--resume") == 2
-    assert "its options.modes is ['lit'], in the job ['lit', 'depth']; --overwrite replaces" in said(capsys)
+    assert "its options.modes is ['lit'], in the job ['lit', 'depth']; --overwrite replaces" in stderr(capsys)
     assert made("modes: [lit, nothing]", "--overwrite") == 2
     assert made("truth: {amodal: true}\nmodes: [mask]", "--overwrite") == 2
     assert len(dataset.open("made")) == 2  # a job that is refused removes nothing
@@ -99,7 +97,7 @@ def test_a_truth_that_a_camera_cannot_carry_is_left_out_unless_it_is_named(made,
     """A narrow view ahead shows neither floor nor ceiling."""
     more = fitted("lit, mask, depth, normals")
     assert made(more + "\nexport: [{format: horizonnet, cameras: [pano]}]") == 0
-    assert said(capsys).startswith("omniscv: ahead: truth.layout: layout: expected images that show")
+    assert stderr(capsys).startswith("omniscv: ahead: truth.layout: layout: expected images that show")
     assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {
         "pano": True,
         "ahead": False,
@@ -107,7 +105,7 @@ def test_a_truth_that_a_camera_cannot_carry_is_left_out_unless_it_is_named(made,
     assert [path.stem for path in (tmp_path / "made" / "exports" / "horizonnet").rglob("*.txt")] == ["pano"]
     assert dataset.check("made", deep=True) == []
     assert made(more.replace("fitted", "fitted, cameras: [ahead]"), "--overwrite") == 2
-    assert "ahead: truth.layout: layout: expected" in said(capsys)
+    assert "ahead: truth.layout: layout: expected" in stderr(capsys)
     assert made(more.replace("fitted", "fitted, cameras: [pano]"), "--overwrite") == 0
     assert capsys.readouterr().err == ""
     assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {

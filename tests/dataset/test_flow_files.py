@@ -99,7 +99,7 @@ def test_objects_move_by_their_recorded_poses(tmp_path):
     assert not scene[~mine & ~others].any()
 
 
-def test_what_moves_while_lines_are_read_has_no_flow(tmp_path):
+def test_objects_that_move_during_readout_have_no_flow(tmp_path):
     """The pose of an object is that of the first line; one that rests is seen by all lines where it is."""
     base = cameras.create("pinhole", width=40, height=30, fov_deg=100)
     camera = cameras.create("rolling-shutter", width=40, height=30, base=base, readout=0.03)

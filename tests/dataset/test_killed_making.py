@@ -21,12 +21,12 @@ def seen(out):
     records = [path for path in out.glob("*.json") if not path.name.startswith(".")]
     for path in records:
         json.loads(path.read_bytes())
-    said = [json.loads(path.read_bytes()) for path in records if path.name != manifest.DATASET]
-    entries = [FileEntry(**each) for one in said for each in one["frame"]["files"].values()]
+    frames = [json.loads(path.read_bytes()) for path in records if path.name != manifest.DATASET]
+    entries = [FileEntry(**each) for one in frames for each in one["frame"]["files"].values()]
     assert {entry.fault(out) for entry in entries} <= {None}
     for path in out.glob("[!.]*.png"):
         assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
-    return len(said)
+    return len(frames)
 
 
 @pytest.mark.parametrize("kills", NUMBERS)

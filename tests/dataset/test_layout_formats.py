@@ -101,7 +101,7 @@ def test_a_corner_on_the_seam_is_in_one_column_at_the_first_or_last_pixel(tmp_pa
     assert layout_scores(corners, corners).iou_3d == pytest.approx(1)
 
 
-def test_horizonnet_refuses_what_it_cannot_carry(tmp_path):
+def test_horizonnet_refuses_tilted_cameras_and_other_rooms(tmp_path):
     leaning = plain_frame(tmp_path, "b", SMALL, Pose.from_angles((0, 0, 1.5), pitch_deg=4))
     with pytest.raises(ArgumentError, match="b: expected an upright camera, got pitch 4"):
         write("horizonnet", [leaning], tmp_path / "out")
@@ -275,7 +275,7 @@ def test_layers_are_written_as_the_form_has_them(tmp_path):
     assert (np.delete(instance.ravel(), 5 * 128 + 5) == 65535).all()
 
 
-def test_structured3d_refuses_what_it_cannot_carry(tmp_path):
+def test_structured3d_refuses_several_headings(tmp_path):
     frames = [
         plain_frame(tmp_path, key, SMALL, Pose.from_angles((0, 0, 1.5), yaw_deg=yaw))
         for key, yaw in (("a", 0), ("b", 10))

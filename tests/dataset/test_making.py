@@ -74,14 +74,14 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
             data = (whole / "dataset" / file["path"]).read_bytes()
             assert len(data) == file["bytes"]
             assert hashlib.sha256(data).hexdigest() == file["sha256"]
-    said = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
-    assert said["format"] == 1
-    assert said["omniscv"] == omniscv.__version__
-    assert said["conventions"]["depth"] == "ray metres"
-    assert said["conventions"]["pixels"] == "edge"
+    stored = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
+    assert stored["format"] == 1
+    assert stored["omniscv"] == omniscv.__version__
+    assert stored["conventions"]["depth"] == "ray metres"
+    assert stored["conventions"]["pixels"] == "edge"
     wanted = {"format": "webdataset", "out": "webdataset", "options": {}, "cameras": []}
-    assert said["exports"] == [wanted]
-    assert {name: omniscv.cameras.from_dict(each) for name, each in said["cameras"].items()} == dict(
+    assert stored["exports"] == [wanted]
+    assert {name: omniscv.cameras.from_dict(each) for name, each in stored["cameras"].items()} == dict(
         jobs.load(whole / "dataset.yaml").cameras
     )
 
@@ -152,7 +152,7 @@ def test_objects_that_come_late_get_the_next_ids(tmp_path):
         dataset.Writer(tmp_path / "closed", begun=begun, closed=True).add("b", second)
 
 
-def test_a_writer_keeps_what_it_is_given(tmp_path):
+def test_frames_of_a_writer_are_read_back(tmp_path):
     """Cameras are named after their models; poses, times, places, splits and records come back."""
     shown, other = image(), image(width=48)
     pose = omniscv.Pose.from_angles((1, 2, 3), 10, 20, 30)

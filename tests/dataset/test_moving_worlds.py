@@ -103,7 +103,7 @@ def test_frames_of_another_motion_are_made_again(made, tmp_path):
     assert (done.written, done.kept) == (2, 1)
 
 
-def test_without_poses_of_what_moves_there_is_no_flow(made, tmp_path):
+def test_frames_without_object_poses_have_no_flow(made, tmp_path):
     """Rather than that of a world that stands still."""
     frames = [
         replace(frame, files={kind: path for kind, path in frame.files.items() if kind != "truth"})

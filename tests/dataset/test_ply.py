@@ -67,7 +67,7 @@ def cube(points):
     return np.floor(points / 0.1 + 0.5).astype(int)
 
 
-def test_frames_say_what_the_files_hold(tmp_path):
+def test_properties_are_the_layers_of_the_frames(tmp_path):
     layers = traced(SCENE, CAMERA, POSES[0])
     depth_only = frame_of(tmp_path, {"depth": layers["depth"]}, CAMERA, POSES[0])
     (path,) = get("ply").export([depth_only], tmp_path, {"cloud": False})

@@ -66,7 +66,7 @@ def test_frames_of_a_place_are_in_one_split(whole):
     assert [frame.time for frame in frames] == [0, 0.5, 1] * 2
 
 
-def test_a_split_without_frames_is_told(tmp_path):
+def test_a_split_without_frames_gives_a_warning(tmp_path):
     job = {
         "source": "scene://four-wall",
         "cameras": {"c": {"model": "equirectangular", "width": 16, "height": 8}},

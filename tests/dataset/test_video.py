@@ -78,7 +78,7 @@ def test_other_cameras_have_no_sphere(tmp_path):
     assert not {"SPHERICAL", "STEREO3D"} & {each.type.name for each in decoded(path.read_bytes())[0][1]}
 
 
-def test_what_is_no_video_is_refused(tmp_path):
+def test_wrong_videos_and_options_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected an MP4 file with a video track, got none"):
         with_video_boxes(b"\0\0\0\x10moov\0\0\0\x08trak")
     with pytest.raises(ArgumentError, match="expected the frames of one camera, got none"):

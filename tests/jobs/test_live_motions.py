@@ -54,7 +54,7 @@ def boxes(frame):
     return {box["name"]: np.array(box["center_world"]) for box in frame.truth["boxes3d"]}
 
 
-def test_what_a_job_does_not_move_stands_still_from_frame_to_frame(server, tmp_path):
+def test_other_objects_stand_still_from_frame_to_frame(server, tmp_path):
     """The game is paused in between too; afterwards it runs, and the object is where it was."""
     with_box = np.array(server.world.placed().bounds("Cabinet"))
     frames = made(tmp_path, server, "puppet", SLIDE)

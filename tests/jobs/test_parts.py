@@ -72,7 +72,7 @@ def test_a_part_that_is_none_is_refused(wrong):
         Part(*wrong)
 
 
-def test_parts_capture_what_one_process_captures_and_make_its_bytes(counted, tmp_path):
+def test_parts_make_the_captures_and_bytes_of_one_process(counted, tmp_path):
     job = job_of(tmp_path)
     jobs.make(replace(job, out=tmp_path / "single"))
     single = Counter(counted)
@@ -94,7 +94,7 @@ def test_parts_capture_what_one_process_captures_and_make_its_bytes(counted, tmp
     assert dataset.check(parted.out, deep=True) == []
 
 
-def test_a_marker_is_checked_and_what_is_gone_is_made_again(counted, tmp_path):
+def test_damaged_markers_and_lost_files_are_made_again(counted, tmp_path):
     job = job_of(tmp_path)
     for i in range(2):
         jobs.run_part(job, Part(i, 2))

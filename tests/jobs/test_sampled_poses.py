@@ -55,7 +55,7 @@ def test_random_positions_are_free_and_the_same_every_time(scene, source):
     assert (other.position != found[0].position).any()
 
 
-def test_a_grid_leaves_out_what_is_not_free(scene, source):
+def test_a_grid_leaves_out_occupied_positions(scene, source):
     grid = {"low": (-3.5, -2, 0.45), "high": (3.6, 2.1, 0.45), "step": (2, 1.9, 1), "yaws_deg": (0, 90)}
     every = GridPoses(**grid).poses().poses
     assert len(every) == 4 * 3 * 2

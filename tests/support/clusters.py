@@ -45,17 +45,17 @@ class Cluster:
     def start(self, action, *arguments):
         """Start an action; return its process, and the file that it writes when it is ready, or done."""
         self._files += 1
-        said = self._folder / f"{action}-{self._files}.json"
-        self._parent.stdin.write(json.dumps([action, str(said), *map(str, arguments)]) + "\n")
+        report = self._folder / f"{action}-{self._files}.json"
+        self._parent.stdin.write(json.dumps([action, str(report), *map(str, arguments)]) + "\n")
         self._parent.stdin.flush()
         pid = int(self._parent.stdout.readline())
         self._pids.add(pid)
-        return pid, said
+        return pid, report
 
     def ready(self, action, *arguments):
         """Start an action, and wait for what it says; return its process and that."""
-        pid, said = self.start(action, *arguments)
-        return pid, waited_for(said)
+        pid, report = self.start(action, *arguments)
+        return pid, waited_for(report)
 
     def kill(self, pid):
         """Kill a process, and what it has started, and wait until it has released its port."""
@@ -77,7 +77,7 @@ def waited_for(path):
 # -- in the forked processes ---------------------------------------------------------------------------
 
 
-def scheduler(said):
+def scheduler(report):
     """A scheduler of Dask; says its address."""
 
     async def run():
@@ -88,13 +88,13 @@ def scheduler(said):
 
         with dask.config.set(SETTINGS):
             async with Scheduler(host="127.0.0.1", port=0, dashboard=False) as started:
-                say(said, started.address)
+                write_report(report, started.address)
                 await started.finished()
 
     asyncio.run(run())
 
 
-def worker(said, address, name):
+def worker(report, address, name):
     """A worker; says that it has started."""
 
     async def run():
@@ -111,34 +111,34 @@ def worker(said, address, name):
                 if "name taken" not in str(refused.__cause__) or time.monotonic() > until:
                     raise
                 await asyncio.sleep(0.1)
-        say(said, started.address)
+        write_report(report, started.address)
         await started.finished()
 
     asyncio.run(run())
 
 
-def server(said, port):
+def server(report, port):
     """A mock server at a port; says its address."""
     import mock_server
 
     with mock_server.serve("four-wall", int(port)) as started:
-        say(said, started.uri)
+        write_report(report, started.uri)
         threading.Event().wait()
 
 
-def make(said, job, address):
+def make(report, job, address):
     """``dataset make JOB --cluster ADDRESS``; says what was made, or what is wrong."""
     from omniscv import cluster, jobs
     from omniscv.errors import OmniscvError
 
     try:
         made = cluster.make(jobs.load(Path(job)), cluster.workers_of(address))
-        say(said, [made.written, made.kept])
+        write_report(report, [made.written, made.kept])
     except OmniscvError as error:
-        say(said, f"{type(error).__name__}: {error}")
+        write_report(report, f"{type(error).__name__}: {error}")
 
 
-def say(path, what):
+def write_report(path, what):
     part = Path(f"{path}.part")
     part.write_text(json.dumps(what))
     part.replace(path)

@@ -99,9 +99,9 @@ class Failing:
 
     def expired(self, environ: Any, start_response: Any) -> Any:
         """Answer as Amazon does to a token of yesterday."""
-        said = b"" if environ["REQUEST_METHOD"] == "HEAD" else b"<Error><Code>ExpiredToken</Code></Error>"
-        start_response("400 Bad Request", [("Content-Length", str(len(said)))])
-        return [said]
+        body = b"" if environ["REQUEST_METHOD"] == "HEAD" else b"<Error><Code>ExpiredToken</Code></Error>"
+        start_response("400 Bad Request", [("Content-Length", str(len(body)))])
+        return [body]
 
     def _answer(self, environ: Any) -> tuple[bytes, str, list[tuple[str, str]]]:
         answer: list[Any] = []

@@ -99,7 +99,7 @@ def by_columns(corners, width, height):
     return depth, kind
 
 
-def test_what_is_no_upright_panorama_within_the_room_is_refused():
+def test_other_cameras_and_positions_are_refused():
     room = room_of_plan(PLAIN)
     with pytest.raises(ArgumentError, match="expected an upright equirectangular panorama, got fisheye"):
         cor_id(room, cameras.model("fisheye-equidistant").example(), Pose.from_angles((0, 0, 1.5)))
@@ -110,7 +110,7 @@ def test_what_is_no_upright_panorama_within_the_room_is_refused():
             cor_id(room, SMALL, Pose.from_angles(outside))
 
 
-def test_corners_that_are_none_are_refused():
+def test_wrong_corners_are_refused():
     corners = seen_from(PLAIN, (0, 0, 1.5))
     with pytest.raises(ArgumentError, match="expected at least 3 pairs"):
         layout_scores(corners[1:], corners)

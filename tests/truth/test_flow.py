@@ -135,7 +135,7 @@ def test_the_sky_only_turns():
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "noncentral-spherical-mirror"])
-def test_what_another_surface_hides_is_occluded(name):
+def test_hidden_points_are_occluded(name):
     """The second camera's rays are traced towards the points; near edges of depth, pixels cannot decide."""
     camera = cameras.model(name).example(192)
     after = Pose.from_angles((1.1, -0.4, 1.5), 30)
@@ -162,7 +162,7 @@ def test_what_another_surface_hides_is_occluded(name):
     assert wrong.mean() < 0.02
 
 
-def test_surfaces_without_label_and_objects_whose_motion_is_unknown_have_no_flow():
+def test_unlabelled_surfaces_and_unknown_motions_have_no_flow():
     camera = CAMERAS["equirectangular-0"]
     layers = traced(SCENE, camera, BEFORE)
     labels = layers["labels"].copy()

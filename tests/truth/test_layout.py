@@ -189,7 +189,7 @@ def test_a_record_is_plain_and_holds_its_room():
         assert not (corner["visible_room"] and not corner["in_image"])
 
 
-def test_a_camera_outside_the_room_sees_only_what_its_walls_leave():
+def test_walls_hide_edges_from_a_camera_outside_the_room():
     camera, pose = example("equirectangular"), Pose.from_angles((4.0, 0.5, 4.0))
     checked_pieces(project_layout(room_of_plan(PLAIN), camera, pose), scene_of_plan(PLAIN), camera, pose)
 

@@ -64,7 +64,7 @@ def test_blobs_are_centred_on_the_corners_over_the_seam_too():
             assert (column + 0.5, row + 0.5) == pytest.approx((512 + u - int(u), v), abs=0.5)
 
 
-def test_what_walls_hide_and_what_furniture_hides_is_chosen():
+def test_visibility_selects_edges_and_corners():
     camera = cameras.create("equirectangular", 256, 128)
     pose = Pose.from_angles((3, -1.5, 1.5))
     room = room_of_plan(L_SHAPE)

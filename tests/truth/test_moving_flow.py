@@ -83,7 +83,7 @@ def test_flow_is_exact_where_both_frames_see_the_point(name):
     assert wrong[inside].mean() < 0.003
 
 
-def test_what_moves_with_the_camera_has_no_flow_and_what_rests_flows_by_the_camera_alone():
+def test_an_object_that_moves_with_the_camera_has_no_flow():
     """A rigid motion of camera and object together gives no flow, whatever the frame of the object."""
     camera = cameras.create("equirectangular", width=96, height=48)
     layers = traced(WORLDS[0], camera, BEFORE)

@@ -54,7 +54,7 @@ def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():
     np.testing.assert_array_equal(found.distances, whole.distances[found.values["id"]])
 
 
-def test_what_only_some_clouds_know_is_left_out():
+def test_layers_that_some_clouds_lack_are_left_out():
     one = Points(np.zeros((1, 3)), np.ones(1), {"lit": np.zeros((1, 3)), "labels": np.ones(1)})
     other = Points(np.ones((1, 3)), np.ones(1), {"labels": np.ones(1)})
     assert set(truth.merged([one, other], 0.1).values) == {"labels"}

@@ -64,7 +64,7 @@ def test_an_image_of_a_furnished_room_gives_its_walls(scene):
         (U_SHAPE, [(2, 2, 1.2), (-2, 2, 1.4), (0, -1, 1)]),
     ],
 )
-def test_several_images_show_together_what_none_shows_alone(plan, places):
+def test_several_images_are_fitted_together(plan, places):
     scene = scene_of_plan(plan)
     fitted = layout([traced(scene, place) for place in places])
     assert fitted.residual_m < 1e-4
@@ -93,7 +93,7 @@ def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
     same_room(room, expected, ["Layout_Walls"] * 8, 2e-3)
 
 
-def test_classes_say_what_makes_the_room_where_names_do_not():
+def test_classes_name_the_surfaces_of_the_room():
     scene = scene_of_plan(L_SHAPE)
     seen = traced(scene, (0.5, -0.5, 1.5))
     names = {name.replace("Layout_", "SM_"): label for name, label in seen.instances.items()}
@@ -130,7 +130,7 @@ def test_images_that_do_not_show_enough_are_refused():
         layout([Picture(seen.camera, seen.pose, flat, seen.instances)])
 
 
-def test_a_source_without_a_room_is_fitted_to_what_it_shows():
+def test_the_room_of_a_source_without_one_is_fitted():
     source = SceneSource(mock_server.load_scene("four-wall"))
     image = Renderer(source).render(
         PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")

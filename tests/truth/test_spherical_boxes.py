@@ -59,7 +59,7 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("a", "b"), PAIRS)
-def test_areas_and_overlaps_are_what_a_lattice_counts(a, b):
+def test_areas_and_overlaps_agree_with_a_lattice(a, b):
     in_a, in_b = (box.contains(LATTICE) >= 0 for box in (a, b))
     assert 4 * np.pi * in_a.mean() == pytest.approx(a.area, rel=6e-3)
     wanted = (in_a & in_b).sum() / (in_a | in_b).sum()
@@ -73,7 +73,7 @@ def test_areas_and_overlaps_are_what_a_lattice_counts(a, b):
     assert truth.spherical_iou(*east) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
 
 
-def test_what_has_no_overlap_to_compute_is_refused():
+def test_lonlat_boxes_have_no_overlap():
     wide = SphericalBox(0, 0, 360, 90, kind="lonlat")
     for iou in (truth.spherical_iou, truth.fov_iou):
         with pytest.raises(ArgumentError, match="b2: expected a box of kind perspective"):
@@ -167,7 +167,7 @@ def test_a_rotated_box_is_found_again(box):
     assert quarter == pytest.approx(0, abs=1.5)
 
 
-def test_what_is_wider_than_a_box_is_told_by_longitude_and_latitude():
+def test_wide_objects_have_ranges_of_longitude_and_latitude():
     rays = LENSES["equirectangular"].unproject()
     lon, lat = (
         np.arctan2(rays.directions[..., 0], rays.directions[..., 2]),

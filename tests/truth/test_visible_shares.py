@@ -45,7 +45,7 @@ def shares(request):
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
-def test_shares_are_what_rays_meet(shares):
+def test_shares_agree_with_traced_rays(shares):
     observation, records = shares
     assert {record["name"] for record in records} <= set(THINGS)
     seen = np.unique(observation.labels).tolist()
@@ -72,7 +72,7 @@ def eroded(mask):
     return inner
 
 
-def test_what_nothing_hides_is_seen_whole(shares):
+def test_unoccluded_objects_have_the_share_1(shares):
     share = {record["name"]: record["visib_fract"] for record in shares[1]}
     whole = {"Ball", "Lamp", "Sofa", "Picture"} & share.keys()
     assert whole
@@ -80,7 +80,7 @@ def test_what_nothing_hides_is_seen_whole(shares):
     assert 0 < share["Shelf"] < 1
 
 
-def test_what_is_hidden_altogether_has_the_share_0():
+def test_hidden_objects_have_the_share_0():
     """A ball behind a board, in a scene: a live server is not asked about objects that nothing shows."""
     objects = {
         "Ball": {"solids": [{"sphere": 0.2, "at": [3, 0, 0]}]},
