@@ -13,14 +13,14 @@ from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.evaluate import registry
-from omniscv.evaluate.odometry import sequence
+from omniscv.evaluate.odometry import evaluation
 from omniscv.evaluate.odometry.pose_estimation import inner_mask, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
 from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
 from omniscv.sources.registry import open_source
 
-ARC = sequence.flight(60)[:15:3]
+ARC = evaluation.flight(60)[:15:3]
 RIG = Rig(
     {
         "panorama": RigCamera(create("equirectangular", 512, 256)),
@@ -33,7 +33,7 @@ RIG = Rig(
 def images(tmp_path_factory):
     with open_source("scene://four-wall") as source:
         done = []
-        yield sequence.render(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
+        yield evaluation.render(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
     assert done == [1, 2, 3, 4, 5]
 
 
@@ -55,11 +55,11 @@ def test_the_same_images_give_the_same_poses(images):
 
 
 def test_the_flight_is_a_loop_of_even_times():
-    flight = sequence.flight(60)
+    flight = evaluation.flight(60)
     steps = [path_length(pair) for pair in zip(flight, [*flight[1:], flight[0]], strict=True)]
     assert max(steps) < 1.3 * min(steps)
     assert 6.3 < sum(steps) < 7.0
-    np.testing.assert_allclose(np.diff(flight.times), sequence.SECONDS / 60)
+    np.testing.assert_allclose(np.diff(flight.times), evaluation.SECONDS / 60)
 
 
 def test_the_rim_of_the_image_circle_has_no_features():
@@ -73,7 +73,7 @@ def test_the_rim_of_the_image_circle_has_no_features():
 
 def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     """Two poses have no alignment: there are figures of what was registered, and no errors."""
-    monkeypatch.setattr(sequence, "rig_of", lambda width, edge, rig_of=sequence.rig_of: rig_of(128, 96))
+    monkeypatch.setattr(evaluation, "rig_of", lambda width, edge, rig_of=evaluation.rig_of: rig_of(128, 96))
     path = tmp_path / "two.tum"
     path.write_text(write_tum(Trajectory(ARC.poses[:2], (5.0, 6.5))))
     done = []
@@ -127,7 +127,7 @@ def test_a_missing_trajectory_is_refused(tmp_path):
 
 def test_colours_of_floating_point_are_refused(tmp_path):
     with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
-        sequence.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
+        evaluation.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
 
 
 @pytest.mark.soak

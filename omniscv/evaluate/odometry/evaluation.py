@@ -8,14 +8,17 @@ Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omniscv.cameras import create
+from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.compose.renderer import Renderer
+from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry import sequence
 from omniscv.evaluate.odometry.pose_estimation import load_pycolmap, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import (
     TrajectoryErrors,
@@ -26,6 +29,8 @@ from omniscv.evaluate.odometry.trajectory_errors import (
 from omniscv.evaluate.registry import Figure, Report, Row, Settings, chart
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Source
 from omniscv.sources.registry import open_source
 from omniscv.storage.local import write_text
 
@@ -35,6 +40,9 @@ if TYPE_CHECKING:
 OPTIONS = frozenset({"trajectory"})
 
 SOURCE = "scene://four-wall"
+
+SECONDS = 28.0
+"""Of the flight, as in the paper."""
 
 PAPER_DEG = 8.0
 """Bound of both errors of the paper, over the whole flight."""
@@ -57,10 +65,10 @@ def evaluate(settings: Settings) -> Report:
     count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
     truth = _flight(settings, count)
     times = truth.times or tuple(map(float, range(len(truth))))
-    rig, folder = sequence.rig_of(width, edge), settings.out / "odometry"
+    rig, folder = rig_of(width, edge), settings.out / "odometry"
     steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
-        images = sequence.render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
+        images = render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
     written = [write_text(folder / "truth.tum", write_tum(truth))]
     runs = dict[str, TrajectoryErrors]()
     for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
@@ -84,11 +92,75 @@ def evaluate(settings: Settings) -> Report:
     return Report(figures, rows, about, [draw(runs, truth, times, settings.out / "odometry.png"), *written])
 
 
+def flight(count: int) -> Trajectory:
+    """Return a closed loop of 6.7 m through the free middle of the mock's rooms.
+
+    It is 1.35 to 1.65 m above the floor; the camera looks ahead, and pitches and rolls by up to 5 degrees.
+    """
+    turns = 2 * np.pi * np.arange(count) / count
+    poses = [
+        Pose.from_angles(
+            (np.cos(a) - 0.4, 1.1 * np.sin(a), 1.5 + 0.15 * np.sin(2 * a)),
+            yaw_deg=np.degrees(np.arctan2(1.1 * np.cos(a), -np.sin(a))),
+            pitch_deg=5 * np.sin(3 * a),
+            roll_deg=5 * np.cos(2 * a),
+        )
+        for a in turns
+    ]
+    return Trajectory(tuple(poses), tuple((SECONDS * np.arange(count) / count).tolist()))
+
+
+def rig_of(width: int, edge: int) -> Rig:
+    """Return a panorama and a fisheye that look ahead, and a camera below a hyperbolic mirror that looks up.
+
+    Args:
+        width: of the panorama, px.
+        edge: of the square images of the two others, px.
+    """
+    return Rig(
+        {
+            "panorama": RigCamera(create("equirectangular", width, width // 2)),
+            "fisheye": RigCamera(create("fisheye-equidistant", edge, edge, fov_deg=170.0)),
+            "mirror": RigCamera.turned(create("catadioptric-hyperbolic", edge, edge), pitch_deg=90),
+        }
+    )
+
+
+def render(
+    rig: Rig, trajectory: Trajectory, source: Source, folder: Path, progress: Callable[[int], None]
+) -> dict[str, list[Path]]:
+    """Write the images of each camera of a rig as ``CAMERA/0000.png`` and so on; return them by camera.
+
+    Args:
+        rig: the cameras.
+        trajectory: poses of the rig.
+        source: of captures.
+        folder: for the images.
+        progress: called with the number of poses done.
+
+    Raises:
+        OmniscvError: of the source; ArgumentError: colours that are not bytes.
+    """
+    # With one size of faces, the cameras share captures. It exceeds the resolution of panorama and fisheye.
+    options = RenderOptions(face_size=max(m.camera.width for m in rig.cameras.values()) // 2)
+    renderer = Renderer(source)
+    written: dict[str, list[Path]] = {name: [] for name in rig.cameras}
+    for i, pose in enumerate(trajectory):
+        cameras = [(mounted.camera, pose @ mounted.pose) for mounted in rig.cameras.values()]
+        images = renderer.render_together(cameras, ("lit",), options)
+        for name, image in zip(rig.cameras, images, strict=True):
+            if image.lit is None or image.lit.dtype != np.uint8:
+                raise ArgumentError("source: expected colours as bytes, got others; leave out lit=float32")
+            written[name].append(write_pixels(folder / name / f"{i:04d}.png", image.lit))
+        progress(i + 1)
+    return written
+
+
 def _flight(settings: Settings, count: int) -> Trajectory:
     """Return the loop of ``count`` poses, or those of a file, at most as many with ``quick``."""
     path = settings.options.get("trajectory")
     if path is None:
-        return sequence.flight(count)
+        return flight(count)
     poses = read_trajectory(Path(path))
     return poses[:: -(-len(poses) // count)] if settings.quick else poses
 
