@@ -45,7 +45,7 @@ EUCM                       extended-unified fx fy cx cy alpha beta
 
 _SPECIAL = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
 _SPECIAL |= {"SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-# Fewer of the programs that read COLMAP's files know the special cases of other models.
+# Many programs that read COLMAP's files do not know these special cases of other models.
 _WRITTEN = [row for name, row in MODELS.items() if name not in _SPECIAL]
 
 NAMES = (*MODELS, "EQUIRECTANGULAR")

@@ -320,7 +320,7 @@ def _from_xml(text: str) -> dict[str, Any]:
     """Return the values below the root of a file of ``cv2.FileStorage``: texts, or dicts of them."""
     from xml.etree import ElementTree
 
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can stand for gigabytes
+    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can expand to gigabytes
         raise ArgumentError("expected XML without <!DOCTYPE or <!ENTITY, got one of them")
     try:
         root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))

@@ -33,8 +33,7 @@ class SphereModel(RadialCamera):
         return Meridian(rho * (self.xi + root) * scale, -(root - self.xi * rho * rho) * scale)
 
     def _radius(self, across: Array, along: Array) -> Array:
-        # xi - along: by 1 - along and 1 - xi for rays far ahead and xi near 1; directly if both are near 0,
-        # as for a nearly flat hyperboloid.
+        # xi - along; for rays far ahead as (1 - along) - (1 - xi), without cancellation where xi is near 1.
         ahead = across * across / (1 + along) - self._one_less_xi_squared / (1 + self.xi)
         below = np.where(along <= 0.5, self.xi - along, ahead)
         return np.where(below > 0, -self.eta * across / below, np.nan)

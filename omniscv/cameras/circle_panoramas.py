@@ -11,7 +11,7 @@ from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
 
 _ROUNDING = 8 * np.finfo(np.float64).eps
-_TANGENT = 4e-16  # rounding error of a point on the circle; its root would be the error of the azimuth
+_TANGENT = 4e-16  # rounding error of a sine near 1: its arcsine would be off by the root of this
 Eye = Literal["left", "right"]
 
 

@@ -111,7 +111,7 @@ class NoncentralSphericalMirror(NoncentralMirror):
         point = self._reflection_point((self._z_s - z) / from_ball, rho / from_ball, closeness)
         if self.mirror_radius <= 1e3 * self.distance:
             return self._radius_of(point)
-        # Rounding loses points so close to so large a ball.
+        # Points this close to so large a ball are lost in rounding.
         return np.where(closeness <= 1 - 1e-10, self._radius_of(point), np.nan)
 
     def _radius_of_fov(self, fov_deg: float) -> float:
@@ -158,7 +158,7 @@ def _root_of_quartic(quartic: Array, limit: Array) -> Array:
         value = (((c4 * t + c3) * t + c2) * t + c1) * t + c0
         return value, ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
 
-    # A start close above the root of a camera that nearly touches the ball: t - value / slope would lose it.
+    # If the camera nearly touches the ball, the root is tiny, and -c0 / c1 is close to it.
     start = np.where(quartic[1] > 0, np.minimum(-quartic[0] / quartic[1], 0.5 * limit), 0.5 * limit)
     return increasing_root(value_and_slope, np.zeros_like(limit), limit, start)
 
@@ -194,7 +194,7 @@ class NoncentralConicalMirror(NoncentralMirror):
         self.half_angle_deg = number("half_angle_deg", half_angle_deg, above=0, below=90)
         self.distance = number("distance", distance, above=0, most=FARTHEST)
         self.mirror_radius = optional_number("mirror_radius", mirror_radius, above=0)
-        # cos by the complement: in radians an angle of nearly 90 degrees has lost its digits.
+        # cos as the sine of the complement: radians of nearly 90 degrees have lost digits.
         sin, cos = np.sin(np.radians([self.half_angle_deg, 90 - self.half_angle_deg])).tolist()
         self._sin, self._cos, self._sin2, self._cos2 = sin, cos, 2 * sin * cos, (cos - sin) * (cos + sin)
         if (rim := self.mirror_radius) is None:

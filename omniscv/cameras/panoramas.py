@@ -73,7 +73,7 @@ class _Rows(NamedTuple):
     to_pole: bool
 
 
-# By the slope, not by phi, which loses the height near the pole.
+# Functions of the slope tan phi: near the pole phi has lost the digits of the height.
 _ROWS: dict[str, _Rows] = {
     "perspective": _Rows(
         lambda slope: slope,

@@ -116,7 +116,7 @@ class CircleCamera(Camera):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         rho, cos_a, sin_a = polar(points[..., :2])
         r_px = self.focal * self._radius_seeing(rho, points[..., 2])
-        seen = r_px <= self._reach_px * (1 + ROUNDING)  # NaN is not
+        seen = r_px <= self._reach_px * (1 + ROUNDING)  # False for NaN
         # Inside the edge by the rounding error, so that the returned pixel has a ray.
         last = min(self._reach_px * (1 - 0.1 * ROUNDING), self._reach_px - self._pixel_rounding)
         r_px = np.minimum(r_px, max(last, 0.0))

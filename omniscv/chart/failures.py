@@ -64,9 +64,9 @@ _MODES = ("lit", "object_mask", "depth")
 _FACE = 96 / 128  # px of a face for each of the image's width
 _RADIUS_M = 0.4
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
-_LEVELS, _DEPTH = 8 / 255, 0.01  # by which colours, and depth relatively, are wrong
-_SLACK = _DEPTH / 10  # by which a bound may be too small before it misleads
-_BROKEN, _UNMARKED = 0.002, 0.001  # shares of the pixels, above those without the fault
+_LEVELS, _DEPTH = 8 / 255, 0.01  # errors from which colours, and depth (relative), are wrong
+_SLACK = _DEPTH / 10  # relative error that a bound of depth may miss
+_BROKEN, _UNMARKED = 0.002, 0.001  # least increase of wrong and of unmarked pixels that counts, as a share
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
 

@@ -203,7 +203,7 @@ _LIMITS: dict[str, list[Limit]] = {
             "r → where the polynomial turns back",
             edge,
             coefficients=(-150, 0, 1e-3, 0, -2e-8),
-            # Rays are known to 1e-16 rad; where two pixels come to see one ray, that is 1e-8 of the radius.
+            # Rays are known to 1e-16 rad: to 1e-8 of the radius where two pixels see one ray.
             known_px=lambda left: np.minimum(1e-13 / left, 1e-8 * SIZE),
         ),
         _to("a0 → 0", coefficients=lambda left: (-150 * left, 0, 1e-3)),
@@ -271,7 +271,7 @@ _LIMITS: dict[str, list[Limit]] = {
             "row → pole",
             towards_pole,
             interpupillary=0.064,
-            # The ray touches the circle: where it leaves is known to the root of a rounding error.
+            # The ray is tangent to the circle: its origin is known to the root of the rounding error.
             known_px=lambda left: np.minimum(4e-16 * 0.032 / (10 * left), 3e-8) * SIZE,
         ),
         _to("b → 0", interpupillary=_down_from(1.0)),

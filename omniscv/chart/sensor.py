@@ -47,7 +47,7 @@ def measure(width: int = 256, progress: Callable[[int, int], None] | None = None
     """
     rows = []
     for done, name in enumerate(PRESETS, start=1):
-        sensor = replace(Sensor(preset=name), mosaic="mono", prnu=0.0)  # PRNU is no noise of frames
+        sensor = replace(Sensor(preset=name), mosaic="mono", prnu=0.0)  # PRNU is not temporal noise
         for electrons in np.geomspace(_DARKEST, _BRIGHTEST, _LEVELS) * sensor.full_well:
             light = np.full((width, width, 3), electrons / sensor.full_well, np.float32)
             one, other = (sensor.expose(light, name, frame).astype(np.float64) for frame in (0, 1))

@@ -43,7 +43,7 @@ _BASELINES_M = {
     ("cone", "horizontal"): 0.1,
 }
 """Effective baselines from which on a room's edge counts in the figures."""
-_LEAST_BASELINE_M = 0.05  # of edges from exact points, and of drawn ones
+_LEAST_BASELINE_M = 0.05  # effective baseline of edges from exact points and in the picture
 
 _COLORS = {"free": RED, "gravity": BLUE, "Manhattan": GREEN}
 _MARKERS = {"vertical": "^", "horizontal": "o", "oblique": "D"}

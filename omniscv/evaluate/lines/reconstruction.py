@@ -22,7 +22,7 @@ _ROBUST_PX = 0.3
 _HEADINGS = 36
 _UPRIGHT = 1.1  # an upright line is preferred up to this ratio of rms: it has fewer unknowns
 _KNOWN = np.zeros((0, 3))
-_FAR = np.radians(5.0)  # a line farther off the room's directions has none of them
+_FAR = np.radians(5.0)  # lines farther from the room's directions follow none of them
 
 
 class ObservedLine:
