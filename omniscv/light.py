@@ -149,11 +149,11 @@ def solve(pictures: Sequence[NDArray[np.uint8]], stops: Sequence[float]) -> str 
 
     flat = np.stack([np.ravel(codes) for codes in pictures])
     firsts = [np.unique(codes, return_index=True)[1] for codes in flat]  # of every code, one pixel
-    chosen = np.unique([at[i * len(at) // _CHOSEN] for at in firsts for i in range(_CHOSEN)])
-    debevec = cv2.createCalibrateDebevec(len(chosen), 10.0, False)
-    solved = debevec.process([*flat[:, None, chosen]], np.exp2(np.array(stops, np.float32)))
+    pixels = np.unique([at[i * len(at) // _CHOSEN] for at in firsts for i in range(_CHOSEN)])
+    debevec = cv2.createCalibrateDebevec(len(pixels), 10.0, False)
+    solved = debevec.process([*flat[:, None, pixels]], np.exp2(np.array(stops, np.float32)))
     logs = np.log(np.clip(np.ravel(solved).astype(np.float64), _LEAST, 1 / _LEAST))
-    seen = np.unique(flat[:, chosen].clip(*_JUDGED))
+    seen = np.unique(flat[:, pixels].clip(*_JUDGED))
     apart = {
         name: (logs - np.log(np.maximum(light_of_codes(np.arange(256), name), _LEAST)))[seen]
         for name in ("srgb", "film", "linear")

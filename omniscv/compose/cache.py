@@ -67,18 +67,18 @@ class ByteCache:
 
 
 class HeldCaptures(SourceWrapper):
-    """A source of which some captures are held. The source is not closed with it."""
+    """A source that delivers held captures in place of new ones. Closing it does not close the source."""
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         return in_order(requests, self._held_capture, self._capture_and_hold)
 
     @abstractmethod
     def _find(self, request: Request) -> Capture | None:
-        """Return the capture that is held for a request; None if there is none."""
+        """Return the held capture of a request, or None."""
 
     @abstractmethod
     def _hold(self, capture: Capture) -> None:
-        """Take a new capture."""
+        """Keep a new capture if it may be requested again."""
 
     def _held_capture(self, request: Request) -> Held | None:
         capture = self._find(request)

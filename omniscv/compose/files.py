@@ -188,8 +188,8 @@ def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
     """
     row = modalities.get(name)
     if path.suffix == ".png":
-        found = _png_header(path, row)
-        width, height = found.width, found.height
+        header = _png_header(path, row)
+        width, height = header.width, header.height
     else:
         spec = _opened(path, row).spec()
         width, height = spec.width, spec.height
@@ -202,20 +202,20 @@ def _png_header(path: Path, row: modalities.Modality) -> png.Header:
     """Return the header of a layer's PNG. Not by OpenImageIO: its library prints what is wrong with a PNG."""
     try:
         with path.open("rb") as file:
-            found = png.header(file.read(png.HEADER_BYTES))
+            header = png.header(file.read(png.HEADER_BYTES))
     except (OSError, BadReplyError) as fault:
         raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
-    _check_kind(row, found.channels, f"uint{found.bits}", found.width, found.height)
-    return found
+    _check_kind(row, header.channels, f"uint{header.bits}", header.width, header.height)
+    return header
 
 
 def _png_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    found = _png_header(path, row)
+    header = _png_header(path, row)
     try:
         payload = read_bytes(
-            path, _SPARE_BYTES + found.channels * found.bits * found.width * found.height // 4
+            path, _SPARE_BYTES + header.channels * header.bits * header.width * header.height // 4
         )
-        return png.decode(payload, found.bits)
+        return png.decode(payload, header.bits)
     except BadReplyError as fault:
         raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
 

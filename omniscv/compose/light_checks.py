@@ -1,6 +1,6 @@
 """What light makes doubtful: the layer ``light``, a byte of bits for each pixel, and domes that are the sky.
 
-Bits are found by comparing captures of one world: with what is known of its shapes (``mismatch``), from a
+Bits are set by comparing captures of one world: with what is known of its shapes (``mismatch``), from a
 place beside the camera (``view_dependent``, and domes that follow the camera), and without an object
 (``translucent``). What cannot be compared is named in the image's provenance, and has no bit.
 """
@@ -128,7 +128,7 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
     Raises:
         ArgumentError: ``sky`` names no object of the scene.
     """
-    options, found = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
+    options, findings = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
     efforts = [image.effort]
 
     def counted(*of_image: Any) -> OmniImage:
@@ -142,32 +142,32 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
     examined = Examined(image, dict(enumerate(table, start=1)), {})
     listed = {name: ["sky"] for name in options.sky}
     if options.checks == "light":
-        found.bits[:] = image.layers.get("light", 0)
+        findings.bits[:] = image.layers.get("light", 0)
         if "relit" in image.layers:
-            found.mark("relit", image["relit"])
+            findings.mark("relit", image["relit"])
         if lacking := [name for name in ("lit", "labels", "depth") if name not in image.layers]:
             why = f"expected an image with {', '.join(lacking)}"
-            found.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
+            findings.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
         else:
             if source.capabilities.moves:
-                found.untested |= dict.fromkeys(
+                findings.untested |= dict.fromkeys(
                     ("translucent", "mismatch"), "expected a world that stands still"
                 )
             else:
                 examined = replace(examined, boxes=source.geometry().boxes)
-            beside = _beside(examined, source, counted, found)
+            beside = _beside(examined, source, counted, findings)
             for name, signs in _domes(examined, beside).items():
                 listed[name] = [*listed.get(name, []), *signs]
-            _mark_mismatch(examined, listed, found)
-            _mark_translucent(examined, source, counted, found)
+            _mark_mismatch(examined, listed, findings)
+            _mark_translucent(examined, source, counted, findings)
     if image.labels is not None:
         for name, at in examined.of_label(sure=False):
             if name in listed:
-                found.mark("dome", at, name, *listed[name])
-    layers = _with_sky(image, (found.bits & BITS["dome"]) > 0)
+                findings.mark("dome", at, name, *listed[name])
+    layers = _with_sky(image, (findings.bits & BITS["dome"]) > 0)
     if options.checks == "light":
-        layers["light"] = np.where(image.valid, found.bits, np.uint8(0))
-    report = {"objects": found.objects, "untested": found.untested}
+        layers["light"] = np.where(image.valid, findings.bits, np.uint8(0))
+    report = {"objects": findings.objects, "untested": findings.untested}
     effort = replace(
         image.effort,
         captures=sum(effort.captures for effort in efforts),
@@ -177,7 +177,7 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
     return replace(image, layers=layers, provenance=provenance, effort=effort)
 
 
-def _mark_mismatch(examined: Examined, domes: Collection[str], found: Findings) -> None:
+def _mark_mismatch(examined: Examined, domes: Collection[str], findings: Findings) -> None:
     """Mark points that are outside the box of the object that the mask shows there, and no dome."""
     image, sure = examined.image, examined.sure
     slack = _OUTSIDE_M + _OUTSIDE * image["depth"] + image["depth_error"]
@@ -188,14 +188,14 @@ def _mark_mismatch(examined: Examined, domes: Collection[str], found: Findings) 
             outside = np.zeros_like(sure)
             outside[at] = beyond.max(axis=1) > slack[at]
             if outside.any():
-                found.mark("mismatch", outside, name, "depth is outside its box")
+                findings.mark("mismatch", outside, name, "depth is outside its box")
 
 
-def _beside(examined: Examined, source: Source, render: Render, found: Findings) -> Examined | None:
+def _beside(examined: Examined, source: Source, render: Render, findings: Findings) -> Examined | None:
     """Return what is seen from beside the camera, and mark colours that differ there."""
     image = examined.image
     if not examined.sure.any():
-        found.untested["view_dependent"] = "expected depth, got none that is sure"
+        findings.untested["view_dependent"] = "expected depth, got none that is sure"
         return None
     near = _NEAREST * float(image["depth"][examined.sure].min())
     # In powers of two, so that other cameras at this place find the same captures in a recording.
@@ -207,17 +207,17 @@ def _beside(examined: Examined, source: Source, render: Render, found: Findings)
     try:
         other = render(source, camera, Pose.from_angles(center_w), ("lit", "object_mask", "depth"))
     except MissingCaptureError as cause:
-        found.untested["view_dependent"] = str(cause)
+        findings.untested["view_dependent"] = str(cause)
         return None
     beside = Examined(other, examined.names, examined.boxes)
     if image["lit"].dtype == np.uint8:
-        _mark_view_dependent(examined, beside, found)
+        _mark_view_dependent(examined, beside, findings)
     else:
-        found.untested["view_dependent"] = "expected colours of 8 bits"
+        findings.untested["view_dependent"] = "expected colours of 8 bits"
     return beside
 
 
-def _mark_view_dependent(examined: Examined, beside: Examined, found: Findings) -> None:
+def _mark_view_dependent(examined: Examined, beside: Examined, findings: Findings) -> None:
     """Mark objects of whose pixels many have colours that the same points do not have from beside."""
     import cv2
 
@@ -233,7 +233,7 @@ def _mark_view_dependent(examined: Examined, beside: Examined, found: Findings) 
     codes = image["labels"].astype(np.float32)
     agree &= cv2.erode(codes, around) == cv2.dilate(codes, around)  # thin things are mixed into colours
     if agree.sum() < _LEAST_PX:
-        found.untested["view_dependent"] = "expected surfaces that are seen from beside, got none"
+        findings.untested["view_dependent"] = "expected surfaces that are seen from beside, got none"
         return
     low, high = (np.float32(f(other["lit"], around)[there]) for f in (cv2.erode, cv2.dilate))
     lit = _as_bright(image["lit"], other["lit"][there], agree, image.transfer)
@@ -243,7 +243,7 @@ def _mark_view_dependent(examined: Examined, beside: Examined, found: Findings) 
         count, differ = compared.sum(), (beyond[compared] > _LEVELS).sum()
         if count >= _LEAST_PX and differ >= max(_DIFFER_PX, _SHARE * count):
             label = image["labels"] == image["labels"][at][0]
-            found.mark("view_dependent", label & image.valid, name, f"{differ / count:.0%} of its pixels")
+            findings.mark("view_dependent", label & image.valid, name, f"{differ / count:.0%} of its pixels")
 
 
 def _as_bright(lit: NDArray[Any], other: NDArray[Any], agree: Mask, transfer: str) -> NDArray[np.float32]:
@@ -305,7 +305,7 @@ def _follows(examined: Examined, beside: Examined, at: Mask) -> bool:
     return bool(same.sum() >= _LEAST_PX and np.median(off[same] / due[same]) < 0.25)
 
 
-def _mark_translucent(examined: Examined, source: Source, render: Render, found: Findings) -> None:
+def _mark_translucent(examined: Examined, source: Source, render: Render, findings: Findings) -> None:
     """Mark objects that only colours show: seen through, or not annotated."""
     image = examined.image
     shown = {name for name, _ in examined.of_label(sure=False)}
@@ -317,7 +317,7 @@ def _mark_translucent(examined: Examined, source: Source, render: Render, found:
             with source.at(replace(source.instant, hidden=source.instant.hidden | {name})) as without:
                 behind = render(without, image.camera, image.pose, ("lit",))["lit"]
         except (ArgumentError, MissingCaptureError) as cause:
-            found.untested["translucent"] = f"{name}: {cause}"
+            findings.untested["translucent"] = f"{name}: {cause}"
             continue
         lit, behind = (np.asarray(colors, np.float64) for colors in (image["lit"], behind))
         changed = image.valid & (np.abs(lit - behind).max(axis=-1) > _CHANGED)
@@ -325,7 +325,7 @@ def _mark_translucent(examined: Examined, source: Source, render: Render, found:
             inner = changed[:, 1:] & changed[:, :-1]  # outlines of what is behind show through, or do not
             x, y = (np.diff(colors, axis=1)[inner] for colors in (behind, lit))
             through = (x * y).sum() > _TRANSMITS * (x * x).sum() > 0
-            found.mark("translucent" if through else "mismatch", changed, name, "only colours show it")
+            findings.mark("translucent" if through else "mismatch", changed, name, "only colours show it")
 
 
 def entered(centers_w: Array, points_w: Array, box: ObjectBox, least: int = _LEAST_PX) -> bool:

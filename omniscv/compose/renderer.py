@@ -171,17 +171,17 @@ class Renderer:
         Raises:
             TornSetError: the world moved during every try to capture them.
         """
-        chosen = modalities.chosen(modes)
+        names = modalities.chosen(modes)
         options = RenderOptions() if options is None else options
-        check_modes(self.source, options.sampled(chosen))
+        check_modes(self.source, options.sampled(names))
         if not self.source.capabilities.moves:
-            yield from self._rendered(self._captures, shots, chosen, options, only, progress)
+            yield from self._rendered(self._captures, shots, names, options, only, progress)
             return
 
         def make(source: Source) -> list[OmniImage]:
-            return list(self._rendered(source, shots, chosen, options, only, progress))
+            return list(self._rendered(source, shots, names, options, only, progress))
 
-        yield from verify_still(self.source, options.sampled(chosen), make)
+        yield from verify_still(self.source, options.sampled(names), make)
 
     def _rendered(
         self,
@@ -227,7 +227,7 @@ class Renderer:
         pose: Pose,
         modes: tuple[str, ...],
     ) -> OmniImage:
-        """Return another image for the checks of one: of its own source, or of one without an object."""
+        """Render an image for a check: from the renderer's source, or from one without an object."""
         renderer = self.of(captured if source is self.source else source)
         options = replace(options, checks="none", sky=(), accuracy=None)
         (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, options, None, None)
@@ -279,8 +279,8 @@ class Renderer:
         if self._recorded is None or transfer == "unknown":
             return None
         centers = self._recorded.centers()
-        chosen = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
-        places = (np.array(centers[i]) for i in chosen)
+        some = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
+        places = (np.array(centers[i]) for i in some)
         cubes = (Cube.recorded(self.source, self._recorded, at, self.source.state) for at in places)
         return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
 

@@ -81,10 +81,10 @@ def estimate_gains(cube: Cube, transfer: str) -> Gains:
         light_a, light_b = (light_of_codes(np.clip(codes, 1, 255), transfer) for codes in (a, b))
         ratio = np.log(light_a / light_b).mean(axis=-1)
         for block in np.array_split(np.arange(len(ratio)), min(_BLOCKS, len(ratio))):
-            chosen = ratio[block[usable[block]]]
-            if chosen.size:
+            ratios = ratio[block[usable[block]]]
+            if ratios.size:
                 rows.append((edge.a, edge.b))
-                differences.append(float(np.median(chosen)))
+                differences.append(float(np.median(ratios)))
     return _fit(np.array(rows), np.array(differences), np.zeros((len(rows), 2)))
 
 

@@ -63,10 +63,10 @@ def _creases(cube: Cube, transfer: str) -> list[Array]:
         light = [np.log(light_of_codes(np.clip(c, 1, 255), transfer)).mean(axis=2) for c in both]
         crease = (light[0][rows] + light[1][rows] - light[2] - light[3]) / 2
         blocks = np.array_split(np.arange(size), len(along))
-        chosen = [i for i, block in enumerate(blocks) if usable[block].any()]
-        medians = [np.median(crease[:, blocks[i][usable[blocks[i]]]], axis=1) for i in chosen]
-        of_edge = np.array(medians).reshape(len(chosen), len(rows)).T
-        edges.append(np.concatenate([of_edge[..., None], radii[:, chosen]], axis=-1).reshape(-1, 3))
+        usable_blocks = [i for i, block in enumerate(blocks) if usable[block].any()]
+        medians = [np.median(crease[:, blocks[i][usable[blocks[i]]]], axis=1) for i in usable_blocks]
+        of_edge = np.array(medians).reshape(len(usable_blocks), len(rows)).T
+        edges.append(np.concatenate([of_edge[..., None], radii[:, usable_blocks]], axis=-1).reshape(-1, 3))
     return edges
 
 

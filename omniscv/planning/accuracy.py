@@ -295,8 +295,8 @@ class _Planner:
     def _shared(self, centers: int | None, scale: int) -> Rounds:
         """Return the rounds of few centres, or of the strategy that is given."""
         options = self._task.options
-        chosen = _FEW if options.strategy == "auto" else options.strategy
-        changed = replace(options, accuracy=None, strategy=chosen, viewpoints=centers, truth_scale=scale)
+        name = _FEW if options.strategy == "auto" else options.strategy
+        changed = replace(options, accuracy=None, strategy=name, viewpoints=centers, truth_scale=scale)
         return strategy.rounds(replace(self._task, options=changed))
 
     def _can_capture(self, centers: int | None, scale: int) -> bool:
@@ -416,21 +416,21 @@ class _Planner:
     def _patched(self, doubt: Ints, directions_w: Array, focal_px: float, most_ms: float) -> _Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
         modes, left, target, ms, area = len(self._truth), float(len(doubt)), _SAFE * self._aim, 0.0, 0.0
-        chosen: list[Patch] = []
+        batch: list[Patch] = []
         for patch in self._patches(doubt, directions_w, focal_px):
             area += modes * patch.view.width * patch.view.height
-            if self._full(area, modes * (len(chosen) + 1)):
+            if self._full(area, modes * (len(batch) + 1)):
                 self._limited = True
                 break
-            chosen.append(patch)
+            batch.append(patch)
             ms, left = ms + patch.price, left - patch.worth
             if left <= target or ms > most_ms:
                 break
-        if left > target and chosen:  # bands are then thinner, views longer
+        if left > target and batch:  # bands are then thinner, views longer
             more = left / target
-            thin = sum(patch.view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for patch in chosen)
-            ms += (1 - target / left) * modes * self.price.of(len(chosen), thin)
-        return _Choice(chosen, focal_px, ms)
+            thin = sum(patch.view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for patch in batch)
+            ms += (1 - target / left) * modes * self.price.of(len(batch), thin)
+        return _Choice(batch, focal_px, ms)
 
     def _patches(self, doubt: Ints, directions_w: Array, focal_px: float) -> Iterator[Patch]:
         """Yield patches, those first that resolve the most doubt at their price."""
@@ -444,15 +444,15 @@ class _Planner:
 
     def _finer_faces(self, directions_w: Array, focal_px: float, worth: Array) -> list[Patch]:
         """Return finer faces of a source that cannot set a field of view."""
-        edge, found = int(2 * focal_px), []
+        edge, faces = int(2 * focal_px), []
         if edge > LARGEST_FACE_PX:
             return []
         views = CubeFaces(self._task, edge, 0).views(self._task.pose.t_w_c, ALL_FACES)
         for number, view in enumerate(views):
             rows = np.flatnonzero(_view_of(directions_w, views, 0) == number)
             price = len(self._truth) * self.price.of(1, view.width * view.height)
-            found.append(Patch(view, rows, float(worth[rows].sum()), price))
-        worthy = (patch for patch in found if patch.worth > 0)
+            faces.append(Patch(view, rows, float(worth[rows].sum()), price))
+        worthy = (patch for patch in faces if patch.worth > 0)
         return sorted(worthy, key=lambda patch: -patch.worth / patch.price)
 
     def _full(self, pixels: float, requests: int) -> bool:

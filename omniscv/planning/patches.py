@@ -1,4 +1,4 @@
-"""Narrow views that hold chosen rays for the least price: edges of rooms lie on great circles.
+"""Narrow views that capture given rays for the least price. Edges of rooms lie on great circles.
 
 The rays where an image doubts itself crowd along edges, and a straight edge is a straight line in every view.
 So a view a few pixels high and as long as the edge captures it as finely as wanted, at a small part of the
@@ -88,9 +88,9 @@ def patches(
     normals = _normals(points)
     heights = np.array(_HEIGHTS) * fine.band / 2
     prices = _prices(heights, fine, price)
-    found = np.zeros((len(normals), 4))
-    _best_windows(points, alive, normals, heights, prices, _SPANS, found)
-    queue = [(-found[k, 0], k) for k in range(len(normals))]
+    windows = np.zeros((len(normals), 4))
+    _best_windows(points, alive, normals, heights, prices, _SPANS, windows)
+    queue = [(-windows[k, 0], k) for k in range(len(normals))]
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
@@ -144,14 +144,14 @@ def _prices(heights: Array, fine: Precision, price: Price) -> Array:
 
 @njit(cache=True, nogil=True)
 def _best_windows(
-    points: Array, worth: Array, normals: Array, heights: Array, prices: Array, spans: Array, found: Array
+    points: Array, worth: Array, normals: Array, heights: Array, prices: Array, spans: Array, windows: Array
 ) -> None:
     """Write for each circle the most worth at a price, and where: azimuth of the start, height, length."""
     azimuths, worths = np.empty(len(points)), np.empty(len(points))
     for k in range(len(normals)):
         nx, ny, nz = normals[k]
         ax, ay, az, bx, by, bz = _frame(nx, ny, nz)
-        found[k] = 0.0
+        windows[k] = 0.0
         for h in range(len(heights)):
             limit, count = np.sin(heights[h]), 0
             for i in range(len(points)):
@@ -172,8 +172,13 @@ def _best_windows(
                         total += worths[end % count]
                         end += 1
                     ratio = total / prices[h, s]
-                    if ratio > found[k, 0]:
-                        found[k, 0], found[k, 1], found[k, 2], found[k, 3] = ratio, ordered[start], h, s
+                    if ratio > windows[k, 0]:
+                        windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = (
+                            ratio,
+                            ordered[start],
+                            h,
+                            s,
+                        )
                     total -= worths[start]
 
 

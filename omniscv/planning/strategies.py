@@ -231,7 +231,7 @@ def _viewpoints(
 
 
 def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
-    """Return what depth around the camera says of rays that share a centre, by fields of Viewpoint."""
+    """Return the fields of Viewpoint that depth around the camera decides, for rays that share a centre."""
     if task.rays.origins is None:
         return {}
     origins_w, center_w = task.origins_w(group.pixels), task.pose.to_world(group.center_c)
