@@ -79,9 +79,9 @@ def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
             except BaseException as error:  # raised below, in the calling thread
                 errors[index] = error
 
-    helping = [_pool().submit(work) for _ in range(helpers)]
+    futures = [_pool().submit(work) for _ in range(helpers)]
     work()
-    wait([future for future in helping if not future.cancel()])
+    wait([future for future in futures if not future.cancel()])
     if errors:
         raise errors[min(errors)]
     return [results[index] for index in range(len(items))]

@@ -159,8 +159,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     rewrite         record a new file
     ==============  =================================================================
 
-    New captures are written to a temporary file, which replaces the recording if the test passes. A test that
-    fails leaves the recording unchanged.
+    New captures are written to a temporary file, which replaces the recording if the test passes.
     """
     from omniscv.sources.recording import RecordedSource, Recording
     from omniscv.sources.recording.files import publish, target_of, written_for

@@ -17,9 +17,9 @@ from omniscv.cameras import Camera
 Floats = NDArray[np.float64]
 
 PIXEL_TOLERANCE = 1e-6  # px; the promise
-HAIR_PX = 1e-7  # well within the promise
-HAIR_PARTS = np.array([1, 1e-2, 1e-4, 1e-7])  # where an image is smaller than a hair
-ANGLE_TOLERANCE = 1e-12  # rad, beside what a hair's breadth of a pixel turns the ray
+NUDGE_PX = 1e-7  # well within the promise
+NUDGE_PARTS = np.array([1, 1e-2, 1e-4, 1e-7])  # smaller ones for images smaller than a nudge
+ANGLE_TOLERANCE = 1e-12  # rad, beside the turn of a ray by a nudge of its pixel
 CENTRAL_METRES = 10.0 ** np.array([-9, 0, 9])
 NONCENTRAL_METRES = 10.0 ** np.array([1, 3, 9])  # beyond the mirrors of the examples
 AZIMUTHS = np.linspace(-np.pi, np.pi, 25)
@@ -35,7 +35,7 @@ def all_pixels(camera: Camera) -> Floats:
 
 
 def last_pixels(camera: Camera) -> Any:
-    """Return (N, 2) the last valid pixels around the image, to the last bit, by bisection."""
+    """Return (N, 2) the outermost valid pixels in all directions, to the last bit, by bisection."""
     pixels = all_pixels(camera)
     pixels = pixels[camera.valid(pixels)]
     if not len(pixels):
@@ -55,16 +55,6 @@ def last_pixels(camera: Camera) -> Any:
 # -- checks -------------------------------------------------------------------------------------
 
 
-def last_radius(camera: Camera) -> float:
-    """Return the largest radius, px, of valid pixels, less a few last digits of a pixel, by bisection."""
-    low, high = 0.0, float(camera.width)
-    for _ in range(200):
-        middle = np.sqrt(low) * np.sqrt(high) if low else high / 2
-        inside = camera.valid(camera.center + np.array([middle, 0.0]))
-        low, high = (middle, high) if inside else (low, middle)
-    return float(low - 4 * np.spacing(low + np.abs(camera.center).max()))
-
-
 def round_trip_error(camera: Camera) -> float:
     """Return the largest |project(unproject(p)) - p|, px, at any distance; inf if a pixel is lost."""
     pixels = np.concatenate([all_pixels(camera), last_pixels(camera)])
@@ -77,13 +67,13 @@ def round_trip_error(camera: Camera) -> float:
             return np.inf
         error = np.abs(again - pixels).max(axis=1, initial=0.0)
         other = error > PIXEL_TOLERANCE
-        other[other] = ~of_one_ray(camera, pixels[other], again[other])
+        other[other] = ~see_one_ray(camera, pixels[other], again[other])
         worst = max(worst, error[other].max(initial=0.0), error[error <= PIXEL_TOLERANCE].max(initial=0.0))
     return worst
 
 
-def of_one_ray(camera: Camera, pixels: Floats, others: Floats) -> Any:
-    """Return (N,) whether two pixels see one ray, to what the tolerance makes of it: at a seam, a pole."""
+def see_one_ray(camera: Camera, pixels: Floats, others: Floats) -> Any:
+    """Return (N,) whether two pixels see one ray, as at a seam or pole, to within the tolerance."""
     rays, same = camera.unproject(pixels), camera.unproject(others)
     around = PIXEL_TOLERANCE * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[:, None]
     nearby, alike = camera.unproject(pixels + around), same.valid
@@ -123,7 +113,7 @@ def check_arrays(camera: Camera) -> None:
 
 
 def check_outside(camera: Camera) -> None:
-    """Beside the image, and where there is no number, there is no ray."""
+    """Pixels outside the image and pixels that are not finite have no ray."""
     w, h = camera.width, camera.height
     beside = [(-1e-9, h / 2), (w + 1e-9, h / 2), (w / 2, -1e-9), (w / 2, h + 1e-9), (1e300, -1e300)]
     nowhere = [(np.nan, h / 2), (w / 2, np.nan), (np.inf, h / 2), (w / 2, -np.inf)]
@@ -131,10 +121,10 @@ def check_outside(camera: Camera) -> None:
 
 
 def check_points(camera: Camera) -> None:
-    """Points on the axes, at the centres, near and far, and such that are none."""
+    """Points on the axes, at the optical centres, near and far, and points that are not finite."""
     special = [0.0, 1.0, -1.0, 0.3, 1e-9, -1e9, 1e300, np.nan, -np.inf]
     rays = camera.unproject()
-    never_wrong(
+    check_projection(
         camera, np.concatenate([list(itertools.product(special, repeat=3)), rays.origins[rays.valid][::7]])
     )
 
@@ -144,13 +134,16 @@ def length(vectors: Floats) -> Any:
     return np.linalg.norm(vectors / 1e100, axis=-1) * 1e100
 
 
-def never_wrong(
+def check_projection(
     camera: Camera, points: Floats, tolerance: float = ANGLE_TOLERANCE, at_the_border: float = 0.0
 ) -> None:
-    """Each point (N, 3) is invalid, or the answer's ray points to it: to ``tolerance`` and what 1e-7 px turn
-    the ray and move its origin.
+    """Each point (N, 3) is invalid, or the ray of its pixel points to it.
 
-    ``at_the_border`` is the turn where there is no ray 1e-7 px further.
+    Args:
+        camera: any.
+        points: (N, 3) camera frame, metres.
+        tolerance: rad, beside the turn and shift of the ray by a nudge of the pixel.
+        at_the_border: the turn, rad, where a nudge leaves the image.
     """
     pixels, valid = camera.project(points)
     assert not valid[~np.isfinite(points).all(axis=1)].any()
@@ -159,21 +152,21 @@ def never_wrong(
     assert rays.valid.all()
     offset = points[valid] - rays.origins
     distance = length(offset)
-    # A point next to a cone's tip is off by the last digits of its pixel, in metres, whatever the angle.
+    # Next to a cone's tip the rounding of the pixel moves the point, whatever the angle.
     away = distance > 1e-12 * length(rays.origins)
     offset, directions = offset[away], rays.directions[away]
     offset /= np.abs(offset).max(axis=1, keepdims=True)
     offset /= np.linalg.norm(offset, axis=1, keepdims=True)
     assert ((offset * directions).sum(axis=1) > 0).all()
     angle = np.linalg.norm(np.cross(offset, directions), axis=1)
-    moved, turned = change_of_a_hair(camera, pixels[valid][away], at_the_border)
+    moved, turned = changes_by_a_nudge(camera, pixels[valid][away], at_the_border)
     rounding = (moved + 1e-12 * length(rays.origins[away])) / distance[away]
     assert (angle <= tolerance + turned + rounding).all()
 
 
-def change_of_a_hair(camera: Camera, pixels: Floats, at_the_border: float) -> tuple[Any, Any]:
-    """Return how far rays up to a hair beside pixels (N, 2) are moved, metres (N,), and turned, rad (N,)."""
-    aside = np.multiply.outer(HAIR_PX * HAIR_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
+def changes_by_a_nudge(camera: Camera, pixels: Floats, at_the_border: float) -> tuple[Any, Any]:
+    """Return how far nudges of pixels (N, 2) move their rays, metres (N,), and turn them, rad (N,)."""
+    aside = np.multiply.outer(NUDGE_PX * NUDGE_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
     own, beside = camera.unproject(pixels), camera.unproject(pixels + aside)
     turned = np.linalg.norm(beside.directions - own.directions, axis=-1)
     moved = length(beside.origins - own.origins)
@@ -193,7 +186,7 @@ def check_description(camera: Camera) -> None:
 
 
 def check_narrow_numbers(camera: Camera) -> None:
-    """float32 and whole numbers mean what they say: the same answers as in float64, in float64."""
+    """Pixels and points in float32 or whole numbers give the float64 results of the same numbers."""
     pixels = all_pixels(camera)
     for narrow in (pixels.astype(np.float32), pixels.astype(np.int32), pixels.astype(np.uint8)):
         given, wide = camera.unproject(narrow), camera.unproject(narrow.astype(np.float64))
@@ -206,7 +199,7 @@ def check_narrow_numbers(camera: Camera) -> None:
 
 
 def check_viewpoints(camera: Camera) -> None:
-    """Every valid pixel has an optical centre, no other pixel has."""
+    """Valid pixels have an optical centre, other pixels have none."""
     views = camera.viewpoints()
     np.testing.assert_array_equal(views.index >= 0, camera.valid())
     assert views.index.max(initial=-1) < len(views.centers)

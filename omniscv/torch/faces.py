@@ -31,7 +31,7 @@ from omniscv.torch.sampling import (
 )
 from omniscv.truth.classes import ClassRules, class_rules
 
-_FINEST = 1  # px; because no face is as small, a recording returns its finest faces
+_FINEST = 1  # px: all faces of a recording are larger, so it returns its finest ones
 _RAYS_AT_ONCE = {"cpu": 1 << 17}
 _RAYS_ON_A_DEVICE = 1 << 23
 """Rays of a block: they fit into a processor's cache, and into a gigabyte on a device."""

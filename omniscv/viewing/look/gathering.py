@@ -3,7 +3,7 @@
 import glob
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -123,8 +123,8 @@ def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
         name, time = frame.get("camera", camera.name), frame.get("time")
     except (TypeError, KeyError, AttributeError) as cause:
         raise ArgumentError(f"{path}: expected a camera and a pose, got: {cause}") from cause
-    held = ImageFiles(files, (camera.width, camera.height))
-    return Frame(path.stem, name, camera, pose, held, labels, time=time)
+    layers = ImageFiles(files, (camera.width, camera.height))
+    return Frame(path.stem, name, camera, pose, layers, labels, time=time)
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -162,8 +162,8 @@ def _of_picture(path: Path) -> Gathered:
         with Image.open(path) as picture:
             width, height = picture.size
     except (OSError, Image.DecompressionBombError) as cause:
-        wanted = "expected a folder of images, a STEM.json, a picture or a recording"
-        raise ArgumentError(f"{path}: {wanted}, got: {cause}") from cause
+        expected = "expected a folder of images, a STEM.json, a picture or a recording"
+        raise ArgumentError(f"{path}: {expected}, got: {cause}") from cause
     if path.suffix.lower() not in PICTURES:
         got = path.suffix or "no suffix"
         raise ArgumentError(f"{path}: expected a picture {', '.join(PICTURES)}, got {got}")
@@ -207,14 +207,12 @@ def _compose(path: Path, out: Path, size: tuple[int, int], progress: Progress | 
 
 
 def _recorded_image(renderer: Renderer, camera: Camera, pose: Pose, modes: Sequence[str]) -> OmniImage | None:
-    """An image in all recorded modes; None if the first one is not recorded all around."""
+    """Return an image in the modes that are recorded all around; None if the first mode is not."""
+    with suppress(MissingCaptureError):
+        return renderer.render(camera, pose, modes)
     recorded = list[str]()
-    for wanted in (modes, *([mode] for mode in modes)):
-        try:
-            image = renderer.render(camera, pose, wanted)
-        except MissingCaptureError:
-            continue
-        if wanted is modes:
-            return image
-        recorded += wanted
+    for mode in modes:
+        with suppress(MissingCaptureError):
+            renderer.render(camera, pose, [mode])
+            recorded.append(mode)
     return renderer.render(camera, pose, recorded) if modes[0] in recorded else None

@@ -175,7 +175,9 @@ def _color(index: int) -> str:
     turn, base = divmod(index - 1, len(_BASE_COLORS))
     share, grey = _MIXES[turn % len(_MIXES)]
     channels = (int(_BASE_COLORS[base][i : i + 2], 16) for i in (1, 3, 5))
-    return "#{:02x}{:02x}{:02x}".format(*(round((1 - share) * each + share * grey) for each in channels))
+    return "#{:02x}{:02x}{:02x}".format(
+        *(round((1 - share) * channel + share * grey) for channel in channels)
+    )
 
 
 def _ramps() -> dict[str, str]:
