@@ -2,7 +2,7 @@
 
 import json
 import math
-import subprocess
+import runpy
 import sys
 from importlib.util import find_spec
 
@@ -31,7 +31,7 @@ LONG = ("accuracy", "cluster", "growth", "speed", "start", "stores")
     [
         pytest.param(name, marks=[pytest.mark.soak] * (name in LONG))
         for name in NAMES
-        if name != "torch" or find_spec("torch")
+        if name != "live" and (name != "torch" or find_spec("torch"))
     ],
 )
 def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
@@ -46,32 +46,43 @@ def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
         assert figure.ratio == (figure.ours / others[0] if others else None)
 
 
-def bench(*words):
-    command = [sys.executable, SCRIPTS / "bench", *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False, env={"PYTHONPATH": str(ROOT)})
+@pytest.fixture
+def bench(benches, monkeypatch):
+    """A function that runs the script in this process and returns its exit code."""
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["bench", *words])
+        try:
+            runpy.run_path(str(SCRIPTS / "bench"), run_name="__main__")
+        except SystemExit as ended:
+            return ended.code
+        return 0
+
+    return run
 
 
-def test_help_lists_every_bench_with_a_line():
-    shown = bench("--help").stdout
+def test_help_lists_every_bench_with_a_line(bench, capsys):
+    assert bench("--help") == 0
+    shown = capsys.readouterr().out
     for name in NAMES:
         assert any(line.split()[0] == name and len(line.split()) > 3 for line in shown.splitlines() if line)
 
 
-def test_a_table_and_a_file_of_the_benches_that_are_named(tmp_path):
-    done = bench("live", "--quick", "--json", str(tmp_path / "figures.json"))
-    assert done.returncode == 0, done.stderr
+def test_a_table_and_a_file_of_the_benches_that_are_named(bench, tmp_path, capsys):
+    assert bench("live", "--quick", "--json", str(tmp_path / "figures.json")) == 0
     written = json.loads((tmp_path / "figures.json").read_text())
     assert list(written["benches"]) == ["live"]
     assert written["machine"]["cores"] > 0
-    lines = [line for line in done.stdout.splitlines() if line.startswith("|")]  # Markdown
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]  # Markdown
     header, _, *rows = lines[: 2 + len(written["benches"]["live"])]
     assert header.replace("|", " ").split()[-5:] == ["unit", "ours", "peer", "limit", "ratio"]
     for row, figure in zip(rows, written["benches"]["live"], strict=True):
         assert row.split()[-2] == f"{figure['ratio']:.2f}"
+        assert figure["ours"] > 0 < figure["limit"]["value"]
 
 
-def test_an_unknown_bench_is_refused_in_one_line():
-    done = bench("start", "nothing")
-    assert done.returncode == 2
-    assert "NAME: expected any of" in done.stderr
-    assert "got 'nothing'" in done.stderr
+def test_an_unknown_bench_is_refused_in_one_line(bench, capsys):
+    assert bench("start", "nothing") == 2
+    refusal = capsys.readouterr().err
+    assert "NAME: expected any of" in refusal
+    assert "got 'nothing'" in refusal
