@@ -25,7 +25,7 @@ from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import sees
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
 from omniscv.planning.strategy import Strategy, Task, get
-from omniscv.planning.strips import STEEPEST, holding_size, straight, strip_size, strip_views
+from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 
@@ -182,7 +182,8 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
 
     Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
-    sampled as finely as faces sample on average. Arguments as :func:`face_viewpoints`.
+    sampled as finely as faces sample on average. Recordings may hold narrower views than engines take.
+    Arguments as :func:`face_viewpoints`.
     """
     if not groups:
         return ()
@@ -192,14 +193,26 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
         focal_px *= MEAN_OF_A_FACE
     spanned_px = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
     border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned_px / 2))))
-    size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities)
     faces = CubeFaces(task, task.edge, border_px)
 
-    def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
-        strips = strip_views(center_w, rays_w[id(group)], focal_px, border_px, size)
-        return strips or faces.views(center_w, faces_hit(group.directions, task.pose.R_w_c))
+    def plan(least_half: float) -> tuple[Viewpoint, ...]:
+        size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities, least_half)
 
-    return _viewpoints(task, groups, around, views)
+        def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
+            strips = strip_views(center_w, rays_w[id(group)], focal_px, border_px, size)
+            return strips or faces.views(center_w, faces_hit(group.directions, task.pose.R_w_c))
+
+        return _viewpoints(task, groups, around, views)
+
+    first = plan(LEAST_HALF)
+    if task.recorded is None or _is_recorded(task, first):
+        return first
+    narrower = plan(0.0)
+    return narrower if _is_recorded(task, narrower) else first
+
+
+def _is_recorded(task: Task, viewpoints: tuple[Viewpoint, ...]) -> bool:
+    return task.available([view for viewpoint in viewpoints for view in viewpoint.views])
 
 
 def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
@@ -210,7 +223,7 @@ def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -
     """
     if task.sets_views:
         strips = strip_viewpoints(task, groups, around)
-        if task.available([view for viewpoint in strips for view in viewpoint.views]):
+        if _is_recorded(task, strips):
             return strips
     return face_viewpoints(task, groups, around)
 

@@ -39,7 +39,13 @@ def straight(rays_w: Sequence[Array], focal_px: float) -> bool:
     return all(np.abs(rays @ _circle(rays)[0]).max() * focal_px <= 0.5 for rays in sample)
 
 
-def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabilities: Capabilities) -> Size:
+def strip_size(
+    rays_w: Sequence[Array],
+    focal_px: float,
+    border_px: int,
+    capabilities: Capabilities,
+    least_half: float = LEAST_HALF,
+) -> Size:
     """Return the width and height that serve a plan's viewpoints for the least work.
 
     Args:
@@ -47,6 +53,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
         focal_px: px per radian at a view's centre.
         border_px: what filters need around every ray.
         capabilities: of the source: its smallest views, and whether they may be higher than wide.
+        least_half: tangent of half the narrowest field of view.
     """
     sample = [np.array(_thinned(rays, _SAMPLED_RAYS)) for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS)]
     circles = [(rays, *_circle(rays)) for rays in sample]
@@ -58,7 +65,7 @@ def strip_size(rays_w: Sequence[Array], focal_px: float, border_px: int, capabil
         half = np.max([_strip(*strip)[1] for strip in strips], axis=0)
         if half[0] > STEEPEST:
             continue
-        size = holding_size(np.maximum(half, (LEAST_HALF, 0.0)), focal_px, border_px, capabilities)
+        size = holding_size(np.maximum(half, (least_half, 0.0)), focal_px, border_px, capabilities)
         cost = len(strips) * (1 + size[0] * size[1] / PIXELS_PER_REQUEST)
         if cost < least:
             best, least = size, cost
