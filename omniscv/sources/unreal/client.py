@@ -31,8 +31,7 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
-from omniscv.sources.unreal.commands import VERSION, is_repeatable
-from omniscv.sources.unreal.plugin import Plugin, identify
+from omniscv.sources.unreal.commands import VERSION, Plugin, identify, is_repeatable
 from omniscv.sources.unreal.replies import Reply
 
 T = TypeVar("T")
