@@ -39,6 +39,7 @@ from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 from omniscv.storage import bounded, is_url, without_secrets
+from omniscv.truth_options import LayoutKey, MapOptions, Tolerance
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 """A job with every key, and a comment for each."""
@@ -191,7 +192,7 @@ class _Keys:
     seam: str | None = checked(
         one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
     )
-    layout: Any = checked(recipe.plain, cls=recipe.LayoutKey, default=None, help="source and maps of layouts")
+    layout: Any = checked(recipe.plain, cls=LayoutKey, default=None, help="source and maps of layouts")
 
 
 _RENDER = {field.name: field for field in fields(RenderOptions)}
@@ -203,9 +204,9 @@ _BELOW: dict[str, type[Any]] = {
     "sensor": Sensor,
     "split": recipe.SplitOptions,
     "media": recipe.Media,
-    "layout": recipe.LayoutKey,
-    "layout.maps": recipe.MapOptions,
-    "truth.tolerance": recipe.Tolerance,
+    "layout": LayoutKey,
+    "layout.maps": MapOptions,
+    "truth.tolerance": Tolerance,
 }
 
 

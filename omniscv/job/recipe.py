@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,8 @@ from omniscv.arguments import flag, number, one_of, shown, stem, text, texts, wh
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.clusters import cluster_starts
-from omniscv.records import checked, mapping, nested, read, record
+from omniscv.records import checked, mapping, read, record
+from omniscv.truth_options import Tolerance
 
 _TOLERANCE = 1e-6
 """Largest difference of the sum of shares from 1."""
@@ -120,50 +120,6 @@ class Media:
 
     xmp: bool = checked(flag, default=False, help="Photo Sphere metadata in equirectangular pictures")
     north: float = checked(number, default=0.0, help="compass heading of the world's X axis, degrees")
-
-
-@record
-class Tolerance:
-    """How far two depths along a ray may differ and still be taken for one; the larger of both limits counts.
-
-    It is the key ``tolerance`` under a job's ``truth:``.
-    """
-
-    abs_m: float = checked(number, least=0, default=0.02, help="metres within which depths are equal")
-    rel: float = checked(number, least=0, default=0.01, help="the same, as a share of the depth")
-
-
-LayoutSource = Literal["scene", "fitted"]
-Visibility = Literal["room", "full", "all"]
-
-layout_source = partial(one_of, words=get_args(LayoutSource))
-_sigma = partial(number, above=0, most=1)
-
-
-@record
-class MapOptions:
-    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_labels.exact_maps`."""
-
-    edge_sigma: float | None = checked(
-        _sigma, default=None, help="width of edges, a share of a full turn; default 0.0054"
-    )
-    corner_sigma: float | None = checked(
-        _sigma, default=None, help="width of corners, a share of a full turn; default 0.0107"
-    )
-    visibility: Visibility | None = checked(
-        one_of,
-        words=get_args(Visibility),
-        default=None,
-        help="room (default): not hidden by walls; full: not hidden by anything; all",
-    )
-
-
-@record
-class LayoutKey:
-    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
-
-    source: LayoutSource | None = checked(layout_source, default=None, help="scene or fitted")
-    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from omniscv.arguments import flag, number, one_of, whole_number
 from omniscv.cameras import Camera, Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.job.recipe import Tolerance
 from omniscv.parallel import row_blocks
 from omniscv.records import checked, nested, record
 from omniscv.truth.registry import Truth, register
+from omniscv.truth_options import Tolerance
 
 Mask = NDArray[np.bool_]
 Wrap = Literal["shortest", "classic"]

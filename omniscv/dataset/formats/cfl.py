@@ -16,9 +16,9 @@ from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.job.recipe import LayoutKey, MapOptions
 from omniscv.records import checked, nested, record
 from omniscv.truth.layout_labels import exact_maps, original_maps
+from omniscv.truth_options import LayoutKey, MapOptions
 
 
 @record
