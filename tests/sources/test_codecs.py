@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from support.cases import cases
 
 import omniscv
 from omniscv import modalities
@@ -32,6 +33,7 @@ def pixels_of(row, dtype):
 
 
 @pytest.mark.parametrize(("row", "dtype"), DELIVERED, ids=[f"{row.name}-{dtype}" for row, dtype in DELIVERED])
+@cases(12)
 @given(data=st.data())
 def test_there_and_back_is_exact(row, dtype, data):
     pixels = data.draw(pixels_of(row, dtype))

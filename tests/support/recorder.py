@@ -26,7 +26,7 @@ from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
 MODES = ("lit", "object_mask", "depth", "normals")
-SIZE, SMALL = 96, 8
+SIZE, SMALL = 48, 8
 
 
 STATES = (Instant(), Instant(time=0.7), Instant(time=0.7, hidden=frozenset({"Crate"})))
