@@ -15,7 +15,7 @@ from omniscv.sources.recording.folders import export
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
-KILLS, SOAK_KILLS = 3, 25
+KILLS, SOAK_KILLS = 2, 25
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 
 
