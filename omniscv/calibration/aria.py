@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import known, parse_mapping, read_known, vector
+from omniscv.calibration.common import known, parse_mapping, read_known
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
     FormatModel,
@@ -58,12 +58,12 @@ def _quaternion(name: str, value: object) -> tuple[float, ...]:
     """Return (x, y, z, w) of ``[w, [x, y, z]]``."""
     if not isinstance(value, list) or len(value) != 2:
         raise ArgumentError(f"{name}: expected [w, [x, y, z]], got {shown(value)}")
-    return (*vector(f"{name}: [x, y, z]", value[1]).tolist(), number(f"{name}: w", value[0]))
+    return (*numbers(f"{name}: [x, y, z]", value[1], (3,)).tolist(), number(f"{name}: w", value[0]))
 
 
 @record(eq=False)
 class _Transform:
-    translation: Array = checked(vector, key="Translation")
+    translation: Array = checked(numbers, shape=(3,), key="Translation")
     quaternion: tuple[float, ...] = checked(_quaternion, key="UnitQuaternion")
 
 

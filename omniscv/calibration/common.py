@@ -8,11 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from omniscv import arguments
-from omniscv.arguments import Reader, numbers, shown, within
+from omniscv.arguments import Reader, shown, within
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Array
 from omniscv.records import key_of, mapping, read
 from omniscv.storage.bounded import parse_yaml
 
@@ -48,11 +47,6 @@ def image_size(name: str, value: object) -> tuple[int, int]:
         raise ArgumentError(f"{name}: expected [width, height], got {shown(value)}")
     width, height = (whole_number(f"{name}[{i}]", size) for i, size in enumerate(value))
     return width, height
-
-
-def vector(name: str, value: object) -> Array:
-    """Return three finite numbers; ArgumentError for anything else."""
-    return numbers(name, value, (3,))
 
 
 @contextmanager

@@ -67,7 +67,7 @@ _FORMATS: dict[str, _Format] = {
         _matches(r"^#[ \t]*polynomial coefficients"), ocamcalib.read_ocamcalib, ocamcalib.write_ocamcalib
     ),
     "aria": _Format(_matches(r'"CameraCalibrations"'), aria.read_aria, aria.write_aria),
-    "isaac": _Format(nvidia.looks_like_isaac, nvidia.read_isaac, nvidia.write_isaac),
+    "isaac": _Format(nvidia.ATTRIBUTE.search, nvidia.read_isaac, nvidia.write_isaac),
     "ncore": _Format(_matches(r'"pixeldist_to_angle_poly"'), nvidia.read_ncore, nvidia.write_ncore),
 }
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import only_camera, parse_mapping, read_known, vector, whole_number
+from omniscv.calibration.common import only_camera, parse_mapping, read_known, whole_number
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
     camera_of,
@@ -42,7 +42,7 @@ from omniscv.records import checked, record
 
 _PREFIX = "omni:lensdistortion:"
 _PRIM = re.compile(r'\bdef\s+Camera\s+"([^"\n]{1,100})"')
-_ATTRIBUTE = re.compile(
+ATTRIBUTE = re.compile(
     rf"^[ \t]*(?:uniform[ \t]+)?\w+[ \t]+{_PREFIX}([\w:]{{1,60}})[ \t]*=[ \t]*(.{{1,200}}?)\s*$",
     re.MULTILINE,
 )
@@ -64,7 +64,7 @@ def read_isaac(layer: str) -> dict[str, Camera]:
     """Return the cameras of a USD layer by the names of their prims; ``cam0`` without a prim."""
     cameras: dict[str, Camera] = {}
     for name, text in _prims(layer):
-        attributes = {key: value.strip("\"'") for key, value in _ATTRIBUTE.findall(text)}
+        attributes = {key: value.strip("\"'") for key, value in ATTRIBUTE.findall(text)}
         if attributes:
             with within(name):
                 cameras[name] = _isaac_camera(attributes)
@@ -178,7 +178,9 @@ class _NCore:
     reference: str = checked(one_of, words=tuple(_REFERENCES), key="reference_poly")
     center: Array = checked(numbers, shape=(2,), key="principal_point")
     max_angle: float = checked(number, above=0)
-    linear: Array = checked(vector, default_factory=lambda: np.array([1.0, 0.0, 0.0]), key="linear_cde")
+    linear: Array = checked(
+        numbers, shape=(3,), default_factory=lambda: np.array([1.0, 0.0, 0.0]), key="linear_cde"
+    )
     pixeldist_to_angle_poly: Any = None
     angle_to_pixeldist_poly: Any = None
 
@@ -250,8 +252,3 @@ def _ftheta(
     cx, cy = (np.asarray(center) + HALF_PIXEL).tolist()
     terms: dict[str, Any] = {"polynomial": polynomial, "reference": reference, "linear": linear or [1, 0, 0]}
     return create("ftheta", *size, cx=cx, cy=cy, max_angle_deg=max_angle_deg, **terms)
-
-
-def looks_like_isaac(document: str) -> bool:
-    """Return whether a text has Isaac Sim's attributes."""
-    return _ATTRIBUTE.search(document) is not None

@@ -52,7 +52,7 @@ def length(x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def polar_within(pixels: Array, center: tuple[float, float], plane: Plane, end: float, polar: Polar) -> int:
+def polar_within(center: tuple[float, float], plane: Plane, end: float, pixels: Array, polar: Polar) -> int:
     """Write the pixels (N, 2) whose radius in the plane is at most ``end``; return their number."""
     n = 0
     for i in range(len(pixels)):
@@ -220,7 +220,7 @@ def farthest_of_rim(k: Coefficients, end: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def undistorted_within(
-    pixels: Array, center: tuple[float, float], plane: Plane, solver: Solver, polar: Polar
+    center: tuple[float, float], plane: Plane, solver: Solver, pixels: Array, polar: Polar
 ) -> int:
     """Write the undistorted coordinates of pixels (N, 2) that have them in the disc; return their number."""
     k, end, last, farthest, _, table = solver

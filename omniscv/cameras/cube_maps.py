@@ -149,7 +149,10 @@ class Octahedral(CentralCamera):
         self._size = np.array([self.width, self.height])
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
-        x, y = np.moveaxis(np.clip(2 * pixels / self._size - 1, -_SQUARE_EDGE, _SQUARE_EDGE), -1, 0)
+        x, y = (
+            np.clip(2 * pixels[..., i] / size - 1, -_SQUARE_EDGE, _SQUARE_EDGE)
+            for i, size in enumerate(self._size)
+        )
         z = 1 - np.abs(x) - np.abs(y)
         x, y = _fold(x, y, z)
         scale = 1 / np.sqrt(x * x + y * y + z * z)

@@ -6,6 +6,7 @@ them turn radii into rays in the half-plane of the azimuth, :class:`Meridian`, a
 
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,9 +101,7 @@ class CircleCamera(Camera):
         from omniscv.cameras import camera_kernels  # slow to load
 
         center, plane = tuple(self.center.tolist()), (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-
-        def find(block: Array, inside: Any) -> int:
-            return int(camera_kernels.polar_within(block, center, plane, self._reach_px, inside))
+        find = partial(camera_kernels.polar_within, center, plane, self._reach_px)
 
         def meridian(r_px: Array) -> Meridian:
             return self._meridian(np.minimum(r_px / self.focal, self._edge))
@@ -190,13 +189,10 @@ class Lens(CentralCamera):
         from omniscv.cameras import camera_kernels  # slow to load
 
         center, plane = tuple(self.center.tolist()), self._plane()
-
-        def find(block: Array, inside: Any) -> int:
-            if self._distortion is None:
-                return int(camera_kernels.polar_within(block, center, plane, self._r_end, inside))
-            solver = self._distortion.solver
-            return int(camera_kernels.undistorted_within(block, center, plane, solver, inside))
-
+        if self._distortion is None:
+            find = partial(camera_kernels.polar_within, center, plane, self._r_end)
+        else:
+            find = partial(camera_kernels.undistorted_within, center, plane, self._distortion.solver)
         directions, _, valid = rays_about_axis(pixels, find, self._meridian)
         return directions, valid
 
