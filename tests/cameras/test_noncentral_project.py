@@ -17,23 +17,12 @@ unit = st.floats(0, 1)
 half_angle = st.one_of(  # a needle, a plate
     st.floats(1, 89), st.floats(-9, 0).map(lambda e: 10**e), st.floats(-12, 0).map(lambda e: 90 - 10**e)
 )
-panorama = st.builds(
-    lambda radius: create("noncentral-panorama", radius=radius),
-    metres,
-)
+panorama = st.builds(lambda r: create("noncentral-panorama", radius=r), metres)
 cone = st.builds(
-    lambda half_angle_deg, distance: create(
-        "noncentral-conical-mirror", half_angle_deg=half_angle_deg, distance=distance
-    ),
-    half_angle,
-    metres,
+    lambda tau, d: create("noncentral-conical-mirror", half_angle_deg=tau, distance=d), half_angle, metres
 )
 ball = st.builds(
-    lambda mirror_radius, distance: create(
-        "noncentral-spherical-mirror", mirror_radius=mirror_radius, distance=distance
-    ),
-    metres,
-    metres,
+    lambda r, d: create("noncentral-spherical-mirror", mirror_radius=r, distance=d), metres, metres
 )
 
 
@@ -146,11 +135,8 @@ def test_points_within_the_mirror_are_not_seen(name, parameters):
 def test_the_panorama_at_radius_0_is_the_equirectangular_to_the_bit():
     still = cameras.create("noncentral-panorama", width=65, height=33, radius=0)
     plain = cameras.create("equirectangular", width=65, height=33)
-    for ours, theirs in (
-        (still.unproject().directions, plain.unproject().directions),
-        (still.unproject().origins, plain.unproject().origins),
-    ):
-        np.testing.assert_array_equal(ours, theirs)
+    for part in ("directions", "origins"):
+        np.testing.assert_array_equal(getattr(still.unproject(), part), getattr(plain.unproject(), part))
     points = np.random.default_rng(0).normal(size=(10_000, 3)) * np.logspace(-9, 9, 10_000)[:, None]
     points[:5] = (0, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1), (-0.0, 0, -1)
     for ours, theirs in zip(still.project(points), plain.project(points), strict=True):

@@ -12,21 +12,10 @@ from omniscv.evaluate.lines.plucker import effective_baseline, free_line, level_
 from omniscv.evaluate.lines.reconstruction import ObservedLine
 
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
-CAMERAS = {
-    "panorama": (PANORAMA, (0, 1.0, 0)),
-    "cone": (
-        omniscv.cameras.create(
-            "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
-        ),
-        (0, 0, 1.0),
-    ),
-    "ball": (
-        omniscv.cameras.create(
-            "noncentral-spherical-mirror", width=1024, height=1024, mirror_radius=0.5, distance=0.5
-        ),
-        (0, 0, 1.0),
-    ),
-}
+MIRROR = {"width": 1024, "height": 1024, "distance": 0.5}
+CONE = omniscv.cameras.create("noncentral-conical-mirror", **MIRROR, half_angle_deg=55)
+BALL = omniscv.cameras.create("noncentral-spherical-mirror", **MIRROR, mirror_radius=0.5)
+CAMERAS = {"panorama": (PANORAMA, (0, 1.0, 0)), "cone": (CONE, (0, 0, 1.0)), "ball": (BALL, (0, 0, 1.0))}
 GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10 degrees
 
 

@@ -40,16 +40,8 @@ def measured(sensor, levels, folder, spatial=16):
 def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
     # The software calls what NumPy 2 has no more.
     monkeypatch.setattr(np, "asfarray", lambda values: np.asarray(values, float), raising=False)
-    sensor = Sensor(
-        electrons=10_000,
-        full_well=10_000,
-        read_noise=5,
-        gain=0.2,
-        black_level=20,
-        prnu=0.01,
-        dsnu=4,
-        mosaic="mono",
-    )
+    noise = {"read_noise": 5, "prnu": 0.01, "dsnu": 4}
+    sensor = Sensor(electrons=10_000, full_well=10_000, gain=0.2, black_level=20, mosaic="mono", **noise)
     results = measured(sensor, [*np.linspace(0, 9_000, 13), 9_600, 9_700, 9_800, 10_500], tmp_path)
     assert pytest.approx(0.2, rel=0.01) == results.K
     assert results.sigma_d == pytest.approx(5, rel=0.02)
