@@ -107,6 +107,13 @@ def test_the_page_of_datasets_has_every_option_of_a_format():
         assert not missing, name
 
 
+def test_the_page_of_architecture_has_every_module():
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    paths = [path for path in (ROOT / "omniscv").iterdir() if not path.name.startswith(("_", "py.typed"))]
+    names = {f"{path.name}/" if path.is_dir() else path.name for path in paths} - {"jobs.py"}  # an old name
+    assert not names - set(re.findall(r"`(?:omniscv/)?([\w.]+/?)`", page))
+
+
 def source_of(name):
     """The text of the module that a dotted name is, or is in."""
     path = ROOT.joinpath(*name.split("."))
