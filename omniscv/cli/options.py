@@ -19,11 +19,13 @@ Patience = Annotated[float | None, Option(help="Seconds of retries after a fault
 
 def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
     """Return ``--timeout`` and ``--patience``, where given, as options of a source."""
+    from omniscv.arguments import number  # loads NumPy, which help does without
+
     values: Deadlines = {}
     if timeout is not None:
-        values["timeout_s"] = one_number("--timeout", timeout)
+        values["timeout_s"] = number("--timeout", timeout, above=0)
     if patience is not None:
-        values["patience_s"] = one_number("--patience", patience)
+        values["patience_s"] = number("--patience", patience, above=0)
     return values
 
 
@@ -44,13 +46,6 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     if len(values) != len(example.split(",")):
         raise _wrong(option, f"numbers such as {example}", text)
     return values
-
-
-def one_number(option: str, text: object) -> float:
-    """Return a number above 0."""
-    from omniscv.arguments import number
-
-    return number(option, text, above=0)
 
 
 def modes(text: str) -> tuple[str, ...]:

@@ -34,8 +34,8 @@ _NODES = 384  # across the image, from pixels to directions
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
 _INSIDE = 1 - 1e-9  # keeps nodes off a face's border, where cube maps have their seams
 _LEAST_TURN = 1e-7  # rad from a pixel to the next; below it, rays are parallel
-_SLOW = ("rolling-shutter",)  # projecting a point takes milliseconds: the nearest pixel is used instead
-_SHARE = 0.9  # of the pixels that must be found again from their directions
+_SLOW = ("rolling-shutter",)  # projecting a point takes milliseconds: the pixel of the nearest ray is used
+_INVERTIBLE = 0.9  # least share of the pixels that their own directions must lead back to
 
 
 def describe(camera: Camera) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     if density is None:
         return None
     project = _projector(camera, density)
-    if not _spreads(camera, project, density):
+    if not _is_invertible(camera, project, density):
         return None
     count = int(np.clip(np.ceil(2 * density / _CELL_PX), _LEAST_CELLS, _MOST_CELLS))
     ends = np.linspace(-_INSIDE, _INSIDE, count + 1)
@@ -106,13 +106,13 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     between = np.mean(corners, axis=0)
     known = np.asarray(np.isfinite(between).all(axis=-1))
     off = _turned(camera, between, known, directions) * density
-    # Nearest pixels must not be interpolated, even where that fits by chance.
+    # Pixels of nearest rays must not be interpolated, even where that fits by chance.
     kinds = np.where((off <= _SMOOTH_PX) & (camera.name not in _SLOW), 1, 0)
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
     face, i, j = np.nonzero(kinds == 0)
-    torn = _project_cells(project, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
-    used = torn.any(axis=(1, 2, 3))
+    split = _project_cells(project, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
+    used = split.any(axis=(1, 2, 3))
     kinds[face[used], i[used], j[used]] = 2 + np.arange(np.count_nonzero(used))
     return {
         "cells": count,
@@ -120,17 +120,17 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
         "perPixel": _PER_PX,
         "nodes": pack(_fixed(nodes, seen).reshape(-1, count + 1, 2)),
         "kinds": pack(kinds.astype(np.uint32).reshape(-1, count)),
-        "tables": pack(torn[used].reshape(-1, finer, 2)),
+        "tables": pack(split[used].reshape(-1, finer, 2)),
     }
 
 
-def _spreads(camera: Camera, project: Project, density: float) -> bool:
-    """Whether the directions of pixels lead back to pixels that have them: of parallel rays, they do not."""
+def _is_invertible(camera: Camera, project: Project, density: float) -> bool:
+    """Whether directions determine pixels. Those of parallel rays do not."""
     pixels = np.random.default_rng(0).uniform((0, 0), (camera.width, camera.height), (2000, 2))
     rays = camera.unproject(pixels)
     directions = rays.directions[rays.valid]
     off = _turned(camera, *project(directions), directions) * density
-    return bool(np.mean(off < 1.0) >= _SHARE)
+    return bool(np.mean(off < 1.0) >= _INVERTIBLE)
 
 
 def on_cube(a: Array, b: Array) -> Array:
@@ -150,7 +150,7 @@ def _on_face(face: int | NDArray[np.int64], a: Array, b: Array) -> Array:
 
 
 def _projector(camera: Camera, density: float) -> Project:
-    """The function from directions (..., 3) to pixels (..., 2), and where there is one."""
+    """Return the function from directions (..., 3) to pixels (..., 2) and whether they are valid (...)."""
     if camera.name not in _SLOW:
         return lambda directions: camera.project(_FAR_M * directions)
     from scipy.spatial import cKDTree
@@ -180,7 +180,7 @@ def _fixed(pixels: Array, seen: NDArray[np.bool_]) -> NDArray[np.uint32]:
 
 
 def _turned(camera: Camera, pixels: Array, known: NDArray[np.bool_], directions: Array) -> Array:
-    """The angles, rad, between directions and the rays of pixels; +inf without a ray."""
+    """Return the angles, rad, between directions and the rays of pixels; +inf where a pixel has no ray."""
     rays = camera.unproject(np.where(known[..., None], pixels, camera.center))
     angle = np.linalg.norm(rays.directions - directions, axis=-1)
     return np.asarray(np.where(known & rays.valid, angle, np.inf))

@@ -1,4 +1,4 @@
-"""The layers of a frame in the forms that a page reads.
+"""The layers, boxes and layout of a frame in the forms that a page reads.
 
 ``picture``  the bytes of a PNG or JPEG file, or of a PNG that is made: RGB
 ``ids``      uint16: labels, classes
@@ -13,10 +13,13 @@ Arrays are packed: a mapping with ``type`` (``f4``, ``u4``, ``u2``, ``i2``, ``i1
 (C, H, W), each number read as an unsigned whole number less its left neighbour (modulo its range), split into
 planes: the lowest byte of every number, then the next. Neighbours in images are alike, so planes are mostly
 zeros. ``codec.js`` reads it.
+
+Boxes and layouts are lines in the image, each a flat list ``[u0, v0, u1, v1, ...]``, px.
 """
 
 import base64
 import zlib
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import cv2
@@ -26,11 +29,15 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import Frame
+from omniscv.geometry import Array
 from omniscv.parallel import side_by_side
+from omniscv.viewing.overlays import BoxKind, box_lines
 
 _PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
-_ARRAY_TYPES = ("f4", "u4", "u2", "i2", "i1", "u1")
 _LEVEL = 5
+
+_STEP = 6  # every so many samples of a curve, at most half a pixel apart, are kept
+_KINDS: tuple[BoxKind, ...] = ("boxes", "boxes3d")
 
 
 def names(frame: Frame) -> list[str]:
@@ -85,16 +92,73 @@ def pack(values: NDArray[Any]) -> dict[str, Any]:
     """
     exact = values.astype(np.uint8) if values.dtype == np.bool_ else values
     size = exact.dtype.itemsize
-    if (kind := f"{exact.dtype.kind}{size}") not in _ARRAY_TYPES:
-        raise TypeError(f"values: expected one of the types {', '.join(_ARRAY_TYPES)}, got {kind}")
     planar = np.moveaxis(exact if exact.ndim == 3 else exact[..., None], -1, 0)
     whole = np.ascontiguousarray(planar).view(f"<u{size}")
     steps = whole.copy()
     steps[..., 1:] -= whole[..., :-1]
     planes = np.ascontiguousarray(steps.view(np.uint8).reshape(-1, size).T)
+    kind = f"{exact.dtype.kind}{size}"
     return {"type": kind, "shape": list(planar.shape), "data": text(zlib.compress(planes.tobytes(), _LEVEL))}
 
 
 def text(data: bytes) -> str:
     """Return bytes as base64."""
     return base64.b64encode(data).decode("ascii")
+
+
+def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
+    """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``."""
+    kinds = [kind for kind in _KINDS if frame.truth.get(kind)]
+    return {kind: [_box(frame, kind, record) for record in frame.truth[kind]] for kind in kinds}
+
+
+def _box(frame: Frame, kind: BoxKind, record: Mapping[str, Any]) -> dict[str, Any]:
+    lines = [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)]
+    name, instance = record["name"], record["instance_id"]
+    return {"id": instance, "name": name, "class": record.get("class"), "lines": lines}
+
+
+def layout(frame: Frame) -> dict[str, Any] | None:
+    """Return a frame's layout; None without one.
+
+    ``edges`` have ``kind``, ``line``, and visibility in the empty room and in the furnished one: ``room``,
+    ``seen``; ``corners`` have ``pixel`` in place of ``line``. ``floor`` is (N, 2), the room from above, world
+    frame, metres.
+    """
+    return _layout(frame.layout) if frame.layout else None
+
+
+def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
+    edges = [
+        {
+            "kind": edge["kind"],
+            "room": piece["visible_room"],
+            "seen": piece["visible"] is not False,
+            "line": line,
+        }
+        for edge in record["edges"]
+        for piece in edge["pieces"]
+        for line in _parts(np.array(piece["pixels"], dtype=float))
+    ]
+    corners = [
+        {
+            "kind": corner["kind"],
+            "room": corner["visible_room"],
+            "seen": corner["visible"] is not False,
+            "pixel": corner["pixel"],
+        }
+        for corner in record["corners"]
+        if corner["in_image"]
+    ]
+    floor = [corner["world"][:2] for corner in record["corners"] if corner["kind"] == "floor"]
+    return {"edges": edges, "corners": corners, "floor": floor}
+
+
+def _parts(pixels: Array) -> Iterable[list[float]]:
+    """The parts of a line (N, 2) px between points that are not in the image, of every few points."""
+    line = pixels if len(pixels) < 3 else np.concatenate([pixels[:-1:_STEP], pixels[-1:]])
+    gaps = np.flatnonzero(~np.isfinite(line).all(axis=1))
+    for part in np.split(line, gaps):
+        known = part[np.isfinite(part).all(axis=1)]
+        if len(known) > 1:
+            yield np.round(known, 1).ravel().tolist()

@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.compose.files import finite
 from omniscv.dataset import Frame
 from omniscv.storage.local import folder_beside, replace_folder, whole_file
-from omniscv.viewing.look import layers, outlines
+from omniscv.viewing.look import layers
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.gathering import Gathered, Progress
 
@@ -96,7 +96,7 @@ def _write_frames(
     """Write the data of all frames, and collect each layer's range, without the last 0.5 % of both ends."""
     for i, frame in enumerate(gathered.frames):
         packed = layers.packed_layers(frame)
-        data = {"layers": packed, "boxes": outlines.boxes(frame), "layout": outlines.layout(frame)}
+        data = {"layers": packed, "boxes": layers.boxes(frame), "layout": layers.layout(frame)}
         for name, layer in packed.items():
             if ends := layer.get("range"):
                 low, high = ranges.get(name, ends)
