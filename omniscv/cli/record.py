@@ -13,7 +13,7 @@ from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
-_OVERSCAN_HELP = "px that captures have beyond each side."
+_OVERSCAN_HELP = "Additional px on each side of a capture."
 
 
 def _positions(texts: list[str]) -> Keys:

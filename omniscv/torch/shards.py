@@ -23,8 +23,8 @@ from omniscv.errors import ArgumentError
 from omniscv.storage import is_url, without_secrets
 from omniscv.torch.samples import LAYERS, Epochs, Sample, bound_threads, sample_of_frame
 
-_MIXED = 8
-"""Shards of a group: enough that a batch is of many places, few enough to keep open."""
+_GROUP_SHARDS = 8
+"""Shards that are shuffled together: a batch has samples of many places, and few files are open."""
 
 _RECORDS = "truth", "layout"
 """Kinds of files that every sample has, beside layers."""
@@ -94,7 +94,7 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         """The samples of an epoch, (shard, key), in groups of shards that are open together."""
         keys = [keys for _, keys in self._shards]
         if self.shuffle:
-            return shuffled(keys, _MIXED, np.random.default_rng((self.seed, self.epoch)))
+            return shuffled(keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
         return [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
 
     def _read(self, samples: Sequence[tuple[int, str]]) -> Iterator[Sample]:
@@ -150,18 +150,18 @@ def worker_share(rank: Share) -> Share:
 
 
 def shuffled(
-    shards: Sequence[Sequence[str]], mixed: int, random: np.random.Generator
+    shards: Sequence[Sequence[str]], group: int, random: np.random.Generator
 ) -> list[list[tuple[int, str]]]:
     """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other.
 
     Args:
-        shards: the keys in each.
-        mixed: number of random shards that are shuffled together in a group, and open at a time.
+        shards: the keys of each shard.
+        group: number of shards that are shuffled together, and open at a time.
         random: of the order.
     """
     order = random.permutation(len(shards)).tolist()
     groups = []
-    for first in range(0, len(order), mixed):
-        keys = [(shard, key) for shard in order[first : first + mixed] for key in shards[shard]]
+    for first in range(0, len(order), group):
+        keys = [(shard, key) for shard in order[first : first + group] for key in shards[shard]]
         groups.append([keys[i] for i in random.permutation(len(keys))])
     return groups

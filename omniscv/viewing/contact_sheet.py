@@ -91,12 +91,12 @@ def truths(image: OmniImage, most: float) -> tuple[_Picture, _Picture, _Picture]
 
 
 def _farthest(images: Iterable[OmniImage]) -> float:
-    """The end of the colour scale for all depths, in whole metres."""
+    """Return where the colours of depth end, in whole metres."""
     return float(np.ceil(farthest(np.concatenate([image["depth"].ravel() for image in images]))))
 
 
 class _Sheet:
-    """A page that grows downwards.
+    """A page of blocks, one below the other.
 
     Args:
         width: of its content, px.
