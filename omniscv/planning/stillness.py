@@ -154,7 +154,7 @@ class StillSet(SourceWrapper):
             x, y, z = again.view.pose.position
             expected = f"expected a world that stands still while {self._delivered} captures are made"
             got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
-            raise TornSetError(f"{expected}, got {got}; freeze it (--freeze, or source.at(...))")
+            raise TornSetError(f"{expected}, got {got}; freeze it (--set freeze=pause, or source.at(...))")
 
 
 def _center(view: View) -> Any:
