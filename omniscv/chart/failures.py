@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 QUICK = {"width": 32, "causes": ("radial depth",)}
 
-SAID = {
-    "holds": "#b6bcc6",
-    "refused": "#0072b2",
-    "doctor": "#009e73",
-    "marked": "#56b4e9",
-    "silent": "#d55e00",
+ANSWERS = {
+    "holds": ("#b6bcc6", "holds"),
+    "refused": ("#0072b2", "refused"),
+    "doctor": ("#009e73", "found by the doctor"),
+    "marked": ("#56b4e9", "marked or bounded in the image"),
+    "silent": ("#d55e00", "silent"),
 }
-"""The software's answers, with colours. ``holds``: the image is as true as without the fault."""
+"""Colour and legend of the software's answers. ``holds``: the image is as true as without the fault."""
 
 COLUMNS = ("panorama", "strips", "8 viewpoints", "adaptive")
 _RING: dict[str, dict[str, Any]] = {
@@ -51,13 +51,6 @@ _RING: dict[str, dict[str, Any]] = {
     "adaptive": {"strategy": "adaptive"},
 }
 
-_LEGEND = {
-    "holds": "holds",
-    "refused": "refused",
-    "doctor": "found by the doctor",
-    "marked": "marked or bounded in the image",
-    "silent": "silent",
-}
 _KEY = "Each cell: strength from weak to strong; its height: pixels wrong, 0.01 % to 100 %, logarithmic"
 _LINE_IN = 0.36
 _MODES = ("lit", "object_mask", "depth")
@@ -152,7 +145,7 @@ class Row:
         wrong: share of the valid pixels with a wrong label, depth off by more than 1 %, or a colour of more
             than 8 levels outside what is seen within the pixel; None if refused.
         unmarked: share of the pixels that are wrong and not marked.
-        said: one of ``SAID``.
+        said: one of ``ANSWERS``.
         findings: the names of what the doctor finds, beside what it finds without the fault.
         refusal: the error that was raised.
     """
@@ -332,9 +325,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         mine = [row for row in rows if row.cause == cause]
         text = f"{cause}\n{mine[0].strength} to {mine[-1].strength} {mine[0].unit}"
         axes.set_ylabel(text, rotation=0, ha="right", va="center", size=8, color=drawing.INK)
-    for said, color in SAID.items():
-        panels[0, 0].plot([], [], "o", color=color, label=_LEGEND[said], ms=6)
-    figure.legend(loc="outside lower center", ncols=len(SAID), frameon=False, fontsize=8.5)
+    for color, label in ANSWERS.values():
+        panels[0, 0].plot([], [], "o", color=color, label=label, ms=6)
+    figure.legend(loc="outside lower center", ncols=len(ANSWERS), frameon=False, fontsize=8.5)
     return drawing.write(rows, figure, out, "chart-failures")
 
 
@@ -343,7 +336,9 @@ def _draw(axes: Axes, rows: Sequence[Row]) -> None:
     axes.semilogy(range(len(rows)), share, color="#c3c9d2", lw=1.2, zorder=1)
     for at, (row, value) in enumerate(zip(rows, share, strict=True)):
         marker = "x" if row.said == "refused" else "o"
-        axes.plot(at, value, marker, color=SAID[row.said], ms=5.5, mew=2 if marker == "x" else 0, zorder=2)
+        axes.plot(
+            at, value, marker, color=ANSWERS[row.said][0], ms=5.5, mew=2 if marker == "x" else 0, zorder=2
+        )
     axes.set(ylim=(_LEAST / 2, 6), xlim=(-0.5, max(len(rows), 1) - 0.5))
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False, which="both")
     for side in axes.spines.values():
