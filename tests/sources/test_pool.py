@@ -110,15 +110,6 @@ def test_a_slow_replica_does_not_delay_the_others():
     assert len(quick.made) > len(slow.made) > 0
 
 
-def test_a_fault_of_another_kind_is_raised():
-    class Wrong(Game):
-        def capture(self, requests):
-            raise ZeroDivisionError
-
-    with SourcePool([Game(), Wrong()]) as pool, pytest.raises(ZeroDivisionError):
-        list(pool.capture(REQUESTS))
-
-
 def test_a_replica_that_failed_is_not_used_again():
     games = [Game(lasts=3), Game()]
     with SourcePool(games) as pool:
@@ -131,12 +122,25 @@ def test_a_replica_that_failed_is_not_used_again():
                 list(pool.capture(REQUESTS))
 
 
-def test_a_replica_that_skips_a_request_has_failed():
-    class Short(Game):
-        def capture(self, requests):
-            yield from super().capture(requests[:-1])
+class Short(Game):
+    def capture(self, requests):
+        yield from super().capture(requests[:-1])
 
-    with SourcePool([Short()]) as pool, pytest.raises(SourceError, match="expected 24 captures, got 23"):
+
+class Wrong(Game):
+    def capture(self, requests):
+        raise ZeroDivisionError("wrong")
+
+
+@pytest.mark.parametrize(
+    ("games", "error", "says"),
+    [
+        ([Short()], SourceError, "expected 24 captures, got 23"),
+        ([Game(), Wrong()], ZeroDivisionError, "wrong"),
+    ],
+)
+def test_a_skipped_request_and_an_error_of_another_kind_are_raised(games, error, says):
+    with SourcePool(games) as pool, pytest.raises(error, match=says):
         list(pool.capture(REQUESTS))
 
 
