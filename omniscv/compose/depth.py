@@ -264,6 +264,12 @@ def _displace(
         if point.inverse > 0.0:
             a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, fx, fy)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
+            right = fx * (offset[0] - u * offset[2]) * point.inverse  # px to where the pixel's own ray passes
+            below = fy * (offset[1] - v * offset[2]) * point.inverse
+            there = surface_point(pictures.depth[k], x[i] + right, y[i] + below, fx, pictures.precision)
+            if there.inverse > 0.0:  # a curved surface has another slope there
+                a, b, e = plane_of(there.inverse, there.across, there.down, dx + right, dy + below, fx, fy)
+                shift = max(shift, abs(a * offset[0] + b * offset[1] + e * offset[2]))
             error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * point.error * focal * aside)
         if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
             error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size
