@@ -65,7 +65,7 @@ def test_a_kernel_of_the_cache_runs_without_what_compiles(tmp_path):
     module.write_text(KERNEL)
     with largest_file(2000):  # enough for the index, not for the kernel
         assert run(tmp_path, COMMAND, **cache).stdout == "0 True\n"
-    module.write_text(f"{KERNEL}doubled(np.arange(3))\n")  # another signature
+    module.write_text(f"{KERNEL}{SMALL_KERNEL}tripled(2)\n")
     first, second = (run(tmp_path, COMMAND, **cache) for _ in "12")
     assert (first.stdout, first.stderr) == ("0 True\n", SAID)
     assert (second.stdout, second.stderr) == ("1 False\n", "")
@@ -74,13 +74,17 @@ def test_a_kernel_of_the_cache_runs_without_what_compiles(tmp_path):
 SAID = "omniscv: compiling kernels (once, about 15 s for a first image)\n"
 
 
-TWO_SIGNATURES = (
-    KERNEL.partition("assert")[0]
-    + """
-assert doubled(np.arange(3.0)).tolist() == doubled(np.arange(3)).tolist() == [0, 2, 4]
-print(sum(doubled.stats.cache_hits.values()))
+SMALL_KERNEL = """
+from omniscv.compiled import njit
+
+@njit(cache=True)
+def tripled(value):
+    return 3 * value
 """
-)
+TWO_SIGNATURES = f"""{SMALL_KERNEL}
+assert tripled(2.0) == tripled(2) == 6
+print(sum(tripled.stats.cache_hits.values()))
+"""
 
 
 def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
