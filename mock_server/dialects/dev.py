@@ -69,6 +69,8 @@ class PluginDev(Plugin11):
         return data[:54] + data[58:]
 
     def _panoramic_depth(self, camera: Camera, width: int, height: int) -> Reply:
+        if not 0 < width * height <= _MOST_PIXELS:
+            return f"error Invalid size {width} x {height}"
         hits, rays = self._trace(camera, width, height)
         depth = hits.distance
         if self.settings.panorama == "fork":  # planar in the faces of a cube, cm

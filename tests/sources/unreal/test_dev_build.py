@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.unreal import agrees, relayed
+from support.wire import RawClient
 from support.worlds import SCENE, ahead, at_time, serve
 
 import mock_server
@@ -111,6 +112,14 @@ def test_a_panorama_that_shows_something_else_is_not_explained():
         camera.lag = 0
         (finding,) = native_panorama.findings(connection, camera)
     assert (finding.verdict, finding.value) == ("warning", "does not show what six faces show")
+
+
+def test_a_panorama_of_no_pixels_is_refused():
+    with mock_server.serve("four-wall", dialect="Dev", shared_memory="serving") as server:
+        client = RawClient(server)
+        for form in ("bmp 0 0", "depth_shared 0 0"):
+            separator = "/" if form.startswith("depth") else " "
+            assert client.text(f"vget /camera/0/panoramic{separator}{form}").startswith("error Invalid ")
 
 
 def test_open_servers_have_no_panorama():
