@@ -114,12 +114,12 @@ def test_a_panorama_that_shows_something_else_is_not_explained():
     assert (finding.verdict, finding.value) == ("warning", "does not show what six faces show")
 
 
-def test_a_panorama_of_no_pixels_is_refused():
+@pytest.mark.parametrize("command", ["panoramic bmp", "panoramic/depth_shared"])
+def test_a_panorama_of_no_pixels_is_refused(command):
     with mock_server.serve("four-wall", dialect="Dev", shared_memory="serving") as server:
         client = RawClient(server)
-        for form in ("bmp 0 0", "depth_shared 0 0"):
-            separator = "/" if form.startswith("depth") else " "
-            assert client.text(f"vget /camera/0/panoramic{separator}{form}").startswith("error Invalid ")
+        with client.socket:
+            assert client.text(f"vget /camera/0/{command} 0 0").startswith("error Invalid ")
 
 
 def test_open_servers_have_no_panorama():
