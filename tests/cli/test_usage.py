@@ -262,7 +262,7 @@ def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
 def test_plan_lists_every_strategy(job, capsys):
     from omniscv import planning
 
-    assert run(["plan", str(job), "--measure"]) == 0
+    assert run(["plan", str(job), "--measure", "--source", "scene://four-wall"]) == 0
     strategies, aims = capsys.readouterr().out.split("accuracy ")
     heading, *rows = strategies.splitlines()
     assert [row.split()[0] for row in aims.splitlines()] == ["requests", "1.0%", "0.3%", "0.1%"]
