@@ -1,7 +1,8 @@
 """The ray lookup: for each ray, the view that sees it and the pixel there."""
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,6 +33,19 @@ class RayLookup:
     y: Floats
     margin: float
     used: Mask
+    _nearest: dict[tuple[int, ...], Ints] = field(default_factory=dict, repr=False)
+
+    def nearest(self, shape: tuple[int, ...]) -> Ints:
+        """Return (N,) the nearest pixel of each ray in pictures (V, h, w), as a flat index; -1 for none.
+
+        It is kept: masks, their edges and other values are taken at the same pixels.
+        """
+        if (known := self._nearest.get(shape)) is not None:
+            return known
+        pixels = np.empty(len(self.view), np.int32 if math.prod(shape) < 1 << 31 else np.int64)
+        run(_nearest, (self.view, self.x, self.y, pixels), *shape[1:])
+        self._nearest[shape] = pixels
+        return pixels
 
     def by_view(self) -> Iterator[tuple[int, Ints]]:
         """Yield each view that sees rays, and the indices of these."""
@@ -41,7 +55,8 @@ class RayLookup:
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        return self.view.nbytes + self.x.nbytes + self.y.nbytes
+        kept = list(self._nearest.values())
+        return sum(array.nbytes for array in (self.view, self.x, self.y, *kept))
 
 
 def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None) -> RayLookup:
@@ -79,6 +94,13 @@ def _sure_px(views: Sequence[View], R_c_d: Array) -> Array:
     cube = nearest.min() > 1 and np.minimum(turned, np.abs(1 - turned)).max() < _ALIGNED
     m = np.ones(len(views)) if cube else np.tan(nearest / 2) / np.sqrt(2)
     return np.asarray(np.minimum(first.focal_px * m, first.width / 2) * (1 - 10 * _ALIGNED))
+
+
+@njit(cache=True, nogil=True)
+def _nearest(view: Ints, x: Floats, y: Floats, pixels: Ints, height: int, width: int) -> None:
+    for i in range(view.shape[0]):
+        c, r = min(max(int(x[i]), 0), width - 1), min(max(int(y[i]), 0), height - 1)
+        pixels[i] = (view[i] * height + r) * width + c if view[i] >= 0 else -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
