@@ -42,7 +42,8 @@ class RayLookup:
         """
         if (known := self._nearest.get(shape)) is not None:
             return known
-        pixels = np.empty(len(self.view), np.int32 if math.prod(shape) < 1 << 31 else np.int64)
+        kind = np.int32 if math.prod(shape) < 1 << 31 else np.int64
+        pixels: Ints = np.empty(len(self.view), kind)
         run(_nearest, (self.view, self.x, self.y, pixels), *shape[1:])
         self._nearest[shape] = pixels
         return pixels
