@@ -167,7 +167,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
                 rotation=90,
                 va="bottom",
             )
-    axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: its map made anew)", size=9)
+    axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: including its map)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
     axes.legend(fontsize=8, frameon=False)
     return drawing.write(rows, figure, out, "chart-central")

@@ -106,10 +106,12 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
             label=None if hollow or not group else series,
         )  # fmt: skip
     for dot in ways:
-        color = _dark(looks[dot.series].color)
+        look = looks[dot.series]
+        below, gap = not look.line, 12 if dot.default else 8  # single dots apart from those of curves
         axes.annotate(
-            dot.label, (dot.x, dot.y), (0, 8), textcoords="offset points", ha="center", size=7.5, color=color
-        )
+            dot.label, (dot.x, dot.y), (0, -gap if below else gap), textcoords="offset points", ha="center",
+            va="top" if below else "baseline", size=7.5, color=_dark(look.color),
+        )  # fmt: skip
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
     axes.margins(0.18)
