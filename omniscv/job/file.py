@@ -268,7 +268,7 @@ def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | Non
     if scheme_of(str(path)) or is_recording(path):
         source = str(path).replace(":/", "://", 1)
         wanted = "expected the file of a job, got a source of captures"
-        raise ArgumentError(f"{source}: {wanted}; write --source {source}")
+        raise ArgumentError(f"{source}: {wanted}; write --source {source}, or 'source: {source}' in a job")
     with within(path):
         return read(overridden(bounded.parse_yaml(bounded.read_text(path)), overrides or {}), path.parent)
 
@@ -327,7 +327,7 @@ def read(description: object, folder: Path) -> Job:
         cameras=_load_cameras(keys.cameras or {}, folder),
         out=keys.out if is_url(keys.out) else folder / keys.out,
         modes=keys.modes,
-        record=None if keys.record is None else folder / keys.record,
+        record=None if keys.record is None else _recording(folder / keys.record),
         options=options,
         image_format=keys.image_format,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
@@ -340,6 +340,12 @@ def read(description: object, folder: Path) -> Job:
         brackets=keys.brackets,
         sensor=None if keys.sensor is None else keys.sensor.relative_to(folder),
     )
+
+
+def _recording(path: Path) -> Path:
+    if path.is_dir():
+        raise ArgumentError(f"record: expected a file or a free name, got a folder: {path}")
+    return path
 
 
 def _load_cameras(cameras: Mapping[str, Camera | _CameraFile], folder: Path) -> dict[str, Camera]:
