@@ -15,7 +15,7 @@ from mock_server.faults import KINDS
 from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, SHARED_MEMORY, scene_names
 from mock_server.stop_signal import stop_signal
 
-_LONGEST_LINE = 1000
+_LONGEST_LINE = 900
 _EXAMPLE = "four-wall --port 9000 --dialect 0.3.10 --size 512x512"
 
 

@@ -36,7 +36,7 @@ from omniscv.errors import ArgumentError, BadReplyError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
 from omniscv.storage import png
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, library_error, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
 
 Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
@@ -225,7 +225,7 @@ def _other_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
 
     pixels: NDArray[Any] | None = _opened(path, row).read_image("unknown")
     if pixels is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {OpenImageIO.geterror()}")
+        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
     return pixels
 
 
@@ -235,7 +235,7 @@ def _opened(path: Path, row: modalities.Modality) -> Any:
 
     source = OpenImageIO.ImageInput.open(str(path))
     if source is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {OpenImageIO.geterror()}")
+        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
     suffix, spec = path.suffix.removeprefix("."), source.spec()
     if (form := source.format_name()) != _FORMS.get(suffix, form):
         raise ArgumentError(f"expected {suffix.upper()}, as its name says, got {form}")
@@ -352,12 +352,12 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute("jpegxl:distance", 0.0)
     output = OpenImageIO.ImageOutput.create(str(path))
     if output is None:
-        raise OmniscvError(f"{path.name}: expected to write it, got: {OpenImageIO.geterror()}")
+        raise OmniscvError(f"{path.name}: expected to write it, got: {library_error(OpenImageIO)}")
     written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(planes))
     closed = output.close()
     _check_space(path)
     if not (written and closed):
-        raise OmniscvError(f"{path.name}: expected to write it, got: {output.geterror()}")
+        raise OmniscvError(f"{path.name}: expected to write it, got: {library_error(output)}")
 
 
 def _rounded_up(bounds: NDArray[np.float32]) -> NDArray[np.float16]:

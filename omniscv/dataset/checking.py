@@ -19,10 +19,10 @@ from omniscv.arguments import shown
 from omniscv.dataset import exporting, manifest
 from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
-from omniscv.errors import DatasetError, MissingFileError, OmniscvError
+from omniscv.errors import ArgumentError, DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import IMAGE, Frame
 from omniscv.storage import Folder
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 _UNIT = 1e-3  # how far the length of a normal may be off 1, or off 0
 
@@ -122,10 +122,11 @@ def _check_own_file(whole: Manifest, frame: Frame) -> None:
     name = f"{frame.key}.json"
     if IMAGE in frame.files:
         path = frame.files[IMAGE]
-        if (
-            whole.frame_of_file(name, path.read_bytes(), storage.folder(path.parent)).to_dict()
-            == frame.to_dict()
-        ):
+        try:
+            content = read_bytes(path, MOST_JSON_BYTES)
+        except ArgumentError as fault:
+            raise DatasetError(f"{name}: {fault.message}") from fault
+        if whole.frame_of_file(name, content, storage.folder(path.parent)).to_dict() == frame.to_dict():
             return
     raise DatasetError(f"{name}: expected what {manifest.FRAMES} says of it, got something else")
 

@@ -153,7 +153,7 @@ _CORNER: dict[str, Reader] = {
     "in_image": flag,
     "visible_room": flag,
     "visible": optional(flag),
-    "pixel?": optional(partial(numbers, shape=(2,))),
+    "pixel": optional(partial(numbers, shape=(2,))),
 }
 _EDGE: dict[str, Reader] = {
     "kind": partial(one_of, words=("floor", "ceiling", "vertical")),

@@ -19,6 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats
 from omniscv.light import light_of_codes
 from omniscv.storage import png
+from omniscv.storage.bounded import library_error
 from omniscv.storage.local import whole_file, write_text
 
 RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
@@ -45,7 +46,9 @@ def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
     source = OpenImageIO.ImageInput.open(str(path))
     pixels = None if source is None else source.read_image(0, 0, 0, 1, "uint16")
     if pixels is None:
-        raise ArgumentError(f"{path}: expected a grey picture of 8 or 16 bits, got: {OpenImageIO.geterror()}")
+        raise ArgumentError(
+            f"{path}: expected a grey picture of 8 or 16 bits, got: {library_error(OpenImageIO)}"
+        )
     if size is not None and pixels.shape[:2] != size:
         wanted = f"expected a vignette of the image's size, {size[1]} x {size[0]}"
         raise ArgumentError(f"{path}: {wanted}, got {pixels.shape[1]} x {pixels.shape[0]}")

@@ -15,6 +15,7 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
+from omniscv.storage.bounded import library_error
 
 NAMES = tuple(name for name, _ in cube_rotations())
 Pixels = NDArray[Any]
@@ -118,14 +119,14 @@ def read_picture(file: Path) -> Pixels:
             return np.asarray(pixels, np.float32) if pixels.dtype.kind == "f" else pixels
         source = OpenImageIO.ImageInput.open(str(file))
         if source is None:
-            raise ArgumentError(f"expected a picture, got: {shown(OpenImageIO.geterror())}")
+            raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
         spec = source.spec()
         if not 0 < spec.width * spec.height <= MAX_PIXELS:
             raise ArgumentError(f"expected at most {MAX_PIXELS} pixels, got {spec.width} x {spec.height}")
         formats = {"uint8": "uint8", "uint16": "uint16"}
         pixels = source.read_image(0, 0, 0, min(spec.nchannels, 3), formats.get(str(spec.format), "float"))
         if pixels is None:
-            raise ArgumentError(f"expected a picture, got: {shown(source.geterror())}")
+            raise ArgumentError(f"expected a picture, got: {shown(library_error(source))}")
         return pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
 
 

@@ -17,6 +17,7 @@ from omniscv.errors import ArgumentError
 
 MOST_YAML_BYTES = yaml_text.MOST_BYTES
 MOST_JSON_BYTES = 1 << 26
+MOST_PICTURE_BYTES = 1 << 30
 """Of records of one frame; a list of many frames may have more."""
 
 
@@ -113,3 +114,11 @@ def parse_yaml(text: str) -> Any:
         return yaml_text.parse(text)
     except ValueError as cause:
         raise ArgumentError(str(cause)) from cause
+
+
+def library_error(reader: Any) -> str:
+    """Return the error of OpenImageIO, its reader or its writer; names in files may not be UTF-8."""
+    try:
+        return str(reader.geterror())
+    except UnicodeDecodeError:
+        return "names that are no UTF-8"

@@ -19,7 +19,7 @@ import yaml
 from support.datasets import image, job_file
 
 from attack.commands import clear, nothing_left, ran, require
-from attack.spoiling import bytes_changed, regular_files, spoil_file, strange, text_changed, write
+from attack.spoiling import bytes_changed, head, regular_files, spoil_file, strange, text_changed, write
 from attack.words import YAML
 from omniscv import dataset, jobs
 from omniscv.dataset.formats.webdataset import Shard, read_list
@@ -75,7 +75,7 @@ def listed(out, path):
     said = json.loads(own.read_bytes())
     said["frame"]["files"][kind] = entry
     own.write_text(json.dumps(said), encoding="utf-8")
-    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text(encoding="utf-8").splitlines()]
+    lines = [json.loads(line) for line in head(out / "frames.jsonl").decode().splitlines()]
     for line in lines:
         if line["key"] == key:
             line["files"] |= {kind: entry, "image": asdict(FileEntry.of(own))}
@@ -90,16 +90,16 @@ def spoil(rng, out):
     if rng.random() < 0.2:
         strange(rng, path)
     elif path.name == "frames.jsonl":
-        lines = path.read_bytes().decode(errors="replace").splitlines() or [""]
+        lines = head(path).decode(errors="replace").splitlines() or [""]
         i = rng.randrange(len(lines))
         lines[i : i + 1] = rng.choice([[], [lines[i]] * 2, *[[text_changed(rng, lines[i])]] * 6])
         path.write_bytes("".join(f"{line}\n" for line in lines).encode("utf-8", "surrogatepass"))
         return True
     elif path.suffix == ".json":
-        write(path, text_changed(rng, path.read_bytes().decode(errors="replace")))
+        write(path, text_changed(rng, head(path).decode(errors="replace")))
         return path.name == "dataset.json"
     else:
-        path.write_bytes(bytes_changed(rng, path.read_bytes()))
+        path.write_bytes(bytes_changed(rng, head(path)))
         with contextlib.suppress(
             OSError, ValueError, LookupError, TypeError, RecursionError
         ):  # spoiled before

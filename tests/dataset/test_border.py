@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from support.datasets import tree
 
-from omniscv import cli, dataset, jobs
-from omniscv.errors import DatasetError
+from omniscv import cameras, cli, dataset, jobs
+from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import FileEntry
+from omniscv.frame.forms import checked
 from omniscv.storage import png
+from omniscv.storage.bounded import library_error
 from omniscv.viewing.look import look
 
 
@@ -180,3 +182,21 @@ def test_pipes_and_links_in_place_of_files_are_replaced(copied):
     assert (made.written, made.kept) == (3, 3)
     assert tree(copied) == before
     assert not (copied / "pano-1.lit.png").is_symlink()
+
+
+def test_a_corner_in_the_image_has_its_pixel():
+    corner = {"kind": "floor", "world": [1, 2, 0], "in_image": True, "visible_room": True, "visible": None}
+    layout = {"version": 1, "corners": [corner], "edges": []}
+    camera = cameras.create("equirectangular", width=8, height=4)
+    with pytest.raises(ArgumentError, match="pixel"):
+        checked("layout", layout, camera, {})
+
+
+def test_an_error_of_a_library_that_is_no_text_is_told_all_the_same():
+    """OpenImageIO quotes names of files as they are."""
+
+    class Reader:
+        def geterror(self):
+            return b"\xd6".decode()
+
+    assert library_error(Reader()) == "names that are no UTF-8"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omniscv.errors import BadReplyError
 from omniscv.sources.base import View
 from omniscv.sources.codecs import check_depth, decode_png
-from omniscv.storage.bounded import read_bytes
+from omniscv.storage.bounded import library_error, read_bytes
 
 _SKY = 0.99e10
 """Blender's depth where there is no surface is 1e10, in units of the scene."""
@@ -78,7 +78,7 @@ def _passes(path: Path, view: View) -> Pixels:
     passes: Pixels = {}
     file = OpenImageIO.ImageInput.open(str(path))
     if file is None:
-        raise BadReplyError(f"expected an EXR file of Blender, got: {OpenImageIO.geterror()}")
+        raise BadReplyError(f"expected an EXR file of Blender, got: {library_error(OpenImageIO)}")
     try:
         part = 0
         while part < _MOST_PARTS and file.seek_subimage(part, 0):

@@ -38,13 +38,12 @@ from omniscv.sources.recording.rows import (
     view_from_dict,
 )
 from omniscv.sources.recording.store import Store
-from omniscv.storage.bounded import read_bytes
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 from omniscv.storage.local import folder_beside, refusal
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
 GEOMETRY, STATES = "geometry.json", "states.json"
 
-_MOST_BYTES = 1 << 30  # of a file in a folder
 _ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 
 
@@ -247,7 +246,7 @@ def _capture(folder: Path, located: tuple[str, _Entry]) -> Capture:
     with within(where):
         request, encoding = entry.request, entry.encoding or entry.default_encoding()
     try:
-        payload = read_bytes(folder / entry.file, _MOST_BYTES)
+        payload = read_bytes(folder / entry.file, MOST_PICTURE_BYTES)
     except ArgumentError as cause:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause
@@ -300,7 +299,7 @@ def _read_optional(path: Path) -> Any:
 
 def _read_json(path: Path, expected: type) -> Any:
     try:
-        data = json.loads(read_bytes(path, _MOST_BYTES))
+        data = json.loads(read_bytes(path, MOST_PICTURE_BYTES))
     except (ValueError, RecursionError) as cause:  # an ArgumentError is a ValueError
         raise ArgumentError(f"{path}: expected a JSON file of captures, got: {cause}") from cause
     if not isinstance(data, expected):

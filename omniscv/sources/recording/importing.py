@@ -21,6 +21,7 @@ from omniscv.sources.pictures import Pixels, read_picture, to_faces, turn_about_
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
 from omniscv.sources.recording.sequences import SEQUENCES, find_sequence
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
 """Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
@@ -130,7 +131,11 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
             )
             lines = choice.lines([stems[i] for i in _order(choice, orders)])
         order = _order(choice, orders)
-        faces[mode] = _views(choice, [pixels[i] for i in order], [files[mode][i].read_bytes() for i in order])
+        faces[mode] = _views(
+            choice,
+            [pixels[i] for i in order],
+            [read_bytes(files[mode][i], MOST_PICTURE_BYTES) for i in order],
+        )
     return faces, lines
 
 

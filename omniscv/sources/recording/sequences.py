@@ -7,7 +7,6 @@ docs/capture-folders.md.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -23,6 +22,7 @@ from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import read_picture, to_faces
+from omniscv.storage.bounded import MOST_JSON_BYTES, MOST_PICTURE_BYTES, parse_json, read_bytes
 
 _N = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 _M = np.diag([1.0, -1, -1])
@@ -77,7 +77,7 @@ class Sequence:
 def _as_received(
     file: Path, mode: str, pose: Pose, fov_deg: float, encoding: str, provenance: dict[str, Any]
 ) -> Capture:
-    payload = file.read_bytes()
+    payload = read_bytes(file, MOST_PICTURE_BYTES)
     try:
         view = View(pose, fov_deg, *codecs.picture_size(payload))
         pixels = codecs.decode(payload, encoding, mode, view)
@@ -159,7 +159,7 @@ def _classes(folder: Path) -> ObjectTable:
     """The classes of masks as objects: ``name_map`` of seg_label_map.json, here or beside the sequences."""
     for place in (folder, *folder.absolute().parents[:2]):
         if (place / "seg_label_map.json").exists():
-            ids = json.loads((place / "seg_label_map.json").read_text()).get("name_map", {})
+            ids = parse_json(read_bytes(place / "seg_label_map.json", MOST_JSON_BYTES)).get("name_map", {})
             return ObjectTable({}, 0, {str(name): int(i) for name, i in ids.items()})
     return ObjectTable({})
 
@@ -169,7 +169,7 @@ def _ob3d(folder: Path) -> Sequence:
     for file in sorted((folder / "cameras").glob("*_cam.json")):
         number = file.name.removesuffix("_cam.json")
         with within(file.name):
-            outer = json.loads(file.read_text())[0]["extrinsics"]
+            outer = parse_json(read_bytes(file, MOST_JSON_BYTES))[0]["extrinsics"]
             R_c_w = _orthonormal(np.array(outer["rotation"], float))
             t_w_c = -R_c_w.T @ np.array(outer["translation"], float)
         for kind, ending, mode in (("images", "rgb.png", "lit"), ("depths", "depth.exr", "depth")):
