@@ -124,7 +124,8 @@ def _format_of(text: str) -> str:
     if opencv_model == opencv.EITHER:
         raise ArgumentError(
             "expected coefficients of one model, got four, which may be of two: give format opencv "
-            "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), as --set camera.format=opencv"
+            "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), such as "
+            "--set camera.format=opencv"
         )
     raise ArgumentError(
         f"expected a file that looks like one of {', '.join(_FORMATS)}; it looks like "
