@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ Picture = NDArray[np.uint8]
 OUTSIDE = (230, 233, 238)
 """The colour of pixels outside the field of view."""
 _INK = (28, 35, 48)
-_TILE_PX, _MARGIN_PX, _CAPTION_PX = 480, 8, 20
+_TILE_PX, _EM_PX, _LEFT_PX = 480, 13, 8
 
 
 def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
@@ -97,19 +98,46 @@ def resized(picture: Picture, size: tuple[int, int], transfer: str) -> Picture:
 
 def sheet(image: OmniImage) -> Image:
     """Return all layers of an image, each under its name: two in a row if they are wide, else three."""
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image
 
     height, width = image.valid.shape
-    tile = min(_TILE_PX, width), max(1, round(height * min(1, _TILE_PX / width)))
-    columns = min(len(image.layers), 2 if width > 1.5 * height else 3)
-    rows = -(-len(image.layers) // columns)
-    across, down = tile[0] + _MARGIN_PX, tile[1] + _CAPTION_PX + _MARGIN_PX
-    page = Image.new("RGB", (columns * across + _MARGIN_PX, rows * down), "white")
-    draw, font = ImageDraw.Draw(page), ImageFont.load_default(13)
-    for k, layer in enumerate(image.layers):
-        left, top = _MARGIN_PX + k % columns * across, k // columns * down
-        draw.text((left, top + 2), layer, _INK, font)
-        transfer = transfer_shown(image) if layer == "lit" else "unknown"
-        shown = resized(picture(image, layer), tile, transfer)
-        page.paste(Image.fromarray(shown), (left, top + _CAPTION_PX))
-    return page
+    size = min(_TILE_PX, width), max(1, round(height * min(1, _TILE_PX / width)))
+    transfers = {"lit": transfer_shown(image)} if "lit" in image.layers else {}
+    tiles = {
+        layer: resized(picture(image, layer), size, transfers.get(layer, "unknown")) for layer in image.layers
+    }
+    return Image.fromarray(captioned(tiles, min(len(tiles), 2 if width > 1.5 * height else 3), _EM_PX))
+
+
+def captioned(tiles: Mapping[str, Picture], columns: int, em: int) -> Picture:
+    """Return a page of pictures in rows, each below its caption.
+
+    Args:
+        tiles: (h, w, 3) RGB by caption, all of one width.
+        columns: pictures in a row.
+        em: px of the type, and between pictures.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    across = em + max(tile.shape[1] for tile in tiles.values())
+    captions, rows = list(tiles), []
+    for start in range(0, len(captions), columns):
+        row = captions[start : start + columns]
+        height = max(tiles[caption].shape[0] for caption in row)
+        page = Image.new("RGB", (columns * across + em, 2 * em + height), "white")
+        for k, caption in enumerate(row):
+            left = em + k * across
+            ImageDraw.Draw(page).text((left, em // 2), caption, _INK, ImageFont.load_default(em))
+            page.paste(Image.fromarray(tiles[caption]), (left, 2 * em))
+        rows.append(np.asarray(page))
+    return np.concatenate(rows)
+
+
+def line_of_text(text: str, em: int) -> Picture:
+    """Return a line of type of a size in px, with room above."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(em)
+    page = Image.new("RGB", (round(font.getlength(text)) + 2 * _LEFT_PX, 2 * em), "white")
+    ImageDraw.Draw(page).text((_LEFT_PX, em // 2), text, _INK, font)
+    return np.asarray(page)

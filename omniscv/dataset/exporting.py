@@ -9,11 +9,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 from omniscv import plugins, storage
 from omniscv.arguments import one_of, optional_number, text, within
 from omniscv.cameras import Camera
+from omniscv.dataset import formats
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame, FrameFiles
@@ -106,25 +108,8 @@ class _Outside(Format):
         return files
 
 
-_NAMES = (
-    "ply",
-    "depth_png",
-    "normals_png",
-    "poses",
-    "colmap",
-    "nerfstudio",
-    "kalibr",
-    "tum_mono",
-    "flow",
-    "cfl",
-    "horizonnet",
-    "structured3d",
-    "webdataset",
-    "hf",
-    "coco",
-    "omni3d",
-)
-"""The formats of this package; the module of each name in :mod:`omniscv.dataset.formats` registers it."""
+_NAMES = sorted(module.name for module in iter_modules(formats.__path__))
+"""The formats of this package: each is registered by the module of its name."""
 
 _FORMATS: dict[str, Format] = {}
 

@@ -1,1 +1,1 @@
-"""One module per format: ``name``, ``write(frames, out, options)`` and ``refuses(camera)``."""
+"""One module per format, of the format's name: it registers a :class:`omniscv.dataset.Format`."""

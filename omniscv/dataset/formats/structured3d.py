@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
+from omniscv.dataset.depth_codes import PRESETS, encode
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
@@ -39,7 +40,6 @@ from omniscv.truth.layout_record import corners_of, edges_of, room_of
 _SAME_HEADING = 1e-6  # rad
 _SAME_M = 1e-3  # between the corners of one room, fitted twice
 _MM = 1000.0
-_FARTHEST_MM = 65535
 _BACKGROUND = 65535  # of instances
 _WALL, _FLOOR, _CEILING, _OTHER = 1, 2, 22, 40  # of NYU40
 
@@ -189,17 +189,11 @@ def _panorama(frame: Frame, folder: Path, room: Room, lines: str, R_s_w: Array) 
         if "labels" in frame.files:
             pictures["semantic"], pictures["instance"] = _semantic(frame, room), _instances(frame, room)
         if "depth" in frame.files:
-            pictures["depth"] = _millimetres(frame.layer("depth"))
+            pictures["depth"], _ = encode(frame.layer("depth"), frame.camera, PRESETS["mm"])
         written += [write_pixels(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
         if "lit" in frame.files:
             written.append(write_color(full / "rgb_rawlight.png", frame))
     return written
-
-
-def _millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Whole mm; 0 outside the field of view, without a surface, and beyond 65.535 m."""
-    rounded = np.round(_MM * depth.astype(np.float64))
-    return np.where(rounded <= _FARTHEST_MM, rounded, 0).astype(np.uint16)
 
 
 def _semantic(frame: Frame, room: Room) -> NDArray[np.uint8]:
