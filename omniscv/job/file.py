@@ -25,16 +25,18 @@ from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
+from omniscv.geometry.motion import Motion
 from omniscv.job import recipe
 from omniscv.job.job import Job
-from omniscv.job.motions import Exposure, MotionKeys, load_motions, read_motions
-from omniscv.job.poses import Posed, PoseFile, Times, at_times, load_poses, read_poses, read_times
+from omniscv.job.motions import Exposure, read_motions
+from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_poses, read_times
 from omniscv.job.sampling import KINDS
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, help_of, key_of, listed, mapping, nested, optional, record
 from omniscv.records import read as read_record
 from omniscv.sensor import Sensor
+from omniscv.sensor.optics import NATURAL
 from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
@@ -68,22 +70,22 @@ class _CameraFile:
     width: int | None = checked(optional(whole_number), default=None)
     height: int | None = checked(optional(whole_number), default=None)
 
-    def load(self, folder: Path) -> Camera:
+    def load(self) -> Camera:
         """Return the camera; ArgumentError if the file has several and ``name`` is none of them."""
         sizes = self.width, self.height
         size = None if sizes == (None, None) else sizes
-        cameras = load_cameras(folder / self.file, self.format, size)  # type: ignore[arg-type]
+        cameras = load_cameras(self.file, self.format, size)  # type: ignore[arg-type]
         if self.name is None and len(cameras) == 1:
             return next(iter(cameras.values()))
-        with within(folder / self.file):
+        with within(self.file):
             return cameras[one_of("name", self.name, cameras)]
 
 
-def _cameras(name: str, value: object) -> dict[str, Camera | _CameraFile]:
+def _cameras(name: str, value: object) -> dict[str, Camera]:
     if not isinstance(value, dict) or not value:
         wanted = "expected a mapping from file stem to model and parameters, or to a calibration file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    cameras: dict[str, Camera | _CameraFile] = {}
+    cameras: dict[str, Camera] = {}
     for stem, description in value.items():
         if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
             raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
@@ -91,27 +93,28 @@ def _cameras(name: str, value: object) -> dict[str, Camera | _CameraFile]:
             if isinstance(description, str):
                 description = {"file": description}
             if isinstance(description, Mapping) and "file" in description:
-                cameras[stem] = read_record(_CameraFile, description)
+                cameras[stem] = read_record(_CameraFile, description).load()
             else:
                 cameras[stem] = from_dict(description)
     return cameras
 
 
-def _rig(name: str, value: object) -> Rig | str:
-    """Return an inline rig, or the name of a rig's file."""
-    if isinstance(value, str) and value and "\0" not in value:
-        return value
-    if not isinstance(value, Mapping):
+def _rig(name: str, value: object) -> Rig:
+    """Return the rig of a file, or an inline one."""
+    if not isinstance(value, str | Mapping):
         raise ArgumentError(f"{name}: expected a file's name or cameras by name, got {shown(value)}")
     with within(name):
-        return Rig.from_dict(value)
+        return load_rig(text("file", value)) if isinstance(value, str) else Rig.from_dict(value)
 
 
-def _record(name: str, value: object) -> str:
+def _record(name: str, value: object) -> Path:
     if is_url(value):
         wanted = "expected a path on this machine, to be put into a store by 'omniscv recording merge'"
         raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
-    return text(name, value)
+    path = Path(text(name, value))
+    if path.is_dir():
+        raise ArgumentError(f"{name}: expected a file or a free name, got a folder: {path}")
+    return path
 
 
 def _source_options(name: str, value: object) -> dict[str, Any]:
@@ -153,11 +156,9 @@ class _Keys:
     """The keys of a job's file, but for those of :class:`omniscv.RenderOptions`."""
 
     source: Any = checked(_source, help="an address, a recording, or a list: replicas of one game")
-    poses: PoseFile | Posed = checked(
-        read_poses, help="a list of poses, a trajectory file, or random, grid, path"
-    )
+    poses: Posed = checked(read_poses, help="a list of poses, a trajectory file, or random, grid, path")
     source_options: Any = checked(_source_options, default=None, help="how the source is opened")
-    record: str | None = checked(
+    record: Path | None = checked(
         optional(_record),
         default=None,
         help="recording whose captures are reused, and that new captures are added to",
@@ -169,8 +170,10 @@ class _Keys:
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
     image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
-    motions: Mapping[str, MotionKeys] | None = checked(
-        read_motions, default=None, help="by object: waypoints, {spline: waypoints}, or a trajectory file"
+    motions: Mapping[str, Motion] | None = checked(
+        read_motions,
+        default=None,
+        help="by object: waypoints, {spline: waypoints}, or a trajectory file",
     )
     times: Times | None = checked(
         read_times, default=None, help="seconds: a list, {start, rate, count}, or poses for the poses' times"
@@ -318,62 +321,61 @@ def read(description: object, folder: Path) -> Job:
         ArgumentError: a key is unknown, missing or wrong.
     """
     values = mapping("", description, _FIELDS)
+    for path in _FILES:
+        values = _located(values, path.split("."), folder)
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     keys = read_record(_Keys, values)
     freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
-    posed = at_times(load_poses(keys.poses, folder), keys.times)
+    posed = at_times(keys.poses, keys.times)
     return Job(
         source=address(keys.source, folder),
-        cameras=_load_cameras(keys.cameras or {}, folder),
+        cameras=keys.cameras or {},
         out=keys.out if is_url(keys.out) else folder / keys.out,
         modes=keys.modes,
-        record=None if keys.record is None else _recording(folder / keys.record),
+        record=keys.record,
         options=options,
         image_format=keys.image_format,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
-        recipe=_recipe(keys, folder),
-        rig=_load_rig(keys.rig, folder),
-        motions=load_motions(keys.motions or {}, folder),
+        recipe=_recipe(keys),
+        rig=keys.rig,
+        motions=keys.motions or {},
         **posed._asdict(),
         clock=keys.times is not None,
         exposure=keys.exposure,
         brackets=keys.brackets,
-        sensor=None if keys.sensor is None else keys.sensor.relative_to(folder),
+        sensor=keys.sensor,
     )
 
 
-def _recording(path: Path) -> Path:
-    if path.is_dir():
-        raise ArgumentError(f"record: expected a file or a free name, got a folder: {path}")
-    return path
+_FILES = (
+    *("rig", "record", "classes", "poses", "poses.file", "sensor.shading"),
+    *("cameras.*", "cameras.*.file", "motions.*", "motions.*.spline"),
+)
+"""Keys whose values may be names of files, relative to the job's file."""
 
 
-def _load_cameras(cameras: Mapping[str, Camera | _CameraFile], folder: Path) -> dict[str, Camera]:
-    loaded = {}
-    for stem, camera in cameras.items():
-        with within(f"cameras.{stem}"):
-            loaded[stem] = camera.load(folder) if isinstance(camera, _CameraFile) else camera
-    return loaded
+def _located(value: Any, path: Sequence[str], folder: Path) -> Any:
+    """Return a copy of nested mappings in which the name of a file at a path has a folder before it."""
+    if not path:
+        is_name = isinstance(value, str) and value not in ("", NATURAL) and not is_url(value)
+        return str(folder / value) if is_name else value
+    if not isinstance(value, Mapping):
+        return value
+    key, *rest = path
+    names = value.keys() if key == EVERY else value.keys() & {key}
+    return {**value, **{name: _located(value[name], rest, folder) for name in names}}
 
 
-def _load_rig(rig: Rig | str | None, folder: Path) -> Rig | None:
-    if not isinstance(rig, str):
-        return rig
-    with within("rig"):
-        return load_rig(folder / rig)
-
-
-def _recipe(keys: _Keys, folder: Path) -> recipe.Recipe:
+def _recipe(keys: _Keys) -> recipe.Recipe:
     truth = dict(keys.truth or {})
-    sensor = None if keys.sensor is None else keys.sensor.relative_to(folder).to_dict()
     shared = {
         "seam": keys.seam,
         "layout": keys.layout,
         "tolerance": truth.pop("tolerance", None),
-        "sensor": sensor,
+        "sensor": None if keys.sensor is None else keys.sensor.to_dict(),
     }
     return recipe.Recipe(
-        classes=_load_classes(keys.classes, folder),
+        classes=keys.classes,
         truth=truth,
         exports=keys.export,
         shards=keys.shards,
@@ -381,14 +383,6 @@ def _recipe(keys: _Keys, folder: Path) -> recipe.Recipe:
         media=keys.media or {},
         shared={key: value for key, value in shared.items() if value is not None},
     )
-
-
-def _load_classes(classes: str | Mapping[str, Any] | None, folder: Path) -> Any:
-    """Return the content of ``classes.yaml``."""
-    if not isinstance(classes, str):
-        return classes
-    with within(folder / classes):
-        return bounded.parse_yaml(bounded.read_text(folder / classes))
 
 
 def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:

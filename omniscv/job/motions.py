@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, within
 from omniscv.cameras import Camera, RollingShutter
@@ -87,13 +87,6 @@ class Exposure:
         return self.instants
 
 
-class MotionKeys(NamedTuple):
-    """A motion as its keys describe it: waypoints, or the name of a trajectory file."""
-
-    waypoints: Trajectory | str
-    curve: Curve
-
-
 @record
 class Waypoint:
     """The keys of a pose: metres and degrees, world frame; seconds."""
@@ -105,25 +98,32 @@ class Waypoint:
     time: float | None = checked(optional(number), default=None)
 
 
-def read_motions(name: str, value: object) -> dict[str, MotionKeys]:
+def read_motions(name: str, value: object) -> dict[str, Motion]:
     """Return the motions that a mapping from objects describes; ArgumentError for all else."""
     if not isinstance(value, Mapping) or not value:
         raise ArgumentError(f"{name}: expected a mapping from objects to motions, got {shown(value)}")
     return {text(name, key): _read_motion(f"{name}.{key}", motion) for key, motion in value.items()}
 
 
-def _read_motion(name: str, value: object) -> MotionKeys:
+def _read_motion(name: str, value: object) -> Motion:
+    curve: Curve = "spline" if isinstance(value, Mapping) else "linear"
     if isinstance(value, Mapping):
         if "spline" not in mapping(name, value, ("spline",)):
             raise ArgumentError(f"{name}: missing key 'spline'")
-        return MotionKeys(_read_waypoints(f"{name}.spline", value["spline"]), "spline")
-    return MotionKeys(_read_waypoints(name, value), "linear")
+        value = value["spline"]
+    path = _read_waypoints(name, value)
+    with within(name):
+        return Motion(path, curve)
 
 
-def _read_waypoints(name: str, value: object) -> Trajectory | str:
-    """Return a trajectory of waypoints, or the name of its file."""
+def _read_waypoints(name: str, value: object) -> Trajectory:
+    """Return a trajectory of waypoints, or that of a file.
+
+    Raises:
+        ArgumentError: the file cannot be read, or several waypoints without times.
+    """
     if isinstance(value, str):
-        return text(name, value)
+        return read_trajectory(Path(text(name, value)), frame="object")
     if not isinstance(value, list) or not value:
         wanted = "expected waypoints, {spline: waypoints}, or the name of a trajectory file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
@@ -139,22 +139,6 @@ def _read_waypoints(name: str, value: object) -> Trajectory | str:
             ),
             tuple(point.time or 0.0 for point in waypoints),
         )
-
-
-def load_motions(motions: Mapping[str, MotionKeys], folder: Path) -> dict[str, Motion]:
-    """Return motions; trajectory files are read.
-
-    Raises:
-        ArgumentError: a file cannot be read, or has several poses without times.
-    """
-    loaded = {}
-    for name, (waypoints, curve) in motions.items():
-        path = (
-            read_trajectory(folder / waypoints, frame="object") if isinstance(waypoints, str) else waypoints
-        )
-        with within(f"motions.{name}"):
-            loaded[name] = Motion(path, curve)
-    return loaded
 
 
 def check_times(

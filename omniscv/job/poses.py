@@ -55,15 +55,16 @@ class PoseFile:
         help="frame of the file's rotations: camera (z forward), body (x forward)",
     )
 
-    def load(self, folder: Path) -> Posed:
+    def load(self) -> Posed:
         """Return the poses; say what was assumed if they seem to be of a body, and nothing says which."""
-        posed = _of(read_trajectory(folder / self.file, frame=self.frame or "camera"))
+        path = Path(self.file)
+        posed = _of(read_trajectory(path, frame=self.frame or "camera"))
         upward = np.mean([abs(pose.rotation[2, 2]) > _STEEP for pose in posed.poses])
         if self.frame is not None or upward < 0.5:
             return posed
         taken = "taken as poses of a camera, z forward, which mostly looks up or down"
         return posed._replace(
-            assumed=f"poses: {self.file}: {taken}; if x is forward, write {{file: {self.file}, frame: body}}"
+            assumed=f"poses: {path.name}: {taken}; if x is forward, write {{file: {path.name}, frame: body}}"
         )
 
 
@@ -72,16 +73,16 @@ class _ListedPose(Waypoint):
     place: str = checked(text, default="")
 
 
-def read_poses(name: str, value: object) -> PoseFile | Posed:
-    """Return the poses that a list or a mapping describes, or the trajectory file that holds them.
+def read_poses(name: str, value: object) -> Posed:
+    """Return the poses of a list, of a trajectory file, or that a mapping describes.
 
     Raises:
         ArgumentError: anything else, or a pose with an unknown, missing or wrong key.
     """
     if isinstance(value, str):
-        return PoseFile(text(name, value))
+        return PoseFile(text(name, value)).load()
     if isinstance(value, dict) and "file" in value:
-        return read(PoseFile, value, name)
+        return read(PoseFile, value, name).load()
     if isinstance(value, dict):
         sampling = read_sampling(name, value)
         return _of(sampling.poses()) if sampling.clearance is None else Posed((), sampling=sampling)
@@ -100,15 +101,6 @@ def read_poses(name: str, value: object) -> PoseFile | Posed:
         times or None,
         places if any(places) else None,
     )
-
-
-def load_poses(poses: PoseFile | Posed, folder: Path) -> Posed:
-    """Return poses; those of a trajectory file are read from it.
-
-    Raises:
-        ArgumentError: the file cannot be read.
-    """
-    return poses if isinstance(poses, Posed) else poses.load(folder)
 
 
 def _of(trajectory: Trajectory) -> Posed:

@@ -9,15 +9,17 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import flag, number, one_of, shown, stem, text, texts, whole_number
+from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.clusters import cluster_starts
 from omniscv.records import checked, mapping, read, record
+from omniscv.storage import bounded
 from omniscv.truth_options import Tolerance
 
 _TOLERANCE = 1e-6
@@ -149,9 +151,12 @@ class Recipe:
 # -- readers of the keys ---------------------------------------------------------------------------------
 
 
-def read_classes(name: str, value: object) -> str | dict[str, Any]:
-    """Return the name of a file, or the content of one."""
-    return text(name, value) if isinstance(value, str) else mapping(name, value)
+def read_classes(name: str, value: object) -> Any:
+    """Return the content of a ``classes.yaml``, which is given by its path or as it is."""
+    if not isinstance(value, str):
+        return mapping(name, value)
+    with within(value):
+        return bounded.parse_yaml(bounded.read_text(Path(value)))
 
 
 def read_truth(name: str, value: object) -> dict[str, dict[str, Any]]:

@@ -13,13 +13,13 @@ import numpy as np
 from omniscv.cameras import Camera
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion
+from omniscv.planning import densities
 
 SURFACE_M = 1.0
 """Distance at which surfaces are taken to be, for what a moving camera sees of them."""
 _NEAREST_M = 0.25  # to an object that moves
 _OBJECT_M = 0.5  # from an object's middle to what of it is seen
 _FEWEST, _MOST = 3, 999
-_GRID = 17
 
 
 def instants(motion_px: float) -> int:
@@ -51,24 +51,9 @@ def motion_px(
         moved += _OBJECT_M * _angle(before.rotation, after.rotation)
         away = min(float(np.linalg.norm(pose.position - start.position)) for pose in (before, after))
         radians = max(radians, turned + moved / max(away - _OBJECT_M, _NEAREST_M))
-    return radians * _px_per_radian(camera)
+    return radians * densities.pixels_per_radian(camera)
 
 
 def _angle(one: np.ndarray, other: np.ndarray) -> float:
     """Return the angle between two rotations, radians."""
     return math.acos(min(1.0, max(-1.0, (float(np.trace(one.T @ other)) - 1) / 2)))
-
-
-def _px_per_radian(camera: Camera) -> float:
-    """Return how many px a radian takes where half of the image has fewer."""
-    u, v = np.meshgrid(
-        np.linspace(0.5, camera.width - 0.5, _GRID), np.linspace(0.5, camera.height - 0.5, _GRID)
-    )
-    middle = np.stack([u, v], axis=-1)
-    most = []
-    for step in ((0.25, 0.0), (0.0, 0.25)):
-        one, other = (camera.unproject(middle + sign * np.array(step)) for sign in (-1, 1))
-        both = one.valid & other.valid
-        apart = np.linalg.norm(one.directions[both] - other.directions[both], axis=-1)
-        most.append(float(np.median(0.5 / apart)) if len(apart) else 0.0)
-    return max(most)

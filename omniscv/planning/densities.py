@@ -30,6 +30,10 @@ _OVERSAMPLING = 1.2
 _PARALLEL_M = 2.0
 """Distance at which a step between parallel rays counts as an angle, metres: about as far are surfaces in
 rooms."""
+_GRID = 17
+"""Rows and columns of the pixels whose distances are measured."""
+_LEAST_TURN = 1e-7
+"""Radians over half a pixel: rays that turn by less are parallel."""
 _SUBRAYS = 8
 """Rays per axis of a pixel at the rim, to find its part inside the field of view."""
 
@@ -57,6 +61,25 @@ def steps(directions: Array, origins: Array | None = None) -> Array:
             angle[-1] = angle[-2]
         by_axis.append(np.moveaxis(angle, 0, axis))
     return np.asarray(np.fmax(*by_axis))
+
+
+def pixels_per_radian(camera: Camera) -> float:
+    """Return how many px of an image a radian takes, where half of it has fewer, along the finer axis.
+
+    0 for parallel rays, and where no pixel is valid.
+    """
+    u, v = (np.linspace(0.5, size - 0.5, _GRID) for size in (camera.width, camera.height))
+    middle = np.stack(np.meshgrid(u, v), axis=-1)
+    by_axis = []
+    for step in ((0.25, 0.0), (0.0, 0.25)):
+        one, other = (camera.unproject(middle + sign * np.array(step)) for sign in (-1, 1))
+        both = one.valid & other.valid
+        chords = np.linalg.norm(one.directions - other.directions, axis=-1)
+        turn = np.median(chords[both]) if both.any() else 0
+        if turn < _LEAST_TURN:
+            return 0.0
+        by_axis.append(float(0.5 / turn))
+    return max(by_axis)
 
 
 def focal_px(steps: Array) -> float:

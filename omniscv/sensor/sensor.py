@@ -168,12 +168,6 @@ class Sensor:
             values["shading"] = {"sha256": hashlib.sha256(content).hexdigest()}
         return {key: _plain(value) for key, value in values.items()}
 
-    def relative_to(self, folder: Path) -> Sensor:
-        """Return the sensor with the path of its vignette, if it has one, relative to a folder."""
-        if not isinstance(self.shading, str) or self.shading == optics.NATURAL:
-            return self
-        return replace(self, shading=str(folder / self.shading))
-
     def exposed(self, stops: float) -> Sensor:
         """Return the sensor exposed for 2^stops times as long."""
         electrons = tuple(count * 2.0**stops for count in self.electrons_by_channel)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from omniscv.cameras import Camera
 from omniscv.geometry import Array
+from omniscv.planning import densities
 from omniscv.viewing.look.layers import pack
 
 Project = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
@@ -33,7 +34,6 @@ _SMOOTH_PX = 0.05
 _NODES = 384  # across the image, from pixels to directions
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
 _INSIDE = 1 - 1e-9  # keeps nodes off a face's border, where cube maps have their seams
-_LEAST_TURN = 1e-7  # rad from a pixel to the next; below it, rays are parallel
 _SLOW = ("rolling-shutter",)  # projecting a point takes milliseconds: the pixel of the nearest ray is used
 _INVERTIBLE = 0.9  # least share of the pixels that their own directions must lead back to
 
@@ -45,7 +45,7 @@ def describe(camera: Camera) -> dict[str, Any]:
     rays, such as a push-broom: its images are shown flat. ``valid`` is None if every pixel is valid.
     """
     closed = camera.name == "equirectangular"
-    density = camera.width / (2 * np.pi) if closed else pixels_per_radian(camera)
+    density = camera.width / (2 * np.pi) if closed else densities.pixels_per_radian(camera) or None
     valid = camera.valid()
     return {
         "model": camera.name,
@@ -58,25 +58,6 @@ def describe(camera: Camera) -> dict[str, Any]:
         "sphere": "closed" if closed else tables(camera, density),
         "rays": None if closed else _rays(camera),
     }
-
-
-def pixels_per_radian(camera: Camera) -> float | None:
-    """Return how many pixels of an image span a radian, the median; None for parallel rays."""
-    columns, rows = (
-        np.linspace(0.5, size - 1.5, min(size - 1, 64)) for size in (camera.width, camera.height)
-    )
-    if not (columns.size and rows.size):
-        return None
-    here = np.stack(np.meshgrid(columns, rows), axis=-1)
-    rays = camera.unproject(here)
-    turns = []
-    for step in ((1.0, 0.0), (0.0, 1.0)):
-        beside = camera.unproject(here + step)
-        both = rays.valid & beside.valid
-        turns.append(np.linalg.norm(rays.directions[both] - beside.directions[both], axis=-1))
-    if any(turn.size == 0 or np.median(turn) < _LEAST_TURN for turn in turns):
-        return None
-    return float(1 / np.median(np.concatenate(turns)))
 
 
 def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
