@@ -43,14 +43,12 @@ def pinhole_rays(
     size: tuple[int, int],
     *,
     rows: slice = slice(None),
-    where: NDArray[np.bool_] | None = None,
     projection: Projection | None = None,
 ) -> tuple[Array, Array]:
     """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
 
-    They are of a view of ``size`` (width, height), or of some ``rows`` of it. With ``where`` (height, width),
-    only of its N True pixels, row by row: (N, 3) and (N,). ``projection`` is fx, fy, cx, cy in px; None for
-    square pixels around the middle.
+    They are of a view of ``size`` (width, height), or of some ``rows`` of it. ``projection`` is fx, fy, cx,
+    cy in px; None for square pixels around the middle.
     """
     width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
@@ -58,11 +56,6 @@ def pinhole_rays(
     x = (np.arange(width) + 0.5 - cx) / fx
     y = ((np.arange(height) + 0.5 - cy) / fy)[rows]
     length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
-    if where is not None:
-        down, across = np.nonzero(where[rows])
-        some = x[across, None] * R_w_c[:, 0] + y[down, None] * R_w_c[:, 1] + R_w_c[:, 2]
-        lengths = length[where[rows]]
-        return some / lengths[:, None], lengths
     rays = np.empty((*length.shape, 3))
     for axis, (right, below, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
         rays[..., axis] = (x * right + (y * below)[:, None] + ahead) / length

@@ -73,7 +73,6 @@ class Scene:
         solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
         moving: names of the objects with a motion, sorted.
         time: of the scene, seconds; 0 when loaded.
-        sky: (3,) float64, 0..1, the colour of rays that hit nothing; None with a pattern.
         room: the room; None without one, or if a wall of it has moved.
 
     Raises:
@@ -84,7 +83,6 @@ class Scene:
         file = scene_file.read(description, name)
         self.name = name
         self._sky, self._pattern = np.array(file.sky), file.pattern
-        self.sky = None if self._pattern else self._sky
         self._whole_room: Room | None = file.room
         self._moving = file.moving
         self.moving = tuple(sorted(file.moving))

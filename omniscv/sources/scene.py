@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -15,7 +14,7 @@ from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
-from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room, SceneGeometry
+from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
 from omniscv.parallel import row_blocks
 from omniscv.sources.base import (
     Capabilities,
@@ -39,19 +38,9 @@ Masks = Literal["colors", "ids"]
 _START = Instant()
 _BLOCK_PX = 1 << 13
 """Pixels traced together: their arrays stay in a core's cache, and one thread traces at most as many."""
-_NEAR = 1e-3
-"""Least planar depth of projected boxes, metres."""
 _CAPABILITIES = Capabilities(
     frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene", transfer="linear"
 )
-
-
-@dataclass
-class _Traced:
-    """A traced view: the pixels (H, W) that are kept (None: all), and their values by mode."""
-
-    where: NDArray[np.bool_] | None
-    pixels: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 class SceneSource(Source):
@@ -98,7 +87,7 @@ class SceneSource(Source):
         self._objects = ObjectTable(colors, ids=ids if masks == "ids" else {})
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._mask_values = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
-        self._traced = lru_cache(cached_views)(self._new_view)
+        self._pixels_of = lru_cache(cached_views)(lambda view: dict[str, NDArray[Any]]())
         self._copy = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
@@ -122,10 +111,7 @@ class SceneSource(Source):
             if request.mode not in _CAPABILITIES.modes:
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
-            image, where = self._pixels(request)
-            if where is not None:
-                image = _spread(image, where, self._background[request.mode])
-            yield Capture(request, request.view, image, provenance)
+            yield Capture(request, request.view, self._pixels(request), provenance)
 
     def geometry(self) -> SceneGeometry:
         """Return the boxes of all objects, each turned as its object, and the room."""
@@ -159,7 +145,7 @@ class SceneSource(Source):
 
     def close(self) -> None:
         self._closed = True
-        self._traced.cache_clear()
+        self._pixels_of.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._copy, (self._left_out, self._instant)
@@ -168,22 +154,20 @@ class SceneSource(Source):
         if self._closed:
             raise closed_error(f"scene {self.scene.name}")
 
-    def _pixels(self, request: Request) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """Return a mode's pixels (H, W, ...); where objects are hidden, only those (N, ...) that may show
-        other objects, and which these are. Colours cost as much as all other modes together, so they are
-        computed only when they are requested.
-        """
-        traced = self._traced(request.view)
-        if request.mode not in traced.pixels:
-            self.made += not traced.pixels
-            pixels = self._trace(request.view, traced.where, colored=request.mode == "lit")
-            traced.pixels = pixels | traced.pixels
-        return traced.pixels[request.mode], traced.where
+    def _pixels(self, request: Request) -> NDArray[Any]:
+        """Return a mode's pixels (H, W, ...).
 
-    def _trace(
-        self, view: View, where: NDArray[np.bool_] | None, *, colored: bool
-    ) -> dict[str, NDArray[Any]]:
-        """Return all modes, colours only if ``colored``, (H, W, ...), or (N, ...) of the pixels ``where``."""
+        Colours cost as much as all other modes together, so they are computed only when they are requested.
+        """
+        pixels = self._pixels_of(request.view)
+        if request.mode not in pixels:
+            self.made += not pixels
+            for mode, image in self._trace(request.view, colored=request.mode == "lit").items():
+                pixels.setdefault(mode, image)
+        return pixels[request.mode]
+
+    def _trace(self, view: View, *, colored: bool) -> dict[str, NDArray[Any]]:
+        """Return all modes (H, W, ...), colours only if ``colored``."""
         from mock_server.render import pinhole_rays
 
         def block(rows: slice) -> dict[str, NDArray[Any]]:
@@ -192,7 +176,6 @@ class SceneSource(Source):
                 view.fov_deg,
                 (view.width, view.height),
                 rows=rows,
-                where=where,
                 projection=view.projection if view.lens else None,
             )
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
@@ -204,7 +187,10 @@ class SceneSource(Source):
             return pixels | {"lit": self._lit_of(hits)} if colored else pixels
 
         blocks = row_blocks(block, view.height, view.width, _BLOCK_PX)
-        return {mode: _frozen(np.concatenate([pixels[mode] for pixels in blocks])) for mode in blocks[0]}
+        images = {mode: np.concatenate([pixels[mode] for pixels in blocks]) for mode in blocks[0]}
+        for image in images.values():
+            image.flags.writeable = False
+        return images
 
     def _lit_of(self, hits: Hits) -> NDArray[Any]:
         """Return colours as captures have them."""
@@ -213,59 +199,6 @@ class SceneSource(Source):
         lit = np.clip(hits.color, 0, 1)
         lit *= 255
         return np.round(lit, out=lit).astype(np.uint8)
-
-    @cached_property
-    def _background(self) -> dict[str, Any]:
-        """The value of pixels that show no object, by mode."""
-        sky = np.zeros(3) if self.scene.sky is None else self.scene.sky
-        lit = sky if self._lit == "float32" else np.round(255 * sky)
-        return {"lit": lit, "object_mask": self._mask_values[0], "depth": np.inf, "normals": 0.0}
-
-    def _new_view(self, view: View) -> _Traced:
-        if not self._hidden or self.scene.sky is None:
-            return _Traced(None)
-        may_show_object = np.zeros((view.height, view.width), bool)
-        for corners_w in self._visible_corners:
-            may_show_object[_rectangle_around(view, corners_w)] = True
-        return _Traced(may_show_object)
-
-    @cached_property
-    def _visible_corners(self) -> list[NDArray[np.float64]]:
-        """The corners (8, 3) of the boxes of objects that are not hidden."""
-        names = set(self.scene.objects) - self._hidden
-        return [ObjectBox.of(*self.scene.box(name), "scene").corners_w() for name in names]
-
-
-def _frozen(pixels: NDArray[Any]) -> NDArray[Any]:
-    pixels.flags.writeable = False
-    return pixels
-
-
-def _rectangle_around(view: View, corners_w: NDArray[np.float64]) -> tuple[slice, slice]:
-    """Return rows and columns of a view that hold all of a box in front of it, by its corners (8, 3)."""
-    points_c = view.pose.to_camera(corners_w)
-    ends = points_c[BOX_EDGES]  # (12, 2, 3)
-    a, b = ends[:, 0, 2] - _NEAR, ends[:, 1, 2] - _NEAR
-    crossed = a * b < 0
-    share = (a / np.where(crossed, a - b, 1.0))[crossed, None]
-    points = np.concatenate(
-        [points_c[points_c[:, 2] >= _NEAR], ends[crossed, 0] * (1 - share) + ends[crossed, 1] * share]
-    )
-    if not len(points):
-        return slice(0), slice(0)
-    size, of = np.array([view.width, view.height]), view.projection
-    pixels = np.clip(of[2:] + of[:2] * points[:, :2] / points[:, 2:], -1, size + 1)
-    (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
-    return slice(max(0, int(v0)), max(0, int(v1))), slice(max(0, int(u0)), max(0, int(u1)))
-
-
-def _spread(pixels: NDArray[Any], where: NDArray[np.bool_], background: Any) -> NDArray[Any]:
-    """Return an image (H, W, ...) of pixels (N, ...) ``where`` they are known, and of one value elsewhere."""
-    image = np.empty((*where.shape, *pixels.shape[1:]), pixels.dtype)
-    image[...] = background
-    image[where] = pixels
-    image.flags.writeable = False
-    return image
 
 
 def _scene_at(scene: Scene, instant: Instant) -> Scene:
