@@ -83,7 +83,6 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--platform", help=f"one of {', '.join(PLATFORMS)} (default windows)")
     add("--shared-memory", help=f"one of {', '.join(SHARED_MEMORY)} (default unlisted)")
     add("--latency-ms", type=float, help="delay of every reply, ms")
-    add("--paced", action="store_true", help="requests wait for the next of 60 frames a second")
     add("--folder", type=Path, help="where file commands write (default a temporary one)")
     add = parser.add_argument_group("images").add_argument
     add("--size", type=_size, help="of images, px (default 640x480)")

@@ -50,33 +50,6 @@ class Requests:
             self._waiting -= len(payload) + _OVERHEAD
 
 
-class PacedRequests(Requests):
-    """Waiting requests where frames last as long as an engine's.
-
-    A frame starts ``frame_s`` after the one before; it answers requests that came ``latency_s`` before its
-    start, or earlier.
-    """
-
-    def __init__(self, frame_s: float, latency_s: float) -> None:
-        super().__init__()
-        self._frame_s, self._latency_s = frame_s, latency_s
-        self._began = time.monotonic()
-        self._first: deque[Request | None] = deque()
-
-    def get(self, timeout_s: float) -> Request | None:
-        """As :meth:`Requests.get`; with a timeout it waits for the next frame first."""
-        if timeout_s:
-            now = time.monotonic()
-            time.sleep(max(0.0, self._began + self._frame_s - now))
-            self._began = max(self._began + self._frame_s, now)
-        if not self._first:
-            self._first.append(super().get(0))
-        first = self._first[0]
-        if first is not None and first[0] + self._latency_s > self._began:
-            raise queue.Empty
-        return self._first.popleft()
-
-
 class Statistics:
     """Counts of received commands, by the starts of their texts; beyond ``_MAX_TEXTS``, by their verbs."""
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 
 from mock_server.dialects import BY_NAME
 from mock_server.dialects.common import OutputFolder
-from mock_server.engine import PacedRequests, Requests, Statistics, replies
+from mock_server.engine import Requests, Statistics, replies
 from mock_server.faults import Faults
 from mock_server.protocol import FrameError, Transport, read_frame
 from mock_server.scene import Scene, load_scene
@@ -29,9 +29,8 @@ class Server:
     """A scene behind the UnrealCV protocol. A context manager; ``stop`` ends it.
 
     A frame of the engine ends when all received requests are answered, and at the frame rate while there are
-    none: poses lag as with an engine, without its waiting times. With ``settings.paced``, requests wait for
-    the next frame. A client that does not read its replies is dropped when ``MAX_WAITING`` bytes of requests
-    wait.
+    none: poses lag as with an engine, without its waiting times. A client that does not read its replies is
+    dropped when ``MAX_WAITING`` bytes of requests wait.
 
     Attributes:
         scene, settings: of the constructor; the scene loaded.
@@ -145,7 +144,7 @@ class Server:
 
     def _serve(self, connection: socket.socket) -> None:
         """Answer one client until it leaves; another thread reads its requests."""
-        requests = self._requests()
+        requests = Requests()
         reader = threading.Thread(target=self._read, args=(connection, requests), daemon=True)
         transport = Transport(connection, self.faults, self._stopping.wait)
         with contextlib.suppress(OSError):
@@ -158,10 +157,6 @@ class Server:
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RD)  # wakes the reader; sends nothing
         reader.join()
-
-    def _requests(self) -> Requests:
-        s = self.settings
-        return PacedRequests(1 / s.frames_per_s, s.latency_ms / 1e3) if s.paced else Requests()
 
     @staticmethod
     def _read(connection: socket.socket, requests: Requests) -> None:

@@ -60,9 +60,7 @@ class Settings:
         fov_deg: horizontal field of view of new cameras.
         window: width and height of the game's window, from which dialect 0.3.10 takes its masks, px; None
             for ``size``.
-        frames_per_s: the frame rate while no request comes; with ``paced``, the highest.
-        paced: requests wait for the next frame, as with an engine; a frame starts ``1 / frames_per_s`` after
-            the one before, or when that one is answered. For measurements of throughput.
+        frames_per_s: the frame rate while no request comes.
         time_step_s: seconds that the scene's clock advances in a frame.
         folder: where file commands write; None for a temporary folder, removed at the end.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
@@ -84,7 +82,6 @@ class Settings:
     fov_deg: float = 90.0
     window: tuple[int, int] | None = None
     frames_per_s: float = 60.0
-    paced: bool = False
     time_step_s: float = 1 / 60
     folder: Path | None = None
     faults: Iterable[str] = ()
@@ -108,7 +105,6 @@ class Settings:
             pair = isinstance(size, tuple) and len(size) == 2
             fits = pair and all(isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size)
             self._expect(key, fits, f"(width, height) of 1 to {_MOST_PX} px each,")
-        self._expect("paced", isinstance(self.paced, bool), "true or false,")
         self._expect("host", _is_host(self.host), "an address,")
         self._expect("folder", isinstance(self.folder, Path | None), "a Path or None,")
         self._expect("faults", not isinstance(self.faults, str), "a list of texts,")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cached_property
@@ -329,10 +329,14 @@ class SourceWrapper(Source):
 
 
 class SourceView(SourceWrapper):
-    """A source that stays open when this is closed."""
+    """A source that stays open when this is closed; ``undo`` is called then."""
+
+    def __init__(self, source: Source, undo: Callable[[], None] = lambda: None) -> None:
+        super().__init__(source)
+        self._undo = undo
 
     def close(self) -> None:
-        pass
+        self._undo()
 
 
 class WithTransfer(SourceWrapper):

@@ -98,7 +98,7 @@ class Store:
 
     def head(self) -> Head:
         """Return what the recording is, checked, with the changes under way."""
-        with self._using():
+        with self._reading():
             if self._head is not None:
                 return self._head
             rows = self._query(f"SELECT {', '.join(Head._fields)} FROM recording LIMIT 2")
@@ -306,7 +306,7 @@ class Store:
     @property
     def scene_identity(self) -> SceneIdentity:
         """The scene that the captures are of."""
-        with self._using():
+        with self._reading():
             return scene_from_json(self.head().scene)
 
     def set_scene(self, identity: SceneIdentity) -> None:
@@ -352,27 +352,21 @@ class Store:
             yield database
 
     def _query(self, statement: str, *values: Any) -> list[Any]:
-        with self._using() as database:
+        with self._reading() as database:
             return database.execute(statement, values).fetchall()
 
     @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
-        """Let all queries within see one state of the file."""
-        with self._using() as database:
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """Let all queries within see one state of the file. Errors within are those of this recording."""
+        with schema.errors_of(self.path), self._connected() as database:
             if database.in_transaction:
-                yield
+                yield database
                 return
             database.execute("BEGIN")
             try:
-                yield
+                yield database
             finally:
                 database.rollback()
-
-    @contextlib.contextmanager
-    def _using(self) -> Iterator[sqlite3.Connection]:
-        """Yield the connection; errors raised within are those of this recording."""
-        with schema.errors_of(self.path), self._connected() as database:
-            yield database
 
     @contextlib.contextmanager
     def _connected(self) -> Iterator[sqlite3.Connection]:

@@ -19,7 +19,7 @@ from omniscv.sources.base import (
     Request,
     SceneIdentity,
     Source,
-    SourceWrapper,
+    SourceView,
     View,
     closed_error,
 )
@@ -138,7 +138,6 @@ class UnrealSource(Source):
     def _changed(self, change: Callable[[], None]) -> Source:
         """Return this source, with a change of the world until it is closed."""
         layer = self._journal.open()
-
         try:
             change()
             if layer:
@@ -147,7 +146,7 @@ class UnrealSource(Source):
             with contextlib.suppress(SourceError):  # the first fault is the one to raise
                 self._world.put_back(layer)
             raise
-        return ChangedSource(self, partial(self._world.put_back, layer))
+        return SourceView(self, partial(self._world.put_back, layer))
 
     def _client(self) -> Client:
         """Return a working client, with the camera attached and the world as it was set."""
@@ -218,17 +217,6 @@ class UnrealSource(Source):
                     fault = cause
                 if captures or fault is None:
                     return captures, fault
-
-
-class ChangedSource(SourceWrapper):
-    """A source whose world is changed; closing it puts that back, and leaves the source open."""
-
-    def __init__(self, source: Source, undo: Callable[[], None]) -> None:
-        super().__init__(source)
-        self._undo = undo
-
-    def close(self) -> None:
-        self._undo()
 
 
 def turns(
