@@ -18,7 +18,7 @@ from omniscv.compose.interpolation import LARGEST_PX, sample_bicubic, sample_bil
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, pinhole
-from omniscv.geometry.arrays import Floats, Ints, Mask, Pixels, run
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, run
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
@@ -140,7 +140,7 @@ class Atlas:
             )
         self.shape = top, right
 
-    def picture(self, faces: Sequence[Pixels], used: Mask | None = None) -> Pixels:
+    def picture(self, faces: Faces, used: Mask | None = None) -> Pixels:
         """Return the picture of (h, w) or (h, w, C) faces, one per view.
 
         Faces that are not ``used`` (V,) may be left out.

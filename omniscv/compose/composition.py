@@ -11,12 +11,13 @@ from omniscv.compose.depth import NEAR_PLANE_M
 from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
+from omniscv.compose.nearest import boundaries
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
 from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Mask
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
 from omniscv.planning.rounds import pixels_of
 from omniscv.planning.strategies import SAME_M
@@ -38,6 +39,7 @@ class Composition:
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
             the rays of the whole image.
         mend: closes the seams of colours, which masks of the same views keep from outlines.
+        once: returns what a function makes of captures; a name of it tells what.
         report: called after each viewpoint, and when the image is done.
     """
 
@@ -48,11 +50,12 @@ class Composition:
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
         mend: Callable[[Sequence[Capture], Sequence[Capture]], Mended],
+        once: Callable[[str, Sequence[Capture], Callable[[], Pixels]], Pixels],
         report: Report,
     ) -> None:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
-        self._make_sampler, self._mend, self._report = sampler_of, mend, report
+        self._make_sampler, self._mend, self._once, self._report = sampler_of, mend, once, report
         self._canvas: _Canvas | None = None
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
@@ -135,8 +138,10 @@ class Composition:
             if is_surface:
                 parallax, seen = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
-                colors = self._mended(row, viewpoint, sampler, of_mode, captures.get("object_mask", ()))
-                self._put_values(row, viewpoint, sampler, of_mode, colors, parallax, seen)
+                faces = self._faces(viewpoint, of_mode)
+                if row.name == "lit" and self._task.options.seams != "keep":
+                    faces = self._mended(viewpoint, sampler, of_mode, captures.get("object_mask", ()))
+                self._put_values(row, viewpoint, sampler, of_mode, faces, parallax, seen)
             self._provenance = of_mode[0].provenance
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
@@ -162,7 +167,7 @@ class Composition:
 
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
-        faces, precision = [capture.pixels for capture in captures], codecs.precision(captures[0].encoding)
+        faces, precision = self._faces(viewpoint, captures), codecs.precision(captures[0].encoding)
         seen = None
         if viewpoint.check is None or offsets_w is None:
             depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
@@ -176,17 +181,18 @@ class Composition:
         self._image.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen
 
+    def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
+        """Return the pixels of a viewpoint's captures: as one array where values are read in place of
+        colours, unless they are so few that a copy takes longer."""
+        faces = [capture.pixels for capture in captures]
+        if captures[0].mode == "lit" or reads_few(faces, len(viewpoint.pixels)):
+            return faces
+        return self._once("stack", captures, lambda: stacked(faces))
+
     def _mended(
-        self,
-        row: modalities.Modality,
-        viewpoint: Viewpoint,
-        sampler: Sampler,
-        captures: Sequence[Capture],
-        masks: Sequence[Capture],
-    ) -> list[NDArray[Any]]:
-        """Return the pixels of a modality; of colours with their seams closed, if the options ask for it."""
-        if row.name != "lit" or self._task.options.seams == "keep":
-            return [capture.pixels for capture in captures]
+        self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], masks: Sequence[Capture]
+    ) -> list[Pixels]:
+        """Return colours whose seams are closed."""
         mended = self._mend(captures, masks)
         self._image.put_part("relit", viewpoint.pixels, sampler.sample("nearest", mended.relit))
         self._seams.append(mended.report)
@@ -198,7 +204,7 @@ class Composition:
         viewpoint: Viewpoint,
         sampler: Sampler,
         captures: Sequence[Capture],
-        faces: Sequence[NDArray[Any]],
+        faces: Faces,
         parallax: Floats | None,
         seen: SeenPoints | None,
     ) -> None:
@@ -218,13 +224,14 @@ class Composition:
             )
         if not row.marked_by:
             return
+        changes = self._once("boundaries", captures, lambda: boundaries(faces))
         if seen is None:
-            edges = sampler.label_edges(faces, parallax)
+            edges = sampler.label_edges(changes, parallax)
         else:
             blocks = self._task.rays.blocks(viewpoint.pixels, seen.toward_w)
             views = tuple(capture.view for capture in captures)
             there = self._make_sampler(lambda: blocks, np.eye(3), views, False)
-            edges = seen.label_edges(there, faces, values)
+            edges = seen.label_edges(there, faces, changes, values)
         if viewpoint.known_depth is not None:
             edges |= viewpoint.known_depth.grazes
         self._image.put(row.marked_by, viewpoint.pixels, edges)

@@ -54,23 +54,27 @@ def _take(pixels: Ints, out: Pixels, values: Pixels) -> None:
                 out[i, j] = values[count * pixels[i] + j] if pixels[i] >= 0 else 0
 
 
+def boundaries(faces: Faces) -> Mask:
+    """Return (V, h, w) whether one of a pixel's four neighbours has another value, of V masks."""
+    return stacked(side_by_side(_boundary, list(faces)))
+
+
 def label_edges(
-    faces: Faces, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+    boundaries: Mask, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
 ) -> Mask:
     """Return (N,) whether rays lie within a pixel of a label boundary: there the label may be the
     neighbour's.
 
     Args:
-        faces: (h, w) or (h, w, C) masks of each view.
+        boundaries: (V, h, w) of masks.
         lookup: of N rays.
-        views: those of the faces.
+        views: those of the masks.
         parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
     """
-    boundaries = side_by_side(_boundary, list(faces))
     if parallax is None:
         return sample_nearest(boundaries, lookup)
     out = np.empty(len(lookup.x), np.bool_)
-    edge_px = np.stack(side_by_side(_px_to_boundary, boundaries))
+    edge_px = np.stack(side_by_side(_px_to_boundary, list(boundaries)))
     projections = np.array([view.projection for view in views])
     run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, projections)
     return out

@@ -1,7 +1,7 @@
 """Render: from a camera, a pose and a source to an image, for central and non-central cameras alike."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property, partial
@@ -13,7 +13,7 @@ from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
-from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures
+from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures, T
 from omniscv.compose.composition import Composition
 from omniscv.compose.cube import Cube
 from omniscv.compose.image import OmniImage
@@ -210,6 +210,7 @@ class Renderer:
                 source,
                 partial(self._sampler_of, plan.task.rays),
                 partial(self._mended, plan.task.options),
+                self._once,
                 meter.part(),
             )
             drive(plan.rounds(), composition.capture)
@@ -255,12 +256,17 @@ class Renderer:
             transfer = self.source.capabilities.transfer
             return mend(views, pixels, options.seams, transfer, of_objects, self._vignette)
 
+        name = ("seams", options.seams, options.straighten, options.truth_scale)
+        return self._once(name, captures, make, keep_at_once=True)
+
+    def _once(
+        self, name: Hashable, captures: Sequence[Capture], make: Callable[[], T], keep_at_once: bool = False
+    ) -> T:
+        """Return what is made of captures; of a recording's it is kept as :meth:`ByteCache.get` says."""
         if self._recorded is None:
             return make()
-        of_captures = (capture.request for capture in captures)
-        return self._cache.get(
-            ("seams", options.seams, options.straighten, options.truth_scale, *of_captures), make
-        )
+        key = (name, *(capture.request for capture in captures))
+        return self._cache.get(key, make, keep_at_once=keep_at_once)
 
     def _recorded_masks(self, captures: Sequence[Capture], scale: int) -> Sequence[Capture]:
         if self._recorded is None or "object_mask" not in self.source.capabilities.modes:

@@ -19,7 +19,7 @@ from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Mask, Pixels, reads_few, stacked
+from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels, reads_few, stacked
 from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.planning.rays import RayBlock
@@ -47,22 +47,22 @@ class Sampler(Protocol):
     def minifies(self) -> bool:
         """Whether most rays' pixels span two pixels of a view or more."""
 
-    def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+    def sample(self, filter: str, faces: Faces) -> Pixels:
         """Return (N, ...) blended values."""
 
     def sample_depth(
-        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
+        self, filter: str, faces: Faces, precision: Precision, offsets_w: Array | None
     ) -> SampledDepth:
         """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
 
-    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
+    def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
         """Return (N,) whether rays lie at a label boundary; see
         :func:`omniscv.compose.nearest.label_edges`."""
 
-    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+    def sample_directions(self, filter: str, faces: Faces) -> Pixels:
         """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
 
-    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
+    def normals_from_depth(self, faces: Faces) -> Pixels:
         """Return (N, 3) normals; see :func:`omniscv.compose.depth.normals_from_depth`."""
 
     @property
@@ -70,7 +70,7 @@ class Sampler(Protocol):
         """Bytes held in memory."""
 
 
-SAMPLE: dict[Interpolation, Callable[[Sampler, str, Sequence[Pixels]], Pixels]] = {
+SAMPLE: dict[Interpolation, Callable[[Sampler, str, Faces], Pixels]] = {
     "blended": lambda sampler, filter, faces: sampler.sample(filter, faces),
     "nearest": lambda sampler, filter, faces: sampler.sample("nearest", faces),
     "plane": lambda sampler, filter, faces: sampler.normals_from_depth(faces),
@@ -121,7 +121,7 @@ class CpuSampler:
         spans = np.concatenate([_spanned_px(block, self._views[0], stride) for block in self._blocks()])
         return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
-    def sample(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+    def sample(self, filter: str, faces: Faces) -> Pixels:
         few = reads_few(faces, self._coverage.rays)
         if filter == "nearest":
             pictures = faces if few else stacked(faces)
@@ -133,7 +133,7 @@ class CpuSampler:
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(
-        self, filter: str, faces: Sequence[Pixels], precision: Precision, offsets_w: Array | None
+        self, filter: str, faces: Faces, precision: Precision, offsets_w: Array | None
     ) -> SampledDepth:
         stack, nearest = stacked(faces), filter == "nearest"
 
@@ -143,18 +143,18 @@ class CpuSampler:
 
         return SampledDepth(*self._sampled(sample))
 
-    def label_edges(self, faces: Sequence[Pixels], parallax: Floats | None) -> Mask:
+    def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
         def sample(block: _Block) -> Mask:
             near = None if parallax is None else parallax[block.rays.part]
-            return label_edges(faces, block.lookup, self._views, near)
+            return label_edges(boundaries, block.lookup, self._views, near)
 
         return self._values(sample)
 
-    def sample_directions(self, filter: str, faces: Sequence[Pixels]) -> Pixels:
+    def sample_directions(self, filter: str, faces: Faces) -> Pixels:
         stack, nearest = stacked(faces), filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
-    def normals_from_depth(self, faces: Sequence[Pixels]) -> Pixels:
+    def normals_from_depth(self, faces: Faces) -> Pixels:
         stack = stacked(faces)
         return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
 
@@ -251,7 +251,7 @@ class _Block:
             return sample_bicubic(picture, x, y)
         return sample_bilinear(picture, x, y, self.rays.row)
 
-    def sample_apart(self, atlas: Atlas, faces: Sequence[Pixels]) -> Pixels:
+    def sample_apart(self, atlas: Atlas, faces: Faces) -> Pixels:
         """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
         x, y = self._at("bilinear", atlas)
         out = np.zeros((len(x), *faces[0].shape[2:]), faces[0].dtype)

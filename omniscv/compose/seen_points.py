@@ -16,7 +16,7 @@ import numpy as np
 
 from omniscv.compose.samplers import Sampler
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Mask, Pixels
+from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels
 from omniscv.planning.depth_shell import depth_shell
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.sources.base import Capture
@@ -72,16 +72,16 @@ class SeenPoints(NamedTuple):
         """(N,) bool, no capture verifies what the ray meets."""
         return self.known.unsure
 
-    def label_edges(self, toward: Sampler, faces: Sequence[Pixels], values: Pixels) -> Mask:
+    def label_edges(self, toward: Sampler, faces: Faces, boundaries: Mask, values: Pixels) -> Mask:
         """Return (N,) whether labels may be others than those at the points.
 
         Args:
             toward: samples the faces in the directions of ``toward_w``.
-            faces: masks from the shared centre.
+            faces, boundaries: masks from the shared centre, and where their values change.
             values: (N, ...) of the rays, as the image shows them.
         """
         there = toward.sample("nearest", faces)
         seen = toward.sample("nearest", [np.ones(face.shape[:2], np.bool_) for face in faces])
         differs = (there != values).reshape(len(values), -1).any(axis=1)
-        at_edge = toward.label_edges(faces, self.known.direction_error)
+        at_edge = toward.label_edges(boundaries, self.known.direction_error)
         return np.asarray(differs | ~seen | at_edge | self.known.grazes | ~self.visible)

@@ -20,7 +20,7 @@ _FEW = 8
 """Pixels of all pictures for each that is read; by measurement."""
 
 
-def reads_few(faces: Sequence[Pixels], rays: int) -> bool:
+def reads_few(faces: Faces, rays: int) -> bool:
     """Return whether rays read so few pixels of pictures that a copy of all takes longer than the reading."""
     return bool(rays * _FEW < len(faces) * faces[0].shape[0] * faces[0].shape[1])
 
@@ -32,8 +32,11 @@ def stacked(faces: Faces) -> Pixels:
     """
     if isinstance(faces, np.ndarray):
         stack = faces.view()
+    elif len(faces) == 1:
+        stack = faces[0][None]
     else:
-        stack = faces[0][None] if len(faces) == 1 else np.stack(faces)
+        stack = np.empty((len(faces), *faces[0].shape), faces[0].dtype)
+        blocks(lambda some: np.stack(faces[some], out=stack[some]), len(faces), stack.size)
     stack.flags.writeable = False
     return stack
 
