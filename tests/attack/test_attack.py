@@ -5,8 +5,8 @@ import pytest
 from attack.runner import ROUND, Tally, Worker, run
 
 SHORT = {
-    **{"texts": 50, "recordings": 20, "servers": 3, "folders": 6},
-    **{"datasets": 6, "records": 6, "names": 8, "shards": 15, "stores": 4},
+    **{"texts": 25, "recordings": 10, "servers": 2, "folders": 3},
+    **{"datasets": 3, "records": 3, "names": 4, "shards": 8, "stores": 3},
 }
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
 which ``tests/cli/test_signals.py`` tests in the suite."""

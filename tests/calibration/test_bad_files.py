@@ -27,28 +27,19 @@ REPLACED = {
     "colmap": (COLMAP, [
         ("1 PINHOLE 64 48 50 50 32 24", "", "got none"),
         (" 48 50 50 32 24", "", "line 1: expected 'CAMERA_ID"),
-        ("32 24", "32", "PARAMS of PINHOLE: expected 4 finite"),
-        ("32 24", "32 nan", "PARAMS of PINHOLE: expected 4 finite"),
-        ("48 50", "48 -50", "(focal|fx): expected a finite number > 0"),
-        ("64 48", "64 -48", "HEIGHT: expected a whole number"),
-        ("1 PINHOLE", "one PINHOLE", "CAMERA_ID: expected a whole number"),
         ("1 PINHOLE", "\n1 FOV", "line 2: MODEL: expected one of SIMPLE_PINHOLE"),
         ("PINHOLE 64 48 50 50 32 24", "EQUIRECTANGULAR 64 32 64 33", "the image size 64 32"),
         ("32 24", "32 24\n01 PINHOLE 64 48 50 50 32 24", "line 2: expected each CAMERA_ID once"),
         ("PINHOLE 64 48 50 50 32 24", "DIVISION 64 48 40 41 32 24 -0.2", "focal lengths: expected two"),
     ]),
     "ocamcalib": (OCAM, [
-        ("3 -15", "three -15", "number of coefficients of the polynomial"),
         ("3 -15", "99999999 -15", "polynomial: expected 99999999 finite numbers"),
         ("3 -15", "3 15", "coefficients\\[0\\]: expected a finite number < 0"),
         ('"e"\n\n', '"e"\n\n-', "affine: expected c > 0"),
         ('"e"\n\n', '"e"\n\n1 2 3 ', "image size"),
-        ("30 40", "0 40", "height: expected a whole number"),
-        ("14.5 19.5", "14.5 x", "center, row and column"),
     ]),
     "isaac": (ISAAC, [
         ('"ftheta"', '"lut"', "model: expected one of ftheta"),
-        ("nominalWidth = 40", "nominalWidth = wide", "nominalWidth: expected a finite number"),
         ("opticalCenter = (19.5, 14.5)", "opticalCenter = (19.5)", "opticalCenter: expected \\(x, y\\)"),
         ("ftheta:k1", "ftheta:c1", "missing key 'k1'"),
         ("maxFov = 190.0", "maxFov = 400.0", "maxFov: expected a finite number"),
@@ -86,21 +77,16 @@ CHANGED_KEYS = {
         ({"Label": "camera-front"}, "Label: expected one of camera-slam-left"),
         ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection.Name: expected one of"),
         ({"Projection": {"Name": "Fisheye62", "Params": [*F62, 0]}}, "Projection.Params: expected 11 finite"),
-        ({"Projection": 3}, "Projection: expected a mapping"),
         ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "T_Device_Camera: missing key 'UnitQuaternion'"),
         (
             {"T_Device_Camera": {**POSE, "UnitQuaternion": [0, [0, 0, 0]]}},
             "T_Device_Camera: quaternion: expected one of length 1",
         ),
-        ({"TimeOffsetSec_Device_Camera": "late"}, "TimeOffsetSec_Device_Camera: expected a finite"),
     ],
     "ncore": [
         ({"reference_poly": "BOTH"}, "reference_poly: expected one of"),
         ({"resolution": [64.5, 48]}, "resolution: expected a whole number"),
-        ({"principal_point": [1]}, "principal_point: expected 2 finite"),
         ({"pixeldist_to_angle_poly": [1, 2]}, "polynomial: expected \\(0, c1"),
-        ({"max_angle": 4}, "max_angle_deg: expected a finite number"),
-        ({"linear_cde": [0, 0]}, "linear_cde: expected 3 finite"),
     ],
     "kalibr": [
         (
@@ -108,16 +94,11 @@ CHANGED_KEYS = {
             "cam0: intrinsics: expected fu = -fv",
         ),
         ({"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]}, "cam0: intrinsics: .*0 <= xi <= 1"),
-        (
-            {"camera_model": "omni", "intrinsics": [30, 30, 29, 23]},
-            "intrinsics: expected 5 finite numbers",
-        ),
         ({"distortion_model": "fov"}, "cam0: .*pinhole-none.*pinhole-fov"),
         (
             {"camera_model": "omni", "distortion_model": "equidistant"},
             "pinhole-none.*omni-equidistant",
         ),
-        ({"camera_model": "ds", "distortion_model": "radtan"}, "cam0: .*pinhole-none.*ds-radtan"),
     ],
 }
 CHAIN = {
@@ -156,15 +137,12 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
     "text",
     [
         BOMB + ENTRY.format("[4, 3]", "*a9"),
-        BOMB + "cam0: *a9",
         "[" * 100_000,
         ENTRY.format("[4, 3]", "[" + "9" * 5000 + ", 1, 1, 1]"),
         *(ENTRY.format("[4, 3]", f"[{value}, 1, 1, 1]") for value in (".nan", "true", "[1]", "2026-01-01")),
-        ENTRY.format("[4, 3]", "null"),
         *(ENTRY.format(size, "[1, 1, 1, 1]") for size in ("[4, 3.5]", "[0, 3]", "[4]")),
         "cam0: {camera_model: [pinhole], distortion_model: {none: none}}",
         "cam0: pinhole",
-        "- cam0",
         "cam0: !!python/object/apply:os.system [exit]",
         '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
         "<opencv_storage><camera_matrix>",
@@ -172,6 +150,5 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
     ],
 )
 def test_hostile_text_is_refused(text):
-    refused(calibration.read_kalibr, text, "expected|missing key")
-    for read in (calibration.read_opencv, calibration.read_opencv_fisheye, calibration.read_opencv_omnidir):
+    for read in (calibration.read_kalibr, calibration.read_opencv):
         refused(read, text, "expected|missing key")

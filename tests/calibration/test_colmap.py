@@ -6,7 +6,7 @@ import pytest
 from support.lenses import seen_in_front
 from support.same_rays import assert_same_rays
 
-from omniscv import Pose, calibration, cameras
+from omniscv import calibration, cameras
 from omniscv.calibration import colmap
 from omniscv.errors import ArgumentError
 
@@ -83,26 +83,9 @@ def test_lenses_wider_than_colmap_reads_get_a_comment() -> None:
     assert "90 degrees" not in calibration.write_colmap({"3": narrow})
 
 
-def test_known_lines_are_those_of_the_specification() -> None:
-    """Our camera at yaw 0 and (0, 0, 1.5), and a second one 0.1 m to its right: read back by COLMAP."""
-    first = Pose.from_angles((0, 0, 1.5))
-    second = Pose.from_angles((0, -0.1, 1.5))
-    assert colmap.rig_line(1, {1: first, 2: second}) == "1 2 CAMERA 1 CAMERA 2 1 1.0 0.0 0.0 0.0 -0.1 0.0 0.0"
-    frame = "1 1 0.5 0.5 -0.5 0.5 0.0 1.5 0.0 2 CAMERA 1 1 CAMERA 2 2"
-    assert colmap.frame_line(1, 1, first, {1: 1, 2: 2}) == frame
-
-
 def test_refusing_is_one_line() -> None:
     mirror = cameras.model("catadioptric-planar").example(32)
     assert "got catadioptric-planar" in str(colmap.refuses(mirror))
     assert colmap.refuses(cameras.model("equirectangular").example(32)) is None
     with pytest.raises(ArgumentError, match="left: name: expected a whole number >= 1, got 'left'"):
         calibration.write_colmap({"left": cameras.create("equirectangular", width=64, height=32)})
-
-
-def test_equirectangular_looks_ahead_in_the_middle_and_right_at_three_quarters() -> None:
-    camera = calibration.read_colmap("1 EQUIRECTANGULAR 64 32 64 32")["1"]
-    rays = camera.unproject(np.array([[32, 16], [48, 16], [16, 16], [32, 24], [32, 8]]))
-    down = np.sqrt(0.5)
-    expected = [[0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, down, down], [0, -down, down]]
-    np.testing.assert_allclose(rays.directions, expected, rtol=0, atol=1e-15)  # sines and cosines of pi / 4

@@ -36,14 +36,6 @@ def test_an_equidistant_lens_is_a_polynomial_of_one_term(model: str) -> None:
     assert fitted.coverage == 1
 
 
-@pytest.mark.parametrize("model", ["fisheye-equidistant", "fisheye-orthographic"])
-def test_a_lens_is_nearest_to_itself(model: str) -> None:
-    lens = cameras.create(model, 120, 100, focal=50.0, center=(61, 48))
-    fitted = calibration.fit(lens, model)
-    assert fitted.camera.focal == pytest.approx(50.0, abs=1e-6)  # type: ignore[attr-defined]
-    assert fitted.max_px < 1e-6
-
-
 @pytest.mark.parametrize(
     ("source", "model", "most"),
     [(DOUBLE, "kannala-brandt", 0.005), (LENS, "double-sphere", 0.5)],

@@ -77,19 +77,6 @@ def test_a_mirror_is_meis_model_half_a_turn_about_x(camera: cameras.Camera) -> N
     assert_same_rays(camera, again)
 
 
-@pytest.mark.parametrize("camera", MIRRORS, ids=lambda camera: camera.name)
-def test_a_picture_flipped_top_to_bottom_has_positive_focal_lengths(camera: cameras.Camera) -> None:
-    """What Kalibr's own programs want, as docs/calibration.md tells users to make it."""
-    xi, fu, fv, pu, pv = entry(camera)["intrinsics"]
-    flipped = [xi, fu, abs(fv), pu, camera.height - 1 - pv]
-    rays = camera.unproject()
-    for pixel, (x, y, z) in zip(
-        camera.pixels()[rays.valid][::97], rays.directions[rays.valid][::97], strict=True
-    ):
-        column, row = mei(flipped, np.array([x, -y, -z]))
-        np.testing.assert_allclose([column, camera.height - 1 - row], pixel - 0.5, rtol=0, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("turn", "xi"),
     [((1, -1, -1), xi) for xi in (0.0, 1e-3, 0.7, 0.9999, 1.0)]

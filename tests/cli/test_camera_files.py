@@ -103,13 +103,6 @@ def test_a_calibration_file_is_a_camera_of_the_command_line(here, capsys):
     assert rendered(here, "bare") == PLAIN
 
 
-@pytest.mark.parametrize("format", ["json", "opencv-fisheye", "kalibr", "colmap"])
-def test_every_format_is_one(format, here):
-    calibration.save("lens.txt", {"1" if format == "colmap" else "cam0": FISHEYE}, format)
-    assert run([*RENDER, "--camera", "lens.txt"]) == 0
-    assert rendered(here, "lens") == FISHEYE
-
-
 def test_one_of_several_cameras_is_named(here, capsys):
     calibration.save("chain.yaml", {"cam0": FISHEYE, "cam1": PLAIN}, "kalibr")
     assert run([*RENDER, "--camera", "chain.yaml"]) == 2

@@ -19,17 +19,12 @@ LAUGHS = ", ".join(f"&{y} [{', '.join([f'*{x}'] * 9)}]" for x, y in zip("abcdefg
 CAMERA = "{{a: {{model: equirectangular, width: {}, height: 4}}}}"
 POSE = "[{{position: [0, 0, 1.5], yaw_deg: {}}}]"
 WRONG = [
-    ("source", "!!timestamp x", "no tags"),
     ("source", "!!python/object/apply:os.system [exit]", "no tags"),
     ("source", "7", "source: expected an address"),
-    ("source", "[[mock://four-wall]]", "source[0]: expected a text, got ['mock://four-wall']"),
     ("source", '"a\\0b"', "source: expected a text, got 'a\\x00b'"),
     ("source", "[&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
-    ("cameras", CAMERA.format("2001-01-01"), "cameras.a: width: expected a whole number of pixels"),
     ("cameras", CAMERA.format(".nan"), "cameras.a: width: expected a whole number of pixels"),
     ("cameras", CAMERA.format("9" * 1_000_000), "numbers of at most 64 characters"),
-    ("cameras", CAMERA.format("1000000, height: 1000000"), "every key once"),
-    ("cameras", "{a: {model: [x], width: 1, height: 1}}", "cameras.a: camera: expected one of"),
     (
         "cameras",
         "{a: {model: equirectangular, width: 1000000, height: 1000000}}",
@@ -37,29 +32,13 @@ WRONG = [
     ),
     ("cameras", "{'': {model: equirectangular, width: 8, height: 4}}", "cameras: stem: expected a text"),
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
-    ("poses", POSE.format("true"), "poses[0].yaw_deg: expected a finite number, got True"),
     ("poses", "[{position: [0, 0, 1e300]}]", "position: expected coordinates of at most 1e+09"),
-    ("poses", "[{placed: [0, 0, 1]}]", "poses[0]: unknown key 'placed'; known keys: position"),
-    ("poses", "[" * 100_000, "at most 32 levels of nesting"),
-    ("poses", "[" + "1, " * 100_001 + "]", "at most 100000 values"),
+    ("poses", "[" * 100, "at most 32 levels of nesting"),
     ("modes", "[[lit]]", "modes[0]: expected a text"),
-    ("modes", "{lit: 1}", "modes: expected a list of texts"),
-    ("out", "[1]", "out: expected a text"),
-    ("record", "2", "record: expected a text"),
-    ("image_format", "[png]", "image_format: expected a text"),
-    ("strategy", "[cube]", "strategy: expected a text"),
-    ("filter", "{a: b}", "filter: expected one of"),
-    ("viewpoints", "many", "viewpoints: expected a whole number"),
     ("viewpoints", "1000000000000", "viewpoints: expected a whole number <= 1000000"),
     ("face_size", "true", "face_size: expected 'auto' or"),
     ("max_error_px", ".inf", "max_error_px: expected a finite number"),
-    ("source_options", "7", "source_options: expected a mapping"),
     ("source_options", "{timeout_s: soon}", "source_options.timeout_s: expected a finite number > 0"),
-    (
-        "source_options",
-        "{fix_exposure: yes}",
-        "source_options.fix_exposure: expected true or false, got 'yes'",
-    ),
     ("more", "'\x85\u202e'", "unknown key 'more'; known keys: source"),
 ]
 
@@ -87,7 +66,6 @@ def test_a_file_of_10_mb_is_refused_before_it_is_read(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("sky: !!timestamp 2001-01-01", "no tags"),
         ("sky: 2001-01-01", "sky: expected 3 numbers (from 0 to 1), got '2001-01-01'"),
         ("objects: [&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
         (
@@ -96,7 +74,6 @@ def test_a_file_of_10_mb_is_refused_before_it_is_read(tmp_path, capsys):
         ),
         ("objects: {" + "x" * 1000 + ": 1}", "expected names without spaces, of at most 100 characters"),
         ("room: {floor: [" + "[0, 0], " * 300 + "]}", "room: floor: expected at most 256 corners, got 300"),
-        ("objects: {A: {solids: [" + "{sphere: 1, at: [0, 0, 0]}, " * 10_001 + "]}}", "at most 10000 solids"),
     ],
 )
 def test_a_scene(text, says, tmp_path, capsys):
@@ -109,6 +86,13 @@ def test_a_scene(text, says, tmp_path, capsys):
     assert len(line) <= 1000
 
 
+def test_a_scene_has_a_bounded_number_of_solids(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("mock_server.scene_file._MOST_SOLIDS", 2)
+    path = tmp_path / "scene.yaml"
+    path.write_text("objects: {A: {solids: [" + "{sphere: 1, at: [0, 0, 0]}, " * 3 + "]}}")
+    assert "at most 2 solids" in failed(capsys, 2, ["render", "--source", f"scene://{path}", "--size", "8x4"])
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -118,13 +102,10 @@ def test_a_scene(text, says, tmp_path, capsys):
             ["--set", "face_size=" + "9" * 5000],
             "--set face_size: line 1: expected numbers of at most 64",
         ),
-        (["--set", "camera.fov_deg=!!timestamp x"], "no tags"),
-        (["--param", "name=x"], "camera equirectangular: expected width, height; got 'name'"),
         (["--most-captures", "9" * 5000], "Invalid value for '--most-captures'"),
         (["--position", "0,0,1e308"], "position: expected coordinates of at most 1e+09"),
         (["--source", "unreal://[::1"], "source: expected unreal://host:port"),
         (["--camera", "\x1b[31m\u202e[b]"], r"got '\x1b[31m\u202e[b]'"),
-        (["--\x1b[31m"], r"\x1b[31m"),
     ],
     ids=lambda value: str(value)[:40],
 )

@@ -61,12 +61,6 @@ def link_to_a_private_file(out):
     return "pano-0.lit.png: expected a regular file, got a link"
 
 
-def link_to_zeros(out):
-    (out / "pano-0.lit.png").unlink()
-    (out / "pano-0.lit.png").symlink_to("/dev/zero")
-    return "pano-0.lit.png: expected a regular file, got a link"
-
-
 def pipe(out):
     (out / "pano-0.lit.png").unlink()
     os.mkfifo(out / "pano-0.lit.png")
@@ -132,7 +126,6 @@ READERS = {
         blank_colours,
         swap_labels,
         link_to_a_private_file,
-        link_to_zeros,
         pipe,
         twice,
         executable,

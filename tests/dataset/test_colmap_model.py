@@ -126,17 +126,6 @@ def test_images_and_masks(model):
     assert first == next(frame for frame in frames if frame.key == "panorama-0").files["lit"].read_bytes()
 
 
-def test_colours_of_another_kind_go_out_as_png(tmp_path):
-    draw = np.random.default_rng(1)
-    lit = draw.uniform(0, 1, (32, 64, 3)).astype(np.float32)
-    frame = frame_of(tmp_path, {"lit": lit}, PANORAMA, MOVES[0])
-    assert frame.files["lit"].suffix == ".exr"
-    get("colmap").export([frame], tmp_path, {})
-    found = cv2.imread(str(tmp_path / "images/cam/cam.png"))[..., ::-1]
-    srgb = np.where(lit <= 0.0031308, 12.92 * lit, 1.055 * lit ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
-    np.testing.assert_allclose(found, 255 * srgb, atol=0.501)
-
-
 def test_the_example_of_the_reference(tmp_path):
     """Section 4.3 of the formats' reference: a second camera 0.1 m to the right of the first one."""
     brandt = cameras.create(

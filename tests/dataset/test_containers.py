@@ -25,7 +25,7 @@ def samples(folder):
         return list(webdataset.WebDataset(shards, shardshuffle=False, empty_check=False))
 
 
-@pytest.mark.parametrize("options", [{}, {"max_count": 1}, {"max_count": 2}, {"max_bytes": 1}])
+@pytest.mark.parametrize("options", [{}, {"max_count": 2}, {"max_bytes": 1}])
 def test_webdataset_reads_every_byte(options, whole, tmp_path):
     frames = {frame.key: frame for frame in dataset.open(whole / "dataset")}
     dataset.export(whole / "dataset", "webdataset", tmp_path / "shards", **options)
@@ -39,7 +39,7 @@ def test_webdataset_reads_every_byte(options, whole, tmp_path):
         assert f"/{frames[sample['__key__']].split}-" in sample["__url__"]
     listed = json.loads((tmp_path / "shards" / "shards.json").read_text(encoding="utf-8"))["shards"]
     largest = max(len(shard["keys"]) for shard in listed)
-    assert largest == {1: 1, 2: 2}.get(options.get("max_count"), 1 if "max_bytes" in options else 4)
+    assert largest == {"max_count": 2, "max_bytes": 1}.get(next(iter(options), ""), 4)
 
 
 def test_frames_of_some_cameras_are_exported(whole, tmp_path):

@@ -48,7 +48,7 @@ def test_known_answers(scale, codes, tmp_path):
     assert meaning["kind"] == {"cam": "ray" if scale == "tof360" else "planar"}
 
 
-@pytest.mark.parametrize("scale", ["mm", "stanford2d3d", "tof360"])
+@pytest.mark.parametrize("scale", ["mm", "tof360"])
 def test_depth_along_the_ray_is_half_a_step_off_at_most(scale, tmp_path):
     draw = np.random.default_rng(2)
     depth = draw.uniform(0.1, 60, (16, 32)).astype(np.float32)

@@ -39,21 +39,7 @@ def w2c(pose):
     return np.vstack([np.column_stack([pose.rotation.T, -pose.rotation.T @ pose.position]), [0, 0, 0, 1]])
 
 
-def kalibr_pixel(entry, points):
-    """Where Kalibr's pinhole, equidistant or not, sees points; the first pixel has its centre at 0."""
-    x, y, z = points.T
-    fu, fv, pu, pv = entry["intrinsics"]
-    r = np.hypot(x, y)
-    theta = np.arctan2(r, z)
-    if entry["distortion_model"] == "equidistant":
-        k1, k2, k3, k4 = entry["distortion_coeffs"]
-        scale = theta * (1 + k1 * theta**2 + k2 * theta**4 + k3 * theta**6 + k4 * theta**8) / r
-    else:
-        scale = 1 / z
-    return np.stack([fu * scale * x + pu, fv * scale * y + pv], axis=-1)
-
-
-def test_the_chain_leads_to_the_poses_and_pixels_of_every_camera(frames, tmp_path):
+def test_the_chain_leads_to_the_poses_of_every_camera(frames, tmp_path):
     (path,) = get("kalibr").export(frames, tmp_path, {})
     assert path.name == "camchain.yaml"
     chain = yaml.safe_load(path.read_text())
@@ -61,7 +47,6 @@ def test_the_chain_leads_to_the_poses_and_pixels_of_every_camera(frames, tmp_pat
     assert names == ["left", "rear", "right"]
     assert list(chain) == ["cam0", "cam1", "cam2"]
     assert "T_cn_cnm1" not in chain["cam0"]
-    points = np.random.default_rng(1).normal(size=(500, 3)) * [1, 1, 0.2] + [0, 0, 3]
     by_key = {frame.key: frame for frame in frames}
     for moment in range(2):
         T = w2c(by_key[f"left-{moment}"].pose)
@@ -69,9 +54,6 @@ def test_the_chain_leads_to_the_poses_and_pixels_of_every_camera(frames, tmp_pat
             T = np.array(entry.get("T_cn_cnm1", np.eye(4))) @ T
             frame = by_key[f"{name}-{moment}"]
             np.testing.assert_allclose(T, w2c(frame.pose), atol=1e-9)
-            pixels, valid = frame.camera.project(points)
-            assert valid.sum() > 100
-            np.testing.assert_allclose(kalibr_pixel(entry, points)[valid] + 0.5, pixels[valid], atol=1e-9)
             assert entry["resolution"] == [frame.camera.width, frame.camera.height]
     assert [entry["cam_overlaps"] for entry in chain.values()] == [[2], [2], [0, 1]]
     assert list(read_kalibr(path.read_text())) == ["cam0", "cam1", "cam2"]

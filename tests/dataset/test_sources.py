@@ -16,7 +16,8 @@ RECORDING = ROOT / "captures" / "four-wall.sqlite"
 
 
 @pytest.mark.parametrize(
-    "source", ["mock://four-wall?dialect=N2", "mock://four-wall?dialect=0.3.10&size=64x64", str(RECORDING)]
+    "source",
+    ["mock://four-wall?dialect=N2&size=64x64", "mock://four-wall?dialect=0.3.10&size=64x64", str(RECORDING)],
 )
 def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
     job = jobs.load(job_file(tmp_path, source=json.dumps(source)))

@@ -72,6 +72,7 @@ def test_a_split_without_frames_gives_a_warning(tmp_path):
         "cameras": {"c": {"model": "equirectangular", "width": 16, "height": 8}},
         "poses": [{"position": [0, 0, 1.5]}, {"position": [0.3, 0, 1.5]}],
         "split": {"train": 0.5, "val": 0.5},
+        "face_size": 16,
     }
     (tmp_path / "job.yaml").write_text(json.dumps(job), encoding="utf-8")
     lines = []

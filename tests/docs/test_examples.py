@@ -20,7 +20,7 @@ def test_the_moving_world_is_the_one_that_its_document_runs():
 def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
     text = (folder / "kitchen.yaml").read_text()
-    smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 4}", text)
+    smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 8}", text)
     (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 2"))
     jobs.make(jobs.load(folder / "kitchen.yaml"))
     assert dataset.check(folder / "kitchen", deep=True) == []

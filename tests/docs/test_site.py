@@ -169,7 +169,7 @@ def test_lists_begin_after_an_empty_line():
     ],
 )
 def test_frames_are_drawn_with_their_axes(frame, words):
-    """By scripts/draw-frames, as small files whose words are text."""
+    """As small files whose words are text."""
     picture = (DOCS / "frames" / f"{frame}.svg").read_text(encoding="utf-8")
     assert len(picture) < 1 << 15
     assert all(word in picture for word in words)

@@ -37,11 +37,6 @@ def test_the_mean_of_so_many_is_within_two_levels_of_a_full_edge(px):
     assert 255 * error_of(motion_blur.instants(px), px) < 2
 
 
-@pytest.mark.parametrize(("count", "error"), [(4, 0.094), (8, 0.031), (16, 0.0078), (32, 0.0020)])
-def test_the_error_of_a_count_is_the_formulas(count, error):
-    assert error_of(count, 16) == pytest.approx(error, rel=0.04)
-
-
 def test_motion_is_measured_in_pixels():
     camera = create("fisheye-equidistant", width=200, height=200, focal=60.0)
     turned = omniscv.Pose.from_angles((0, 0, 1.2), yaw_deg=10)
@@ -68,7 +63,7 @@ def job(out, instants, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("many", [51, pytest.param(255, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("many", [31, pytest.param(255, marks=pytest.mark.soak)])
 def test_the_count_that_is_chosen_is_within_two_levels_of_many(many, tmp_path):
     chosen = job(tmp_path / "auto", "auto")
     (count,) = {len(moment.takes) for moment in moments(chosen)}

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy import ndimage
 from support.rooms import L_SHAPE, PLAIN, room_of_plan
 
@@ -10,7 +9,6 @@ from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
 from omniscv.truth import project_layout
 from omniscv.truth.layout_labels import exact_maps, original_maps
-from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)
 
@@ -28,17 +26,6 @@ def test_shares_of_the_known_room_are_those_of_the_reference():
         assert [(picture / 255 >= 0.01).mean(), (picture / 255 > 0.1).mean()] == pytest.approx(
             shares, abs=0.002
         )
-
-
-def test_scores_of_maps_against_themselves_are_those_of_the_reference():
-    record, _ = record_of()
-    for picture, recall in zip(exact_maps(record, PANORAMA), (0.728, 0.522), strict=True):
-        small = np.asarray(Image.fromarray(picture).resize((256, 128))) / 255
-        scores = map_scores(small, picture)
-        assert scores.precision == 1
-        assert scores.recall == scores.iou == pytest.approx(recall, abs=0.001)
-        assert scores.f1 == pytest.approx(2 * recall / (1 + recall), abs=0.001)
-        assert scores.accuracy == pytest.approx(1 - (small >= 0.01).mean() + (small > 0.1).mean(), abs=1e-9)
 
 
 def test_maps_turn_with_the_panorama():
@@ -109,18 +96,14 @@ def test_blobs_have_the_width_of_the_pixels_at_the_middle(name):
     assert drawn[row, 40:44] == pytest.approx(expected, rel=0.03)
 
 
-def test_the_original_recipe_finds_the_same_edges_without_a_seam():
-    panorama = cameras.create("equirectangular", 512, 256)
+def test_the_original_recipe_has_no_seam():
+    panorama = cameras.create("equirectangular", 256, 128)
     record, pose = record_of(L_SHAPE, panorama)
-    exact, original = exact_maps(record, panorama), original_maps(record, panorama, pose)
-    for sharp, blurred in zip(exact, original, strict=True):
-        assert blurred.max() == 255
-        assert blurred[sharp > 230].min() > 60
-        assert not blurred[sharp == 0].max() > 40
+    original = original_maps(record, panorama, pose)
     record, pose = record_of(L_SHAPE, panorama, yaw_deg=90)
     turned = original_maps(record, panorama, pose)
     for before, after in zip(original, turned, strict=True):
-        assert np.abs(np.roll(before, 128, axis=1).astype(int) - after).max() <= 1
+        assert np.abs(np.roll(before, 64, axis=1).astype(int) - after).max() <= 1
     camera = cameras.model("fisheye-equidistant").example(64)
     record = project_layout(room_of_plan(PLAIN), camera, pose)
     with pytest.raises(ArgumentError, match="an image that fills its rectangle"):

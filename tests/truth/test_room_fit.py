@@ -74,7 +74,7 @@ def test_several_images_are_fitted_together(plan, places):
             layout([traced(scene, places[0])])
 
 
-@pytest.mark.parametrize("turn_deg", [0, 17, 45])
+@pytest.mark.parametrize("turn_deg", [17, 45])
 def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
     """The U's arms end on one plane: which walls follow each other is found by their ends."""
     scene = scene_of_plan(U_SHAPE)

@@ -152,7 +152,6 @@ def test_a_recording_is_composed_at_its_places(tmp_path):
 
 TURNED = {
     "fisheye": cameras.create("fisheye-equidistant", width=128, height=128, fov_deg=185),
-    "cylinder": cameras.create("cylindrical", width=128, height=64),
     "cube": cameras.create("cube-map", width=48, height=32),
     "ball": looked.CAMERAS["mirror"],
     "cone": cameras.model("noncentral-conical-mirror").example(96),

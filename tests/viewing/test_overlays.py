@@ -35,7 +35,7 @@ def test_a_box_over_the_seam_is_drawn_on_both_sides():
     assert not at[55, 26:238].any()
 
 
-@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "kannala-brandt", "pinhole"])
+@pytest.mark.parametrize("name", ["equirectangular", "kannala-brandt"])
 def test_boxes_on_the_sphere_are_drawn_on_their_border(name):
     """Each pixel that is drawn sees, within a pixel or two, the border of the box."""
     camera = cameras.model(name).example(200)
@@ -49,7 +49,7 @@ def test_boxes_on_the_sphere_are_drawn_on_their_border(name):
     assert np.abs(box.contains(rays.directions[at])).max() <= 2.5 * np.nanmax(across)
 
 
-@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "noncentral-panorama"])
+@pytest.mark.parametrize("name", ["equirectangular", "noncentral-panorama"])
 def test_boxes_in_space_are_drawn_along_their_edges(name):
     camera, pose = cameras.model(name).example(200), omniscv.Pose.from_angles((0, 0, 1.5))
     with omniscv.open_source("scene://four-wall") as source:
@@ -77,7 +77,7 @@ def test_names_and_colours_tell_objects_apart():
         draw_boxes(GREY, WIDE, {}, ("masks",))
 
 
-@pytest.mark.parametrize("name", ["equirectangular", "fisheye-equidistant", "noncentral-spherical-mirror"])
+@pytest.mark.parametrize("name", ["equirectangular", "noncentral-spherical-mirror"])
 def test_every_visible_curve_is_drawn_in_its_colour_and_nothing_else_is(name):
     camera = cameras.model(name).example(256)
     record = project_layout(room_of_plan(L_SHAPE), camera, Pose.from_angles((3, -1.5, 1.4)))
