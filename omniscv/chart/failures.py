@@ -263,7 +263,7 @@ def _examine(scene: str, query: str, width: int, pose: Pose) -> _Outcome:
         if camera.central not in truth:
             truth[camera.central] = _Truth(exact, camera, pose, special)
         try:
-            with open_source(address, **_DEADLINES) as source:
+            with open_source(address, exposure="game", **_DEADLINES) as source:
                 image = render(
                     camera, pose, source, _MODES, face_size=round(_FACE * width), **_RING.get(column, {})
                 )

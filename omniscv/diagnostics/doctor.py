@@ -26,14 +26,14 @@ from omniscv.diagnostics.server import (
     largest_object,
 )
 from omniscv.errors import ArgumentError, ServerRefusedError
-from omniscv.geometry import Array
+from omniscv.geometry import Array, Pose
 from omniscv.sources.base import Color
 from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
-from omniscv.sources.unreal import replies
+from omniscv.sources.unreal import exposure, replies
 from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import DIALECTS, LIT_VIEW_MODE, SCENE, VERSION
+from omniscv.sources.unreal.commands import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
@@ -113,6 +113,7 @@ def examine_address(
                 masks(connection, camera, pairs),
                 *([] if quick else native_panorama.findings(connection, camera)),
                 *([] if quick else _agreement(connection, camera)),
+                *([] if quick else manual_exposure(connection, camera)),
                 *motion,
             ]
 
@@ -174,6 +175,21 @@ def warm_up(camera: RawCamera) -> Finding:
         return Finding(name, f"never, in {_WARM} frames", "bad", "fix the exposure; stop animations")
     value = f"after {count} more frames: temporal effects, or exposure"
     return Finding(name, value, "bad", f"--set source_options.warmup={count}")
+
+
+def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
+    """Report the manual exposure that recordings set; nothing of a server that cannot set it."""
+    if not connection.supports(EXPOSURE_METHOD):
+        return []
+    location_cm, _ = Pose.from_angles(camera.position).to_unreal()
+    name, remedy = "manual exposure", "none: colours have the game's own"
+    try:
+        bias = exposure.matching_bias(connection, camera.driver.camera, location_cm)
+    except ServerRefusedError as refused:
+        return [Finding(name, str(refused), "warning", remedy)]
+    if bias is None:
+        return [Finding(name, "no bias is as bright as the game's own", "warning", remedy)]
+    return [Finding(name, f"as bright as the game's own with a bias of {bias:g}")]
 
 
 def normals(camera: RawCamera) -> Finding:

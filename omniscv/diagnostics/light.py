@@ -24,7 +24,7 @@ def findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> list[F
     """Return a finding for the exposure and one for the vignette, from pairs of grey pictures (H, W)."""
     overlaps = (_overlap(*pair, fov_deg) for pair in pairs)
     vignette, exposure = _fit([overlap for overlap in overlaps if overlap is not None])
-    drift = f"vrun r.EyeAdaptationQuality 0, or {_FIX}; N2 and later: --set source_options.exposure=auto"
+    drift = f"none for recordings of N2 and later; vrun r.EyeAdaptationQuality 0, or {_FIX}"
     shade = f"vrun r.Tonemapper.Quality 1, or {_FIX}, or record --overscan 512"
     return [
         _finding("exposure", exposure, "{:.1%} between pictures of one surface", drift),

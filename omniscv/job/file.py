@@ -233,7 +233,7 @@ _SOURCE_OPTIONS = (
     Key("source_options.retries", 5, "how often, with exponential backoff"),
     Key("source_options.transfer", None, "what 8-bit colours say of light: srgb, linear, film or unknown"),
     Key("source_options.fix_exposure", False, "switch off vignette and auto exposure in the running game"),
-    Key("source_options.exposure", None, "manual exposure of the camera: its bias in stops, or auto"),
+    Key("source_options.exposure", None, "exposure of the camera: auto, its bias in stops, or game"),
     Key("source_options.warmup", 0, "frames of colour to drop after each move, where effects blend them"),
 )
 

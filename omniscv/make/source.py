@@ -23,6 +23,7 @@ from omniscv.sources.base import Source, SourceView
 from omniscv.sources.brackets import bracketed
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
+from omniscv.sources.world import SharedExposure
 
 _WIDTH = 256
 _FACE_PX = 128
@@ -73,6 +74,8 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             sampled = sample_poses(job.sampling, still)
             times = sampled.times if job.times is None else job.times
             job = replace(job, poses=sampled.poses, times=times, sampling=None)
+        # Of the whole job, so that its parts are exposed alike.
+        still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
 
 

@@ -26,7 +26,7 @@ from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
 from omniscv.sources.requests import View as View
-from omniscv.sources.world import World
+from omniscv.sources.world import SharedExposure, World
 
 _LONGEST_PART = 150  # characters of a part of a scene's identity
 
@@ -250,6 +250,9 @@ class Source(ABC):
             f"source: expected a live server, whose world can be changed, got {type(self).__name__}"
         )
 
+    def share_exposure(self, shared: SharedExposure) -> None:  # noqa: B027 - most sources set none
+        """Use an exposure that other sources use, too, where cameras find the one that matches the game's."""
+
     def close(self) -> None:  # noqa: B027 - most sources hold nothing
         """Release connections, files and memory."""
 
@@ -323,6 +326,9 @@ class SourceWrapper(Source):
     @property
     def scene_identity(self) -> SceneIdentity:
         return self._source.scene_identity
+
+    def share_exposure(self, shared: SharedExposure) -> None:
+        self._source.share_exposure(shared)
 
     def close(self) -> None:
         self._source.close()

@@ -29,6 +29,7 @@ from omniscv.sources.base import (
     closed_error,
     not_picklable,
 )
+from omniscv.sources.world import SharedExposure
 
 T = TypeVar("T", Capabilities, ObjectTable, SceneIdentity)
 
@@ -42,14 +43,15 @@ _log = logging.getLogger("omniscv")
 class SourcePool(Source):
     """Captures from one or more replicas of one scene, such as copies of one game; they are closed with it.
 
-    A replica that fails is not used again: the others capture its requests, and a warning is logged.
+    A replica that fails is not used again: the others capture its requests, and a warning is logged. All have
+    the exposure that the first one finds.
 
     Raises:
         ArgumentError: no source, or sources with other capabilities, objects or mask colours, so that their
             captures do not belong in one image.
     """
 
-    def __init__(self, sources: Sequence[Source]) -> None:
+    def __init__(self, sources: Sequence[Source], exposure: SharedExposure | None = None) -> None:
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
         self._sources, self._working = tuple(sources), list(sources)
@@ -58,6 +60,7 @@ class SourcePool(Source):
         self._scene = _common([source.scene_identity for source in sources])
         self._fault = closed_error("pool")  # of the replica that failed last
         self._lock, self._closed = threading.Lock(), False
+        self.share_exposure(exposure or SharedExposure())
 
     @property
     def capabilities(self) -> Capabilities:
@@ -135,6 +138,11 @@ class SourcePool(Source):
         finally:
             threads.shutdown(cancel_futures=True)
 
+    def share_exposure(self, shared: SharedExposure) -> None:
+        self._exposure = shared
+        for source in self._sources:
+            source.share_exposure(shared)
+
     def close(self) -> None:
         self._closed = True
         with ExitStack() as stack:
@@ -197,7 +205,8 @@ class SourcePool(Source):
         """Return a pool of every working replica, changed."""
         self._check_working()
         with ExitStack() as opened:
-            pool = SourcePool([opened.enter_context(change(replica)) for replica in self._working])
+            replicas = [opened.enter_context(change(replica)) for replica in self._working]
+            pool = SourcePool(replicas, self._exposure)
             opened.pop_all()
             return pool
 

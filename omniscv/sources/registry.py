@@ -62,8 +62,9 @@ class SourceOptions(Deadlines, total=False):
     Attributes:
         retries: how often, with exponential backoff; 5 times.
         fix_exposure: switch off vignette and auto exposure in the running game.
-        exposure: manual exposure for the camera that is spawned, of plugins from 2026-03 (N2): its bias in
-            stops, or ``auto``, which matches the game's own.
+        exposure: of the camera that is spawned, by plugins from 2026-03 (N2): ``auto``, manual exposure that
+            matches the game's own; manual exposure with a bias in stops; or ``game``, the game's own. If it
+            is not given, ``auto`` where the plugin can set it.
         warmup: frames of colour to drop after each move, of plugin 1.x, where temporal effects blend them;
             the doctor measures how many.
         freeze: how a game is kept at an instant while it is captured (:data:`omniscv.sources.world.Freeze`);

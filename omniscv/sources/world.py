@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Literal
 
 from omniscv.arguments import number
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 
 Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
@@ -18,16 +20,51 @@ objects' poses are read; ``batch``: the requests of a viewpoint are answered in 
 are moved, and the game runs on; ``auto``: the strongest that the server has.
 """
 
-CameraExposure = float | Literal["auto"]
-"""Manual exposure of a spawned camera: its bias in stops, or the one that matches the game's own exposure."""
+Exposure = float | Literal["game"]
+"""Exposure of a spawned camera: manual, with a bias in stops, or ``game``: as the game has it."""
+CameraExposure = Exposure | Literal["auto"]
+"""As ``Exposure``, or ``auto``: manual, with the bias that matches the game's own exposure."""
 EXPOSURE_LIMITS = (-16.0, 16.0)
+_MANUAL = "manual, bias "
 
 
 def exposure_bias(name: str, value: object) -> CameraExposure:
-    """Return a bias in stops or ``auto``; ArgumentError for what is neither."""
-    if value == "auto":
-        return "auto"
-    return number(f"{name}, if not auto", value, least=EXPOSURE_LIMITS[0], most=EXPOSURE_LIMITS[1])
+    """Return a bias in stops, ``auto`` or ``game``; ArgumentError for anything else."""
+    if value == "auto" or value == "game":
+        return value
+    return number(f"{name}, if not auto or game", value, least=EXPOSURE_LIMITS[0], most=EXPOSURE_LIMITS[1])
+
+
+def exposure_to_text(bias: float) -> str:
+    """Return manual exposure as provenance has it."""
+    return f"{_MANUAL}{bias:g}"
+
+
+def exposure_from_text(text: object) -> Exposure:
+    """Return the exposure in provenance; ``game`` where there is none."""
+    return float(text.removeprefix(_MANUAL)) if isinstance(text, str) and text.startswith(_MANUAL) else "game"
+
+
+class SharedExposure:
+    """The exposure that the cameras of one recording, or of replicas, share: the first camera finds it.
+
+    Args:
+        position: (3,) where a camera finds it, world frame, metres; None: where the first colour is captured.
+
+    Attributes:
+        value: the exposure; None before it is found.
+    """
+
+    def __init__(self, position: Array | None = None) -> None:
+        self.position, self._lock = position, threading.Lock()
+        self.value: Exposure | None = None
+
+    def get(self, find: Callable[[], Exposure]) -> Exposure:
+        """Return the exposure, found by a function if it is not known; other cameras wait meanwhile."""
+        with self._lock:
+            if self.value is None:
+                self.value = find()
+            return self.value
 
 
 class World(ABC):

@@ -209,7 +209,7 @@ def test_a_server_is_captured_at_its_exposures(tmp_path):
     """The mock's own curve: it decodes the scene's colours, of 8 bits, to light."""
     path = tmp_path / "room.sqlite"
     uri = "mock://four-wall?fault=tone=film&fault=exposure-drift"
-    with omniscv.open_source(uri) as live, bracketed(live, STOPS, path) as source:
+    with omniscv.open_source(uri, exposure=0.0) as live, bracketed(live, STOPS, path) as source:
         lit = rendered(source).lit
     with omniscv.open_source("scene://four-wall") as source:
         shown = light.srgb_to_light(rendered(source).lit / 255)

@@ -17,12 +17,15 @@ from omniscv.sources.recording.replay import sharing
 from omniscv.sources.recording.rows import WorldState, labelled_modes
 from omniscv.sources.recording.store import Store
 from omniscv.sources.requests import Held, in_order
+from omniscv.sources.world import SharedExposure
 
 _log = logging.getLogger("omniscv")
 
 
 class Recording(SourceWrapper):
     """Replays what a file holds; captures the rest from another source and writes it to the file.
+
+    New colours are exposed as those that the file holds, if cameras find their exposure.
 
     Args:
         source: where new captures come from; closed with this.
@@ -53,6 +56,7 @@ class Recording(SourceWrapper):
         self._requested: Instant | None = None
         self._owns_store = True
         self._lock = threading.RLock()
+        self.share_exposure(SharedExposure())
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
@@ -112,6 +116,11 @@ class Recording(SourceWrapper):
             except BaseException:
                 self._renewed, self._objects, self._noted_state = renewed, None, ""
                 raise
+
+    def share_exposure(self, shared: SharedExposure) -> None:
+        if self._renewed is None:
+            shared.value = self._store.exposure() or shared.value
+        super().share_exposure(shared)
 
     def close(self) -> None:
         try:

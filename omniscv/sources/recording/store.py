@@ -53,6 +53,7 @@ from omniscv.sources.recording.rows import (
     table_conflict,
     table_union,
 )
+from omniscv.sources.world import Exposure, exposure_from_text
 
 _ADVICE = "run 'omniscv recording check'"
 _COLUMNS = ", ".join(Row._fields)
@@ -296,6 +297,15 @@ class Store:
         with self._changing() as database:
             content = checked_json(state.to_dict(), self._recording_id(), name)
             database.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", (name, *content))
+
+    def exposure(self) -> Exposure | None:
+        """Return the exposure of the last colours; None without any."""
+        rows = self._query(
+            f"SELECT {_WITHOUT_PAYLOAD} FROM capture WHERE mode = 'lit' ORDER BY number DESC LIMIT 1"
+        )
+        with schema.errors_of(self.path, advice=_ADVICE):
+            provenances = [Row._make(row).description()[2] for row in rows]
+        return exposure_from_text(provenances[0].get("exposure")) if provenances else None
 
     def has_masks(self) -> bool:
         """Return whether there is a capture that the object table gives names to."""

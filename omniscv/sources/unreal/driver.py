@@ -14,7 +14,7 @@ from omniscv.sources.unreal.client import Client, Connection
 from omniscv.sources.unreal.commands import EXPOSURE_METHOD, FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
 from omniscv.sources.unreal.masks import paint
 from omniscv.sources.unreal.replies import Reply, name, numbers, shows_light
-from omniscv.sources.world import CameraExposure
+from omniscv.sources.world import CameraExposure, SharedExposure
 
 Requests = Sequence[Request]
 
@@ -87,7 +87,8 @@ class CameraOptions:
 
     Attributes:
         fix_exposure: whether to switch off vignette and auto exposure of the whole game.
-        exposure: manual exposure of the spawned camera: its bias in stops, or one that matches the game's.
+        exposure: of the spawned camera: manual with a bias in stops, or with one that matches the game's, or
+            the game's own. None: the matching one where the plugin can set it.
         camera: a camera of the level, by its number or, on Dev servers, its stable id; empty spawns one.
         warmup: frames of colour to drop after each move, where temporal effects blend them.
     """
@@ -99,7 +100,7 @@ class CameraOptions:
 
 
 SPAWNED = CameraOptions()
-"""A camera of its own, exposed as the game is."""
+"""A camera of its own, with manual exposure where the plugin can set it."""
 
 
 class CameraDriver(ABC):
@@ -113,7 +114,8 @@ class CameraDriver(ABC):
         capabilities, scene_identity, camera: complete once the driver is attached; ``camera`` is its number.
         mask_fov_deg: field of view of object masks, where they do not have the view's own.
         spawned: how many cameras were spawned; another one means that the game was restarted.
-        settings: of the camera, that provenance has: its exposure, or its number in the level.
+        settings, color_settings: of the camera, that the provenance of all captures, or of colours, has.
+        shared_exposure: of the cameras that record together.
         one_tick: whether requests that are sent together are answered in one tick of the game.
     """
 
@@ -129,6 +131,8 @@ class CameraDriver(ABC):
         self._version = ""
         self.scene_identity = SceneIdentity()
         self.settings: dict[str, str] = {}
+        self.color_settings: dict[str, str] = {}
+        self.shared_exposure = SharedExposure()
         self._has_normals = False  # whether a picture of them was seen to be one
         self.spawned, self._prepared = 0, False
         self._restore: list[str] = []  # the commands that leave the game as it was
@@ -141,6 +145,14 @@ class CameraDriver(ABC):
 
     def verify(self) -> None:  # noqa: B027  (most drivers have nothing to verify)
         """Raise ServerRefusedError for a camera that does not keep what is set."""
+
+    def expose(self, requests: Requests) -> None:  # noqa: B027  (most drivers cannot)
+        """Set the camera's exposure before its first colours.
+
+        Raises:
+            ServerRefusedError: the server refuses the exposure that the options ask for.
+            BadReplyError: the game has started again, and lacks the camera.
+        """
 
     @abstractmethod
     def aim(self, before: View | None, view: View) -> list[str]:
@@ -208,7 +220,7 @@ class CameraDriver(ABC):
         self.scene_identity = SceneIdentity(scene, levels.get(LEVEL, ""))
         if self._options.fix_exposure:
             # Of the whole game: the vignette, and auto exposure where no camera has its own.
-            own = self._options.exposure is not None
+            own = self._options.exposure not in (None, "game")
             self.connection.texts(FIX_EXPOSURE[:1] if own else FIX_EXPOSURE)
         paint(self.connection, self.table.vertex_colors)
 
@@ -225,6 +237,7 @@ class CameraDriver(ABC):
             "command": command,
             "time": time.time(),
             **self.settings,
+            **(self.color_settings if request.mode == "lit" else {}),
         }
         pixels = decode(reply, encoding, request.mode, view)
         if request.mode == "normals" and not self._has_normals:

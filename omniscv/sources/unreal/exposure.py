@@ -4,22 +4,26 @@ Nothing reads these values back (supplement to the protocol reference, section 2
 cameras that were spawned, which leave with the source.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
+from omniscv.arguments import shown
 from omniscv.errors import ServerRefusedError
-from omniscv.sources.codecs import decode_png
+from omniscv.geometry import Pose
+from omniscv.sources.codecs import decode_png, picture_size
 from omniscv.sources.requests import View
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import EXPOSURE_METHOD
+from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.replies import Reply
 from omniscv.sources.world import EXPOSURE_LIMITS
 
-_STEP = 0.25  # stops between the biases that are tried
 _YAWS_DEG = (0, 90, 180, 270)
-_EDGE_PX, _ADAPTS = 64, 24  # of pictures; the frames that automatic exposure is given
-_STALE = 2  # frames in which a change of exposure may not show yet
+_EDGE_PX = 64  # of the pictures
+_MOST = 8  # pictures in one direction, in which automatic exposure settles
+_SETTLED, _EQUAL, _NEAR = 0.5, 1.0, 8.0  # grey levels, of mean brightness
+_PRECISION = 2  # decimals of a bias
 
 
 def check(connection: Connection) -> None:
@@ -39,51 +43,100 @@ def by_hand(camera: str | int, bias: float) -> list[str]:
     return [f"vset /camera/{camera}/{setting}" for setting in settings]
 
 
+def automatic(camera: str | int) -> list[str]:
+    """Return the commands for automatic exposure, as a camera has it before it is set."""
+    return [f"vset /camera/{camera}/exposure_{what}" for what in ("method histogram", "bias 0.00000000")]
+
+
 def lumen(camera: str | int) -> list[str]:
     """Return the commands that light a camera's pictures as the game's own view in Unreal 5."""
     return [f"vset /camera/{camera}/{what} lumen" for what in ("illumination", "reflection")]
 
 
-def matching_bias(connection: Connection, camera: str | int) -> float:
-    """Return the bias at which manual exposure is as bright as the automatic one, in four directions.
+def matching_bias(connection: Connection, camera: str | int, location_cm: Sequence[float]) -> float | None:
+    """Return the bias at which manual exposure is as bright as the game's own; None if none comes near.
 
-    A bisection over quarters of a stop: brightness grows with the bias, by which curve is not known.
+    Brightness is the mean of four directions. It grows with the bias; the tone curve need not be known.
 
     Args:
         connection: to the server.
-        camera: a spawned one; its size, field of view and rotation are left changed, its place is not.
+        camera: a spawned one, as the game exposes it. Its pose, size, field of view, illumination and
+            exposure are left changed.
+        location_cm: x, y, z in Unreal's frame.
+
+    Raises:
+        ServerRefusedError: the server refuses one of the commands.
     """
-    at = f"vset /camera/{camera}"
+    looks = _Looks(connection, camera, location_cm)
+    target = float(np.mean([looks.settled(yaw) for yaw in _YAWS_DEG]))
+    tried: dict[float, float] = {}
 
-    def brightness(*settings: str, frames: int) -> float:
-        connection.set([f"{at}/{setting}" for setting in settings])
-        greys = []
-        for yaw in _YAWS_DEG:
-            connection.set([f"{at}/rotation 0.0 {yaw}.0 0.0"])
-            pictures = connection.read([f"vget /camera/{camera}/lit png"] * frames, _grey)
-            greys.append(pictures[-1])
-        return float(np.mean(greys))
+    def excess(bias: float) -> float:
+        """Return how much brighter than the target a bias is; 0 if the difference is invisible."""
+        bias = round(bias, _PRECISION)
+        if bias not in tried:
+            looks.read(by_hand(camera, bias))  # the next picture may still have the exposure from before
+            tried[bias] = float(np.mean([looks.after_turn(yaw) for yaw in _YAWS_DEG])) - target
+        return tried[bias] if abs(tried[bias]) > _EQUAL else 0.0
 
-    def manual(steps: int) -> float:
-        bias = f"exposure_bias {steps * _STEP:.6f}"
-        return brightness("exposure_method manual", bias, frames=1 + _STALE)
+    near, far = 0.0, float(-np.sign(excess(0.0)))
+    while excess(near) * excess(far) > 0 and abs(far) < EXPOSURE_LIMITS[1]:
+        near, far = far, 2 * far
+    if excess(near) * excess(far) < 0:
+        from scipy.optimize import brentq
 
-    connection.set([f"{at}/size {_EDGE_PX} {_EDGE_PX}", f"{at}/fov 90.0"])
-    target = brightness("exposure_method histogram", "exposure_bias 0.0", frames=_ADAPTS)
-    return _STEP * _nearest(manual, target, *(round(limit / _STEP) for limit in EXPOSURE_LIMITS))
-
-
-def _nearest(function: Callable[[int], float], target: float, low: int, high: int) -> int:
-    """Return the whole number at which an increasing function is nearest to a value."""
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if function(middle) <= target else (low, middle)
-    return min(low, high, key=lambda steps: abs(function(steps) - target))
+        brentq(excess, near, far, xtol=10**-_PRECISION)
+    best = min(tried, key=lambda bias: abs(tried[bias]))
+    return best if abs(tried[best]) <= _NEAR else None
 
 
-def _grey(_: str, reply: Reply) -> float:
-    """Return a picture's mean, 0 to 255."""
-    from omniscv.geometry import Pose
+class _Looks:
+    """Small pictures from one place. After a turn, one that equals the last one to the byte is stale."""
 
-    view = View(Pose(np.zeros(3), np.eye(3)), 90.0, _EDGE_PX, _EDGE_PX)
-    return float(decode_png(reply if isinstance(reply, bytes) else reply.encode(), view).mean())
+    def __init__(self, connection: Connection, camera: str | int, location_cm: Sequence[float]) -> None:
+        self._connection, self._at, self._last = connection, f"/camera/{camera}", b""
+        location = "{:.6f} {:.6f} {:.6f}".format(*location_cm)
+        settings = f"size {_EDGE_PX} {_EDGE_PX}", "fov 90.0", f"location {location}"
+        connection.set([f"vset {self._at}/{setting}" for setting in settings])
+        connection.set(lumen(camera))
+        for _ in range(SETTLED):  # the first pictures of a camera may be garbage
+            self.read([])
+
+    def settled(self, yaw_deg: int) -> float:
+        """Return the brightness in a direction once two pictures agree."""
+        before = self.after_turn(yaw_deg)
+        for _ in range(_MOST - 1):
+            mean = self.read([])
+            if abs(mean - before) < _SETTLED:
+                break
+            before = mean
+        return mean
+
+    def after_turn(self, yaw_deg: int) -> float:
+        """Return the brightness in a direction, of the first picture that shows it."""
+        before, mean = self._last, self.read([f"vset {self._at}/rotation 0.0 {yaw_deg}.0 0.0"])
+        for _ in range(SETTLED):
+            if self._last != before:
+                break
+            mean = self.read([])
+        return mean
+
+    def read(self, settings: Sequence[str]) -> float:
+        """Set something, and return the mean of the next picture, 0 to 255."""
+        *_, self._last = self._connection.read([*settings, f"vget {self._at}/lit png"], self._checked)
+        return _mean(self._last)
+
+    def _checked(self, command: str, reply: Reply) -> bytes:
+        if isinstance(reply, bytes):
+            _mean(reply)  # BadReplyError for what is no picture, which is then requested again
+            return reply
+        if reply != "ok":
+            expected = f"expected a server that answers {shown(command)}"
+            raise ServerRefusedError(f"{self._connection.address}: {expected}, got {shown(reply[:100])}")
+        return b""
+
+
+def _mean(picture: bytes) -> float:
+    """Return the mean of a PNG, which may have the size from before."""
+    view = View(Pose(np.zeros(3), np.eye(3)), 90.0, *picture_size(picture))
+    return float(decode_png(picture, view).mean())

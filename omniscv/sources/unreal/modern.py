@@ -1,5 +1,6 @@
 """The camera driver of plugin 1.x (dialects M and N1 to N3): a spawned camera, commands in batches."""
 
+import logging
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,11 +15,22 @@ from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import CAMERA_IDS, CAMERAS, MODERN, SHARED, SHARED_MASK, VERSION
+from omniscv.sources.unreal.commands import (
+    CAMERA_IDS,
+    CAMERAS,
+    EXPOSURE_METHOD,
+    MODERN,
+    SHARED,
+    SHARED_MASK,
+    VERSION,
+)
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.level_cameras import cine_intrinsics
 from omniscv.sources.unreal.replies import Reply, name, names, numbers
 from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
+from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
+
+_log = logging.getLogger("omniscv")
 
 _STABLE_ID = re.compile(r"CID-[\w-]{1,200}", re.ASCII)
 _LIMITS_DEG = (1.0, 179.0)
@@ -57,7 +69,8 @@ class ModernDriver(CameraDriver):
     _may_share = True  # until shared memory has failed
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
     _exposed = False  # whether its exposure was ever set
-    _bias: float | None = None
+    _exposure: Exposure = "game"  # of the camera's colours
+    _exposed_as: SharedExposure | None = None  # what it was set for
 
     def attach(self) -> None:
         self.forget()
@@ -76,7 +89,6 @@ class ModernDriver(CameraDriver):
         if not self._prepared:  # after the camera: a game that starts again in between lacks it
             self._prepare()
             self._capture_at_once()
-            self._expose_by_hand()
             self._prepared = True
 
     def check(self, request: Request) -> None:
@@ -103,7 +115,7 @@ class ModernDriver(CameraDriver):
 
     def _spawn(self, number: int) -> None:
         self.spawned += 1
-        self._exposed, self._stops = False, 0.0
+        self._exposed, self._stops, self._exposed_as = False, 0.0, None
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
         self.camera = number
         if self.connection.supports(CAMERA_IDS):  # numbers change where a level gains or loses cameras
@@ -115,6 +127,9 @@ class ModernDriver(CameraDriver):
             return self.camera >= count
         (reply,) = self.connection.texts([f"vget /camera/{self.camera}/fov"])
         return reply.startswith("error")
+
+    def _is_gone(self) -> bool:
+        return self._is_lost(len(names(self.connection.text(CAMERAS))))
 
     def verify(self) -> None:
         tried: dict[str, tuple[float, ...]] = {}
@@ -137,14 +152,50 @@ class ModernDriver(CameraDriver):
         heads = [command.rpartition(" ")[0].replace("[uint]", str(self.camera)) for command in commands]
         self.connection.texts([f"{head} 0" for head in heads])
 
-    def _expose_by_hand(self) -> None:
-        bias, camera = self._options.exposure, self.camera
-        if bias is None:
+    def expose(self, requests: Requests) -> None:
+        colors = [request for request in requests if request.mode == "lit"]
+        shared, chosen = self.shared_exposure, self._options.exposure
+        if not colors or self._exposed_as is shared:
             return
-        if self._bias is None:  # a camera that is spawned anew gets the same
-            self._bias = exposure.matching_bias(self.connection, camera) if bias == "auto" else bias
-        self.connection.set([*exposure.lumen(camera), *exposure.by_hand(camera, self._bias)])
-        self.settings = {"exposure": f"manual, bias {self._bias:g}"}
+        if chosen is None and (self._options.camera or not self.connection.supports(EXPOSURE_METHOD)):
+            chosen = "game"
+        try:
+            if chosen is None or chosen == "auto":
+                chosen = shared.get(lambda: self._matching(colors[0].view.pose))
+            self._set_exposure(chosen)
+        except ServerRefusedError as refused:
+            if self._is_gone():
+                raise BadReplyError(f"{refused}; the camera is gone") from refused
+            raise
+        self._exposed_as = shared
+        self.forget()
+
+    def _matching(self, pose: Pose) -> Exposure:
+        """Return the manual exposure that matches the game's own, which is kept if none does."""
+        position = self.shared_exposure.position
+        location_cm, _ = (pose if position is None else Pose(position, pose.rotation)).to_unreal()
+        if self._exposed:  # an earlier attempt was cut short
+            self.connection.texts(exposure.automatic(self.camera))
+        self._exposed, why = True, "no manual exposure is as bright"
+        try:
+            bias = exposure.matching_bias(self.connection, self.camera, location_cm)
+        except ServerRefusedError as refused:
+            if self._options.exposure is not None or self._is_gone():
+                raise
+            bias, why = None, str(refused)
+        if bias is not None:
+            return bias
+        _log.warning("%s: colours keep the game's own exposure: %s", self.connection.address, why)
+        return "game"
+
+    def _set_exposure(self, chosen: Exposure) -> None:
+        if chosen != "game":
+            self.connection.set(exposure.lumen(self.camera))
+            self.color_settings = {"exposure": exposure_to_text(chosen)}
+        elif self._exposed:
+            self.connection.texts(exposure.automatic(self.camera))
+            self.color_settings = {}
+        self._exposure, self._exposed = chosen, chosen != "game"
 
     def _take(self, camera: str, count: int) -> None:
         if camera.isdecimal() and not 0 < int(camera) < count:
@@ -177,12 +228,13 @@ class ModernDriver(CameraDriver):
         super().forget()
         self._stops = None if self._exposed else 0.0
 
-    def expose(self, before: float | None, stops: float | None) -> list[str]:
+    def _change_stops(self, before: float | None, stops: float | None) -> list[str]:
         """Return the commands that change the exposure: from the first one on, it is set by hand."""
         if stops == before:
             return []
         self._exposed = True
-        return exposure.by_hand(self.camera, (self._bias or 0.0) + (stops or 0.0))
+        bias = 0.0 if self._exposure == "game" else self._exposure
+        return exposure.by_hand(self.camera, bias + (stops or 0.0))
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures until a frame may be stale.
@@ -273,7 +325,7 @@ class ModernDriver(CameraDriver):
         aimed, stops, steps = self._aimed, self._stops, list[Step]()
         for request in requests:
             wanted = _stops_of(request, stops)
-            commands = self.aim(aimed, request.view) + self.expose(stops, wanted)
+            commands = self.aim(aimed, request.view) + self._change_stops(stops, wanted)
             steps += [Step(command, "check") for command in commands]
             steps.append(Step(self.table.image(self.camera, request.mode), "keep", request))
             aimed, stops = request.view, wanted
@@ -310,7 +362,7 @@ class ModernDriver(CameraDriver):
         def move(request: Request) -> None:
             nonlocal aimed, stops
             next_stops = _stops_of(request, stops)
-            commands = self.aim(aimed, request.view) + self.expose(stops, next_stops)
+            commands = self.aim(aimed, request.view) + self._change_stops(stops, next_stops)
             steps.extend(Step(command, "check") for command in commands)
             aimed, stops = request.view, next_stops
 

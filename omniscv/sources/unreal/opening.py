@@ -56,7 +56,7 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         bias = None if exposure is None else exposure_bias("exposure", exposure)
 
         def connect_to(endpoint: Endpoint, camera: str = "") -> Source:
-            if camera and bias is not None:
+            if camera and bias not in (None, "game"):
                 raise ArgumentError("exposure: expected it without a camera of the level, whose own it keeps")
             frames = whole_number("warmup", warmup, least=0, most=MOST_WARMUP)
             options = CameraOptions(fix_exposure, bias, camera, frames)

@@ -33,7 +33,7 @@ from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
 from omniscv.sources.unreal.world import UnrealWorld
-from omniscv.sources.world import Freeze, World
+from omniscv.sources.world import Freeze, SharedExposure, World
 
 T = TypeVar("T")
 
@@ -123,6 +123,9 @@ class UnrealSource(Source):
     def world(self) -> World:
         return self._world
 
+    def share_exposure(self, shared: SharedExposure) -> None:
+        self._driver.shared_exposure = shared
+
     def close(self) -> None:
         """As :meth:`Source.close`; changes that are still in force are put back first."""
         with self._journal.lock:
@@ -211,6 +214,7 @@ class UnrealSource(Source):
                 captures: list[Capture] = []
                 client, fault = self._client(), None
                 try:
+                    self._driver.expose(batch)
                     for capture in self._driver.collect(client, batch):
                         captures.append(capture)
                 except RETRIED as cause:
@@ -275,7 +279,7 @@ def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> Cam
 
     ServerRefusedError for options that the plugin does not have.
     """
-    if options.exposure is not None:
+    if options.exposure not in (None, "game"):
         exposure.check(connection)
     if connection.plugin.dialect != "0.3.10":
         return ModernDriver(connection, options)

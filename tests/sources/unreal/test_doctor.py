@@ -190,7 +190,7 @@ CONNECTION = """delay drip missing wrong-id no-id clicked cut bad-magic zero-siz
 HARMLESS = {
     "put right before it is measured, by the colours that recordings set": "object-missing mask-gamma",
     "of the player's camera, which the doctor leaves alone": "falling",
-    "of exposure by hand, which the doctor does not set": "dark-manual",
+    "of manual exposure, which is measured by itself": "dark-manual",
     "of cine models, which a spawned camera has switched off": "stretched-cine",
     "of brightness alone: as likely the artist's wish": "tone",
     "of captures in a world that moves, which is paused": "torn",
@@ -400,6 +400,21 @@ def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
     finding = motion(**options, faults=[f"late-objects={late}"])[0]["captures follow a move"]
     assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
+
+
+@pytest.mark.parametrize(
+    ("faults", "found"),
+    [
+        ([], ("ok", "as bright as the game's own with a bias of 0")),
+        (["dark-manual=2"], ("ok", "as bright as the game's own with a bias of 2")),
+        (["dark-manual=20"], ("warning", "no bias is as bright as the game's own")),
+    ],
+    ids=["as the game", "dark", "black"],
+)
+def test_the_manual_exposure_of_recordings_is_named(faults, found):
+    with visited(scene="four-wall", faults=faults) as (connection, camera):
+        (finding,) = doctor.manual_exposure(connection, camera)
+    assert (finding.verdict, finding.value) == found
 
 
 def test_a_server_that_refuses_to_pause_is_a_warning():

@@ -1,12 +1,17 @@
-"""Colours at other exposures: commands, captures of their own, dialects that cannot."""
+"""The exposure of a spawned camera: the one that matches the game's, and captures at others."""
 
+import logging
+
+import numpy as np
 import pytest
+from support.unreal import relayed
 
 import mock_server
 import omniscv
 from omniscv.cli import run
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.sources import Request, View
+from omniscv.sources.registry import open_sources
 
 VIEWS = [View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 16, 16) for yaw in (0, 90)]
 
@@ -22,7 +27,7 @@ def server():
 
 
 def test_exposure_is_set_where_colours_need_another_one(server):
-    with omniscv.open_source(server.uri) as source:
+    with omniscv.open_source(server.uri, exposure="game") as source:
         list(source.capture(requests(("lit", None), ("depth", None))))
         assert not server.statistics.total("vset /camera/1/exposure")
         made = requests(("lit", -2), ("depth", None), ("lit", 2))
@@ -59,3 +64,148 @@ def test_a_dialect_without_exposure_refuses():
 def test_stops_are_of_colours_and_bounded(mode, stops):
     with pytest.raises(ArgumentError, match="stops: expected none, or -20 to 20 of lit"):
         Request(VIEWS[0], mode, stops=stops)
+
+
+# Manual exposure that matches the game's own: the default where the plugin can set it.
+
+
+def colors(source, count=1, yaw_deg=0):
+    """Captures of one view in colour, with another view before each."""
+    views = [
+        View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 16, 16)
+        for yaw in (yaw_deg + 90, yaw_deg)
+    ]
+    captures = list(source.capture([Request(view, "lit") for _ in range(count) for view in views]))
+    return captures[1::2]
+
+
+def exposure_of(capture):
+    return capture.provenance.get("exposure")
+
+
+@pytest.mark.parametrize("dialect", ["N2", "N3", "Dev"])
+def test_a_game_without_faults_shows_the_same_with_manual_exposure(dialect):
+    with mock_server.serve("four-wall", dialect=dialect) as server:
+        with omniscv.open_source(server.uri, exposure="game") as source:
+            (before,) = colors(source)
+        pictures = server.statistics.total("vget /camera/1/lit")
+        with omniscv.open_source(server.uri) as source:
+            list(source.capture([Request(VIEWS[0], "depth")]))
+            assert not server.statistics.total("vset /camera/1/exposure")
+            assert server.statistics.total("vget /camera/1/lit") == pictures
+            (capture,) = colors(source)
+        assert server.statistics.total("vget /camera/1/lit") <= 2 * pictures + 20
+    assert (capture.payload, exposure_of(capture)) == (before.payload, "manual, bias 0")
+    assert exposure_of(before) is None
+
+
+@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1"])
+def test_older_dialects_keep_the_games_own_exposure(dialect):
+    with mock_server.serve("four-wall", dialect=dialect, size=(16, 16)) as server:
+        for options in ({}, {"exposure": "game"}):
+            with omniscv.open_source(server.uri, **options) as source:
+                (capture,) = source.capture([Request(VIEWS[0], "lit")])
+                assert exposure_of(capture) is None
+        assert not server.statistics.total("vset /camera/1/exposure")
+        for wrong in ("auto", 0.0):
+            with pytest.raises(
+                ServerRefusedError, match="expected a server that sets the exposure of one camera"
+            ):
+                omniscv.open_source(server.uri, exposure=wrong)
+
+
+@pytest.mark.parametrize(
+    ("faults", "bias"),
+    [
+        (["dark-manual=2.5"], 2.5),
+        (["tone=film", "dark-manual=6"], 6),
+        (["stale=2", "dark-manual=1"], 1),
+        # The four pictures come to middle grey, 127.5, from 136.8 as the scene describes them.
+        (["exposure-drift"], np.log2(127.5 / 136.8)),
+    ],
+    ids=["dark", "film", "stale", "drift"],
+)
+def test_the_bias_that_matches_the_games_exposure_is_found(faults, bias):
+    permanent = [fault for fault in faults if not fault.startswith("stale")]
+    with mock_server.serve("four-wall", faults=permanent) as server:
+        for fault in set(faults) - set(permanent):
+            server.faults.start(fault)
+        with omniscv.open_source(server.uri) as source:
+            first, second = colors(source, count=2)
+    assert first.payload == second.payload
+    assert float(exposure_of(first).removeprefix("manual, bias ")) == pytest.approx(bias, abs=0.1)
+
+
+def test_a_game_that_no_bias_matches_keeps_its_exposure(caplog):
+    with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
+        (true,) = colors(source)
+    with (
+        caplog.at_level(logging.WARNING, "omniscv"),
+        mock_server.serve("four-wall", faults=["dark-manual=20"]) as server,
+        omniscv.open_source(server.uri) as source,
+    ):
+        first, second = colors(source, count=2)
+    assert [first.payload, second.payload] == [true.payload] * 2
+    assert exposure_of(first) is None
+    (record,) = caplog.records
+    assert "colours keep the game's own exposure: no manual exposure is as bright" in record.message
+
+
+def test_replicas_and_parts_of_a_job_have_one_exposure(tmp_path):
+    """The replicas' manual exposures differ by two stops; the first one that captures decides for both."""
+    with (
+        mock_server.serve("four-wall") as one,
+        mock_server.serve("four-wall", faults=["dark-manual=2"]) as other,
+        open_sources([one.uri, other.uri]) as pool,
+    ):
+        captures = list(pool.capture(requests(("lit", None))))
+        assert len({capture.provenance["server"] for capture in captures}) == 2
+        assert len({exposure_of(capture) for capture in captures}) == 1
+
+
+@pytest.mark.parametrize("begun", ["auto", "game"])
+def test_a_recording_goes_on_with_its_exposure(begun, tmp_path):
+    """Of the game that goes on, manual exposure is three stops darker."""
+    path, held = tmp_path / "room.sqlite", {"auto": "manual, bias 1", "game": None}[begun]
+    exposures = []
+    for dark, options in ((1, {"exposure": begun}), (4, {})):
+        address = f"mock://four-wall?fault=dark-manual={dark}"
+        with omniscv.open_source(address, **options) as live, omniscv.record(live, path) as source:
+            exposures += map(exposure_of, colors(source, yaw_deg=dark))
+    assert exposures == [held] * 2
+
+
+def test_a_game_that_was_started_again_gets_the_same_exposure():
+    """The game that comes back would be matched by another one."""
+    with (
+        mock_server.serve("four-wall", faults=["dark-manual=1"]) as first,
+        omniscv.open_source(first.uri) as source,
+    ):
+        (before,) = colors(source)
+        first.stop()
+        with mock_server.serve("four-wall", port=first.port, faults=["dark-manual=1.5"]) as second:
+            (after,) = colors(source)
+            bias = "vset /camera/1/exposure_bias"
+            assert second.statistics.total(bias) == second.statistics.total(f"{bias} 1.0") == 1
+            assert second.statistics.total("vset /camera/1/illumination lumen") == 1
+    assert exposure_of(before) == exposure_of(after) == "manual, bias 1"
+
+
+def test_a_server_that_refuses_what_it_lists_keeps_its_exposure(caplog):
+    def change(command, forward):
+        return "error no such method" if "exposure_method" in command else forward(command)
+
+    with mock_server.serve("four-wall") as server, relayed(server, change) as uri:
+        with omniscv.open_source(uri) as source:
+            assert exposure_of(*colors(source)) is None
+        assert "no such method" in caplog.text
+        with omniscv.open_source(uri, exposure="auto") as source, pytest.raises(ServerRefusedError):
+            colors(source)
+
+
+def test_a_job_matches_the_exposure_where_its_first_image_is(tmp_path):
+    with mock_server.serve("four-wall") as server:
+        arguments = ["--source", server.uri, "--modes", "lit", "--set", "face_size=16", "--position"]
+        assert run(["record", *arguments, "0.5,0.25,1.4", "--out", str(tmp_path / "room.sqlite")]) == 0
+        assert server.statistics.total("vset /camera/1/location 50.000000 -25.000000 140.000000")
+        assert server.statistics.total("vset /camera/1/exposure_method manual")

@@ -202,9 +202,11 @@ def test_a_plain_camera_of_the_level_is_used_and_put_back():
         before = state(server)
         with omniscv.open_source(f"{server.uri}?camera=1") as source:
             view = View(omniscv.Pose.from_angles(CENTER), 75.0, 32, 24)
-            (capture,) = source.capture([Request(view, "depth")])
+            capture, color = source.capture([Request(view, "depth"), Request(view, "lit")])
             assert capture.pixels.shape == (24, 32)
+            assert "exposure" not in color.provenance
         assert server.statistics.total("vset /camera/1/cine") == 0
+        assert server.statistics.total("vset /camera/1/exposure") == 0
         assert state(server) == before
 
 
@@ -259,15 +261,6 @@ def test_exposure_holds_and_is_recorded(dialect):
             "physical_exposure 0",
         ):
             assert server.statistics.total(f"vset /camera/1/{setting}") == 2
-
-
-def test_the_bias_that_matches_the_games_exposure_is_found():
-    """Manual exposure is 2.5 stops too dark here, and the automatic one shows the scene as described."""
-    with (
-        mock_server.serve("four-wall", size=(EDGE, EDGE), faults=["dark-manual=2.5"]) as server,
-        omniscv.open_source(server.uri, exposure="auto") as source,
-    ):
-        assert mean(source)[1]["exposure"] == "manual, bias 2.5"
 
 
 def test_exposure_of_the_command_line(tmp_path):

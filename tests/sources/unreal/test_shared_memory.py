@@ -56,7 +56,7 @@ def test_pictures_are_those_of_the_wire_and_recordings_keep_them(windows, tmp_pa
     server, path = windows(), tmp_path / "room.sqlite"
     with omniscv.open_source(f"mock://four-wall?size={SIZE}x{SIZE}") as wire:
         wanted = captures(wire)
-    with omniscv.record(omniscv.open_source(server.uri), path) as source:
+    with omniscv.record(omniscv.open_source(server.uri, exposure="game"), path) as source:
         made = captures(source)
         assert source.objects().names()
     assert same(made, wanted)
@@ -96,7 +96,7 @@ def test_a_region_that_is_gone_switches_it_off_and_pictures_come_over_the_wire(w
         return bytes(server.regions[name][:size])
 
     monkeypatch.setattr(modern, "region_reader", lambda endpoint: read)
-    with omniscv.open_source(server.uri) as source:
+    with omniscv.open_source(server.uri, exposure="game") as source:
         wanted = captures(source)
         gone.append(True)
         sent = server.statistics.total("vget /camera/1/lit png")
