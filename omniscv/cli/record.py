@@ -13,7 +13,7 @@ from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 
-_OVERSCAN_HELP = "Additional px on each side of a capture."
+_OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube map, 1/16 of its faces]"
 
 
 def _positions(texts: list[str]) -> Keys:
@@ -21,7 +21,7 @@ def _positions(texts: list[str]) -> Keys:
 
 
 def _exposure(text: str) -> float | str:
-    return text if text == "auto" else options.numbers("--exposure", text, "0.5")[0]
+    return text if text in ("auto", "game") else options.numbers("--exposure", text, "0.5")[0]
 
 
 OPTIONS = {
@@ -48,7 +48,8 @@ OPTIONS = {
         lambda text: {} if text is None else {"source_options.exposure": _exposure(text)},
         str | None,
         None,
-        "Manual exposure of the camera: its bias in stops, or auto, as bright as the game's own.",
+        "Of the camera: auto, manual and as bright as the game (default if the plugin can); a bias in stops; "
+        "or game, the game's own.",
     ),
     "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
     **SET,
@@ -78,8 +79,9 @@ def record(
     path = loaded.record or Path("capture.sqlite")
     target_of(path)  # refuses what is no file, before a game is launched
     before = _count(path)
+    cube_map = overscan is None and job.file is None
     with display("images", progress) as show:
-        count = capture(loaded, path, show, border_px=overscan)
+        count = capture(loaded, path, show, border_px="overscan" if cube_map else overscan)
     new = _count(path) - before
     console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
 

@@ -2,13 +2,14 @@
 
 import time
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache, partial, reduce
 from operator import add
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -26,16 +27,21 @@ from omniscv.make.source import opened
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
 from omniscv.planning.accuracy import expected
 from omniscv.planning.cost import Cost, cost
+from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
 from omniscv.sources.exposures import exposed
+from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
 _TICK_S = 1 / 60
 """Least seconds of a request to a live engine; used if no source is opened to measure them."""
 _PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
+_FACE_PER_OVERSCAN = 16
+_SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
 _AIMS = (0.01, 0.003, 0.001)
 _Planned = list[tuple[tuple[str, ...], list[list[Task]]]]
 
@@ -120,7 +126,13 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
-def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: int | None = None) -> int:
+def capture(
+    job: Job,
+    path: Path,
+    progress: Report | None = None,
+    *,
+    border_px: int | Literal["overscan"] | None = None,
+) -> int:
     """Capture all that a job's images need into a file, without composing them.
 
     Args:
@@ -128,6 +140,8 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
         path: the file; made if it does not exist.
         progress: called as captures progress; an image counts when all its captures are made.
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
+            ``overscan``: for the faces of cube maps, if the source can set their size and field of view, that
+            of the faces in the file, else 1/16 of a face.
 
     Returns:
         The number of captures that the job needs.
@@ -135,7 +149,9 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
     check(job)
     needed: dict[Request, None] = {}
     meter = Meter(len(job), progress)
+    held = _requested_views(path) if border_px == "overscan" else frozenset[View]()
     with opened(replace(job, record=path)) as (job, source):
+        border_px = _overscan_px(job, source, held) if border_px == "overscan" else border_px
         check_modes(source, job.options.sampled(job.modes))
         check_face_size(job, source)
         source.objects()
@@ -158,6 +174,24 @@ def capture(job: Job, path: Path, progress: Report | None = None, *, border_px: 
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
     return sum(len(exposed(request, job.brackets)) if job.brackets else 1 for request in needed)
+
+
+def _requested_views(path: Path) -> frozenset[View]:
+    """Return the views that captures of a recording were requested for; none if there is no recording."""
+    if not path.exists() or not path.stat().st_size:
+        return frozenset()
+    with closing(Store(path)) as store:
+        return frozenset(map(view_from_json, {row.asked for row in store.listing()}))
+
+
+def _overscan_px(job: Job, source: Source, held: Collection[View]) -> int | None:
+    """Return how much wider the faces of a job's cube maps are on every side; None for other views."""
+    edge, own = job.options.face_size, source.capabilities
+    fixed = not (own.can_set_size and own.can_set_fov) or source.recorded_views() is not None
+    if job.options.strategy != "cube" or edge == "auto" or fixed:
+        return None
+    of_edge = [view.width - edge for view in held if abs(2 * view.focal_px / edge - 1) < _SAME_PITCH]
+    return min(of_edge) // 2 if of_edge else max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
 
 
 class _Noting(SourceWrapper):

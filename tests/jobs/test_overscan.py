@@ -1,0 +1,87 @@
+"""Cube maps are recorded with an overscan, which changes no image of a game without faults."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.cli import run
+from omniscv.sources.recording.inspection import info
+
+EDGE = 128
+PLACE = (0.3, 0.2, 1.4)
+MODES = ("lit", "object_mask", "depth", "normals")
+CAMERAS = {
+    "equirectangular": {"width": 256, "height": 128},
+    "fisheye-equidistant": {"width": 128, "height": 128, "fov_deg": 190},
+}
+
+
+def record(out, *options, source="mock://four-wall", edge=EDGE):
+    """Record the faces of a place; return the number of captures by size."""
+    base = ["record", "--source", source, "--set", f"face_size={edge}", "--modes", "lit,mask,depth,normals"]
+    place = ",".join(map(str, PLACE))
+    assert run([*base, "--position", place, "--out", str(out), *options]) == 0
+    return info(out).sizes
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("filter_", ["nearest", "bilinear", "bicubic", "area"])
+def test_overscan_changes_no_image(name, filter_, both):
+    """Pixels coincide but for the last digit of the field of view, which decides at outlines of textures."""
+    camera, pose = omniscv.cameras.create(name, **CAMERAS[name]), omniscv.Pose.from_angles(PLACE, 20, 10, 5)
+    images = []
+    for path in both:
+        with omniscv.open_source(path) as source:
+            options = {"face_size": EDGE, "filter": filter_, "strategy": "cube"}
+            images.append(omniscv.render(camera, pose, source, modes=MODES, **options))
+    narrow, wide = images
+    np.testing.assert_array_equal(narrow.labels, wide.labels)
+    np.testing.assert_array_equal(narrow.valid, wide.valid)
+    np.testing.assert_allclose(narrow.depth, wide.depth, rtol=1e-6)
+    np.testing.assert_allclose(narrow.normals, wide.normals, atol=1e-5)
+    assert (narrow.lit != wide.lit).mean() < 1e-4
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """Recordings of the same faces, with the border that filters need, and with the overscan."""
+    folder = tmp_path_factory.mktemp("overscan")
+    narrow, wide = folder / "narrow.sqlite", folder / "wide.sqlite"
+    assert record(narrow, "--overscan", "4") == {"136x136": 24}
+    assert record(wide) == {"144x144": 24}
+    return narrow, wide
+
+
+@pytest.mark.parametrize("begun", ["0", "4", "20"])
+def test_a_recording_goes_on_with_its_overscan(begun, tmp_path):
+    path = tmp_path / "room.sqlite"
+    edge = EDGE + 2 * int(begun)
+    assert record(path, "--overscan", begun) == {f"{edge}x{edge}": 24}
+    assert record(path) == {f"{edge}x{edge}": 24}
+    assert record(path, "--position", "0,0,1.5") == {f"{edge}x{edge}": 48}
+
+
+@pytest.mark.parametrize(
+    ("source", "edge", "size"),
+    [
+        ("scene://four-wall", 64, "72x72"),  # a border for filters at least
+        ("mock://four-wall?dialect=0.3.10&size=128x128", 128, "128x128"),
+        ("recording", 128, "144x144"),
+    ],
+)
+def test_where_overscan_cannot_be_chosen_there_is_none(source, edge, size, both, tmp_path):
+    source = source.replace("recording", str(both[1]))
+    assert [*record(tmp_path / "room.sqlite", source=source, edge=edge)] == [size]
+
+
+def test_a_job_is_recorded_as_its_images_need_it(tmp_path):
+    """Else rendering the job would capture its faces again."""
+    job, path = tmp_path / "job.yaml", tmp_path / "room.sqlite"
+    job.write_text(
+        "{source: mock://four-wall, cameras: {c: {model: equirectangular, width: 64, height: 32}}, "
+        "poses: [{position: [0, 0, 1.5]}], strategy: cube, face_size: 128, record: room.sqlite}"
+    )
+    assert run(["record", str(job)]) == 0
+    held = info(path).sizes
+    assert run(["render", str(job), "--out", str(tmp_path / "out")]) == 0
+    assert info(path).sizes == held == {"136x136": 6}
