@@ -165,6 +165,7 @@ class Atlas:
         for level in self.levels:
             if level.gutter is not None:
                 level.gutter.fill(picture, level.corners)
+        picture.flags.writeable = False  # as captures are: kernels are compiled for these alone
         return picture
 
     def coordinates(self, lookup: RayLookup, level: Ints | None = None) -> tuple[Floats, Floats]:

@@ -243,14 +243,16 @@ def _displace(
     pictures: _Pictures, around: _Surroundings, R_c_w: Array,
 ) -> None:  # fmt: skip
     """Add the error of rays that start elsewhere than at the centre; write their parallax."""
-    height, width = pictures.depth.shape[1], pictures.depth.shape[2]
+    height, width, offset = pictures.depth.shape[1], pictures.depth.shape[2], np.empty(3)
     for i in range(view.shape[0]):
         k, parallax[i] = view[i], 0.0
         if k < 0:
             continue
         fx, fy = pictures.projections[k, 0], pictures.projections[k, 1]
         focal = max(fx, fy)
-        offset = R_c_w[k] @ offsets_w[i]
+        for j in range(3):  # by hand: a product of matrices takes a second to compile
+            R, at = R_c_w[k, j], offsets_w[i]
+            offset[j] = R[0] * at[0] + R[1] * at[1] + R[2] * at[2]
         dx, dy = x[i] - pictures.projections[k, 2], y[i] - pictures.projections[k, 3]
         u, v = dx / fx, dy / fy
         length = np.sqrt(1.0 + u * u + v * v)

@@ -351,24 +351,29 @@ def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float
     """
     across, down = _smaller_step(face, r, c, 0, 1), _smaller_step(face, r, c, 1, 0)
     here, allowed = inverse_depth(face[r, c]), allowed_step(face[r, c])
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    count = 0
+    count = x = y = xx = xy = yy = 0  # sums over the pixels: whole numbers, so the determinant is exact
+    value, value_x, value_y = 0.0, 0.0, 0.0
     for j in range(max(r - reach, 0), min(r + reach + 1, face.shape[0])):
         for k in range(max(c - reach, 0), min(c + reach + 1, face.shape[1])):
-            dx, dy, value = float(k - c), float(j - r), inverse_depth(face[j, k])
-            steps = max(1.0, abs(dx), abs(dy))
-            if abs(value - here - across * dx - down * dy) > allowed * steps:
+            dx, dy, inverse = k - c, j - r, inverse_depth(face[j, k])
+            steps = max(1, abs(dx), abs(dy))
+            if abs(inverse - here - across * dx - down * dy) > allowed * steps:
                 continue
-            count += 1
-            row = (1.0, dx, dy)
-            for p in range(3):
-                right[p] += row[p] * value
-                for q in range(3):
-                    normal[p, q] += row[p] * row[q]
-    if count < 3 or abs(np.linalg.det(normal)) < 0.5:  # whole numbers: 0 where the pixels lie on a line
+            count, x, y = count + 1, x + dx, y + dy
+            xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+            value, value_x, value_y = value + inverse, value_x + dx * inverse, value_y + dy * inverse
+    # Cramer's rule for the normal equations.
+    of_value, of_x, of_y = xx * yy - xy * xy, xy * y - x * yy, x * xy - xx * y
+    determinant = count * of_value + x * of_x + y * of_y
+    if determinant == 0:  # the pixels lie on a line
         return here, 0.0, 0.0, False
-    fitted = np.linalg.solve(normal, right)
-    return fitted[0], fitted[1], fitted[2], True
+    of_xx, of_xy, of_yy = count * yy - y * y, x * y - count * xy, count * xx - x * x
+    return (
+        (of_value * value + of_x * value_x + of_y * value_y) / determinant,
+        (of_x * value + of_xx * value_x + of_xy * value_y) / determinant,
+        (of_y * value + of_xy * value_x + of_yy * value_y) / determinant,
+        True,
+    )
 
 
 @njit(cache=True, nogil=True)
