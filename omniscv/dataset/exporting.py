@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
@@ -299,7 +300,10 @@ def _write(wanted: Export, frames: Sequence[Frame], target: Folder, within_datas
         place = Path(os.path.abspath(target.local))
         with folder_beside(place) as part:  # relative paths out of it stay true
             paths = wanted.write_into(frames, part)
-            (replace_folder if within_dataset else _merge)(part, place)
+            if within_dataset:
+                replace_folder(part, place)
+            else:  # file by file
+                shutil.copytree(part, place, copy_function=os.replace, dirs_exist_ok=True)
         return [target.local / path.relative_to(part) for path in paths]
 
     def put(path: Path) -> str:
@@ -322,14 +326,3 @@ def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
         else frame
         for frame in frames
     ]
-
-
-def _merge(part: Path, target: Path) -> None:
-    """Move files into a folder, each whole; other files stay."""
-    for path in sorted(part.rglob("*")):
-        moved = target / path.relative_to(part)
-        if path.is_dir():
-            moved.mkdir(parents=True, exist_ok=True)
-        else:
-            moved.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(path, moved)

@@ -100,10 +100,8 @@ def check_face_size(job: Job, source: Source) -> None:
     wanted, scale, views = job.options.face_size, job.options.truth_scale, source.recorded_views() or ()
     if wanted == "auto" or not views:
         return
-    squares, sizes = (
-        {round(2 * view.focal_px) for view in views if every or view.width == view.height}
-        for every in (False, True)
-    )
+    sizes = {round(2 * view.focal_px) for view in views}
+    squares = {round(2 * view.focal_px) for view in views if view.width == view.height}
     if sizes.isdisjoint(round(n * wanted * share) for n in (1, scale) for share in (1, MEAN_OF_A_FACE)):
         has = " or ".join(map(str, sorted(squares or sizes)))
         raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")

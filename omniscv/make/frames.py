@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from omniscv.arguments import within
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
 from omniscv.errors import ArgumentError, OmniscvError
-from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Job
@@ -91,22 +90,21 @@ class FrameMaker:
     def _compose(self, moment: Moment, keys: Collection[str], meter: Meter) -> list[Composed]:
         """Return the images of a moment, of captures that its cameras share."""
         only = [i for i, frame in enumerate(moment.frames) if frame.key in keys]
-        world: list[tuple[SceneGeometry, Mapping[str, Pose]]] = []
+        frames = [moment.frames[i] for i in only]
+        world: dict[str, Any] = {}
 
         def look(source: Source) -> None:
-            geometry = source.geometry() if self._job.moves and self._shapes else self._geometry
-            world.append((geometry, source.object_poses()))
+            moved = self._job.moves and self._shapes
+            world.update(
+                geometry=source.geometry() if moved else self._geometry, object_poses=source.object_poses()
+            )
 
-        with self._capture_lock, self._leaving_out([moment.frames[i].key for i in only]):
+        with self._capture_lock, self._leaving_out([frame.key for frame in frames]):
             report = meter.part()
-            images = images_of(self._renderer, moment, self._job, only=only, progress=report, look=look)
-            composed = zip((moment.frames[i] for i in only), images, strict=True)
-            return [
-                (Observation(frame, image, geometry, object_poses=poses), moment.instant)
-                for frame, image in composed
-                for geometry, poses in world
-            ]
-        return []
+            images = list(images_of(self._renderer, moment, self._job, only=only, progress=report, look=look))
+            seen = zip(frames, images, strict=True)
+            return [(Observation(frame, image, **world), moment.instant) for frame, image in seen]
+        return []  # they were left out
 
     @contextmanager
     def _leaving_out(self, keys: Sequence[str]) -> Iterator[None]:

@@ -16,25 +16,19 @@ if TYPE_CHECKING:
     from omniscv.truth.spherical_fit import bfov
     from omniscv.truth.visibility import amodal
 
-_HOMES = {
-    "Flow": "omniscv.truth.optical_flow:Flow",
-    "Points": "omniscv.truth.point_cloud:Points",
-    "RoomLayout": "omniscv.truth.room_layout:RoomLayout",
-    "SphericalBox": "omniscv.truth.spherical:SphericalBox",
-    "amodal": "omniscv.truth.visibility:amodal",
-    "bfov": "omniscv.truth.spherical_fit:bfov",
-    "boxes": "omniscv.truth.object_boxes:boxes",
-    "boxes3d": "omniscv.truth.object_boxes:boxes3d",
-    "flow": "omniscv.truth.optical_flow:flow",
-    "fov_iou": "omniscv.truth.spherical:fov_iou",
-    "layout": "omniscv.truth.room_layout:layout",
-    "merged": "omniscv.truth.point_cloud:merged",
-    "motion": "omniscv.truth.optical_flow:motion",
-    "points": "omniscv.truth.point_cloud:points",
-    "project_layout": "omniscv.truth.layout_record:project_layout",
-    "room_of": "omniscv.truth.layout_record:room_of",
-    "spherical_iou": "omniscv.truth.spherical:spherical_iou",
+_NAMES = {
+    "layout_record": ("project_layout", "room_of"),
+    "object_boxes": ("boxes", "boxes3d"),
+    "optical_flow": ("Flow", "flow", "motion"),
+    "point_cloud": ("Points", "merged", "points"),
+    "room_layout": ("RoomLayout", "layout"),
+    "spherical": ("SphericalBox", "fov_iou", "spherical_iou"),
+    "spherical_fit": ("bfov",),
+    "visibility": ("amodal",),
 }
+"""By module, the public names."""
+
+_HOMES = {name: f"omniscv.truth.{module}:{name}" for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "Flow",

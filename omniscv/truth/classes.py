@@ -86,10 +86,6 @@ def _regex(name: str, value: object) -> str:
     return str(value)
 
 
-def _label_or_empty(name: str, value: object) -> object:
-    return value if value == "" else label(name, value)
-
-
 @record
 class Rule:
     """A class, and a pattern of the whole names of its objects, case-sensitive.
@@ -105,7 +101,9 @@ class Rule:
     match: str = checked(text, default="")
     regex: str = checked(_regex, default="")
     id: int | None = checked(whole_number, least=1, most=_MOST, default=None)
-    supercategory: str | None = checked(_label_or_empty, default=None)
+    supercategory: str | None = checked(
+        lambda name, value: value if value == "" else label(name, value), default=None
+    )
     stuff: bool | None = checked(flag, default=None)
 
     def __post_init__(self) -> None:
@@ -273,13 +271,11 @@ def _rules(name: str, value: object) -> tuple[Rule, ...]:
     return rules
 
 
-def _known_taxonomy(name: str, value: object) -> Any:
-    return one_of(name, value, ("custom", *taxonomies()))
-
-
 @record
 class _File:
     rules: tuple[Rule, ...] = checked(_rules)
-    taxonomy: str = checked(_known_taxonomy, default="custom")
+    taxonomy: str = checked(
+        lambda name, value: one_of(name, value, ("custom", *taxonomies())), default="custom"
+    )
     background: int = checked(whole_number, least=BACKGROUND, most=BACKGROUND, default=BACKGROUND)
     unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")

@@ -63,22 +63,6 @@ def test_a_rigs_file_and_a_trajectory_place_late_cameras(tmp_path: Path, format:
     assert times == expected
 
 
-def test_a_dataset_of_a_rig_is_the_same_in_parts_and_captures_each_place_once(tmp_path: Path) -> None:
-    """Parts are of whole poses, each recorded into a file of its own: no capture is made twice."""
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    for folder, shards in ((whole, [None]), (parts, [(0, 2), (1, 2)])):
-        folder.mkdir()
-        job = job_of(folder, INLINE, POSES, "record: room.sqlite\n")
-        for shard in shards:
-            jobs.make(job, shard=shard)
-        recordings = sorted(folder.glob("*.sqlite"))
-        assert len(recordings) == len(shards)
-        assert sum(len(open_source(path).recorded_views()) for path in recordings) == 2 * 6
-    pictures = {path.name: path.read_bytes() for path in (whole / "out").rglob("*.png")}
-    assert pictures
-    assert pictures == {path.name: path.read_bytes() for path in (parts / "out").rglob("*.png")}
-
-
 @pytest.mark.parametrize(
     ("rig", "poses", "more", "says"),
     [

@@ -15,10 +15,8 @@ SCENE = mock_server.load_scene("four-wall")
 CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
 CAMERAS = {
     "equirectangular": cameras.create("equirectangular", width=512, height=256),
-    "fisheye": cameras.create("fisheye-equidistant", width=256, height=256, fov_deg=200),
     "kannala-brandt": cameras.model("kannala-brandt").example(256),
     "panorama on a circle": cameras.create("noncentral-panorama", width=512, height=256, radius=0.3),
-    "mirror ball": cameras.model("noncentral-spherical-mirror").example(256),
 }
 
 

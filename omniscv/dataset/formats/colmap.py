@@ -8,8 +8,6 @@ is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camer
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -124,38 +122,26 @@ def _observed(frame: Frame, image_id: int, max_relative: float | None) -> Points
     return Points(cloud.positions_w, cloud.distances, values).select(visible)
 
 
-@dataclass(frozen=True, eq=False)
 class _Model:
-    """Rigs with their frames, as COLMAP numbers them."""
+    """Rigs with their frames, as COLMAP numbers them.
 
-    rigs: Sequence[RigFrames]
+    Attributes:
+        cameras, camera_ids: by name, in the order of their ids.
+        images: the frames in the order of their ids.
+        image_ids: by key.
+    """
 
-    @cached_property
-    def cameras(self) -> dict[str, Camera]:
-        """By name, in the order of their ids."""
-        return {name: mounted.camera for rig in self.rigs for name, mounted in rig.rig.cameras.items()}
-
-    @cached_property
-    def camera_ids(self) -> dict[str, int]:
-        """By name."""
-        return {name: i for i, name in enumerate(self.cameras, start=1)}
-
-    @cached_property
-    def images(self) -> list[Frame]:
-        """The views in the order of their ids."""
-        return [view for rig in self.rigs for moment, _ in rig.moments for view in moment.values()]
-
-    @cached_property
-    def image_ids(self) -> dict[str, int]:
-        """By key."""
-        return {view.key: i for i, view in enumerate(self.images, start=1)}
+    def __init__(self, rigs: Sequence[RigFrames]) -> None:
+        self.rigs = rigs
+        self.cameras = {name: mounted.camera for rig in rigs for name, mounted in rig.rig.cameras.items()}
+        self.camera_ids = {name: i for i, name in enumerate(self.cameras, start=1)}
+        self.images = [frame for rig in rigs for moment, _ in rig.moments for frame in moment.values()]
+        self.image_ids = {frame.key: i for i, frame in enumerate(self.images, start=1)}
 
     def cameras_text(self) -> str:
         """Return ``cameras.txt``."""
-        ids = self.camera_ids
-        return colmap.write_colmap(
-            {str(ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
-        )
+        cameras = {str(self.camera_ids[name]): camera for name, camera in self.cameras.items()}
+        return colmap.write_colmap({number: without_limit(camera) for number, camera in cameras.items()})
 
     def rig_lines(self) -> Iterator[str]:
         """Yield the lines of ``rigs.txt``."""

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import within
-from omniscv.cameras import Camera, Rays, RollingShutter
+from omniscv.cameras import Rays, RollingShutter
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera
@@ -114,17 +114,14 @@ def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
     those of the poses.
     """
     before, after = _object_poses(first), _object_poses(second)
-    at_once = not any(_reads_lines(frame.camera) for frame in (first, second))
+    cameras = (first.camera, second.camera)
+    at_once = not any(isinstance(camera, RollingShutter) and camera.readout > 0 for camera in cameras)
     motions: dict[int, Pose | None] = {}
     for name in sorted((before.keys() | after.keys()) & first.instances.keys()):
         known = name in before and name in after
         known = known and (at_once or before[name].to_dict() == after[name].to_dict())
         motions[first.instances[name]] = motion(before[name], after[name]) if known else None
     return motions
-
-
-def _reads_lines(camera: Camera) -> bool:
-    return isinstance(camera, RollingShutter) and camera.readout > 0
 
 
 def _object_poses(frame: Frame) -> dict[str, Pose]:

@@ -90,6 +90,8 @@ def annotation(rooms: Sequence[Room], R_s_w: Array) -> dict[str, Any]:
         rooms: in the order of their numbers.
         R_s_w: (3, 3) from the world to the scene's axes.
     """
+    from scipy.linalg import block_diag
+
     content: dict[str, Any] = {"junctions": [], "lines": [], "planes": [], "semantics": []}
     elements = [_elements(room, R_s_w) for room in rooms]
     for number, of_room in enumerate(elements):
@@ -98,19 +100,9 @@ def annotation(rooms: Sequence[Room], R_s_w: Array) -> dict[str, Any]:
             start = len(content[kind])
             content[kind] += [{"ID": start + i, **entry} for i, entry in enumerate(of_room[kind])]
         content["semantics"].append({"ID": number, "type": "undefined", "planeID": list(planes)})
-    matrices = {"planeLineMatrix": "on_plane", "lineJunctionMatrix": "on_line"}
-    blocks = {
-        name: _block_diagonal([of_room[key] for of_room in elements]).tolist()
-        for name, key in matrices.items()
-    }
-    return {**content, **blocks, "cuboids": [], "manhattan": []}
-
-
-def _block_diagonal(blocks: Sequence[NDArray[np.int_]]) -> NDArray[np.int_]:
-    """A matrix with blocks on its diagonal and 0 elsewhere; (0, 0) without blocks."""
-    from scipy.linalg import block_diag
-
-    return np.asarray(block_diag(*blocks)) if blocks else np.zeros((0, 0), int)
+    for name, key in (("planeLineMatrix", "on_plane"), ("lineJunctionMatrix", "on_line")):
+        content[name] = block_diag(*(of_room[key] for of_room in elements)).tolist() if elements else []
+    return {**content, "cuboids": [], "manhattan": []}
 
 
 def _elements(room: Room, R_s_w: Array) -> dict[str, Any]:
