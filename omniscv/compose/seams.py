@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compose.cube import Cube, Edge
+from omniscv.compose.slips import shifts_of
 from omniscv.geometry import Array
 from omniscv.light import decode, encode, light_of_codes
 from omniscv.sources.base import View
@@ -32,6 +33,8 @@ _CODES = 10, 245  # beyond, pictures are too dark, or clipped
 _SCALES = 1.0, 0.3, 0.1, 0.05, 0.03, 0.02  # of residuals of gains, lowered step by step
 _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
 _EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
+_FEWEST_EDGES, _MOST_SHIFT_PX = 4, 2.0  # beyond, faces are of several places or instants
+_FEWEST_OF_FACE = 2  # edges that show a face's gain
 _CLIPPED = 1e-3  # share of the pixels
 _GAINS = 0.25, 4.0
 _SPARSE = 4  # one of so many pixels tells how large changes are
@@ -109,7 +112,8 @@ def estimate_in_overlap(views: Sequence[View], pixels: NDArray[np.uint8], transf
 
 def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
     """Gains and vignette that explain ``y``, (n,) logarithms of light of faces ``index`` (n, 2)."""
-    if not len(y):
+    pairs = np.unique(index, axis=0) if len(y) else np.zeros((0, 2), int)
+    if np.bincount(pairs.ravel(), minlength=6).min() < _FEWEST_OF_FACE:
         return Gains(np.ones(6), 0.0, False)
     J, x = np.zeros((len(y), 8)), np.zeros(8)
     J[np.arange(len(y)), index[:, 0]] = 1
@@ -190,6 +194,10 @@ def mend(
     cube = Cube.of(views, pixels, masks)
     if cube is None:
         return _refused(pixels, "expected six 8-bit faces of a cube")
+    shifts = np.abs([*shifts_of(cube).values()])
+    if len(shifts) >= _FEWEST_EDGES and np.median(shifts) > _MOST_SHIFT_PX:
+        moved = f"texture that moves by {np.median(shifts):.1f} px at edges"
+        return _refused(pixels, f"expected faces of one place and instant, got {moved}")
     fades = cube.border >= _OVERLAP * cube.pixels.shape[1]
     colors = np.stack(pixels)
     gains = estimate_in_overlap(views, colors, transfer) if fades else estimate_gains(cube, transfer)

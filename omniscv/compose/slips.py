@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omniscv.compose.cube import SIDES, Cube
+from omniscv.compose.cube import SIDES, Cube, Edge
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.planning import RecordedViews
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
@@ -97,29 +97,34 @@ def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
         (6, 3) rotation vectors, world frame, radians, of few faces; and (6,) on how many edges each turn is
         seen.
     """
-    edges, rows, shifts = [], [], []
-    for edge in cube.edges:
-        a, b = (lines.mean(axis=-1) for lines in cube.lines(edge, _ROWS + 1))
-        moved = [_shift_along(a[0], b[0]), _shift_along(a[-1], a[0]), _shift_along(b[0], b[-1])]
-        if not np.isnan(moved).any():
-            view = cube.views[edge.a]
-            middle = view.pose.R_w_c @ np.add(SIDES[edge.side_a], (0, 0, 1))
-            along = view.pose.R_w_c @ np.cross((0, 0, 1), SIDES[edge.side_a])
-            # A face that is turned by w shows a direction d where d - w x d would be.
-            row = np.zeros((6, 3))
-            row[edge.a] = np.cross(middle, along) * view.focal_px
-            row[edge.b] = -row[edge.a]
-            edges.append(edge)
-            rows.append(row)
-            shifts.append(moved[0] - (moved[1] + moved[2]) / (2 * _ROWS))
-    if not rows:
+    known = shifts_of(cube)
+    if not known:
         return np.zeros((6, 3)), np.zeros(6, np.int64)
-    A, y = np.array(rows), np.array(shifts)
+    rows = np.zeros((len(known), 6, 3))
+    for row, edge in zip(rows, known, strict=True):
+        view = cube.views[edge.a]
+        middle = view.pose.R_w_c @ np.add(SIDES[edge.side_a], (0, 0, 1))
+        along = view.pose.R_w_c @ np.cross((0, 0, 1), SIDES[edge.side_a])
+        # A face that is turned by w shows a direction d where d - w x d would be.
+        row[edge.a] = np.cross(middle, along) * view.focal_px
+        row[edge.b] = -row[edge.a]
+    A, y = rows, np.array([*known.values()])
     turns = _few_turns(A, y)
     of_face = (A * turns).sum(axis=2)  # (edges, 6) px that each face's turn explains
     explained = np.abs(of_face.sum(axis=1) - y) < np.abs(y) / 2
     proof = (np.abs(y) > _SLIP_PX) & explained
     return turns, (proof[:, None] & (np.abs(of_face) > np.abs(y)[:, None] / 2)).sum(axis=0)
+
+
+def shifts_of(cube: Cube) -> dict[Edge, float]:
+    """Return by how many px texture is shifted along the edges that show it."""
+    shifts = {}
+    for edge in cube.edges:
+        a, b = (lines.mean(axis=-1) for lines in cube.lines(edge, _ROWS + 1))
+        moved = [_shift_along(a[0], b[0]), _shift_along(a[-1], a[0]), _shift_along(b[0], b[-1])]
+        if not np.isnan(moved).any():
+            shifts[edge] = moved[0] - (moved[1] + moved[2]) / (2 * _ROWS)
+    return shifts
 
 
 def _shift_along(a: Array, b: Array) -> float:

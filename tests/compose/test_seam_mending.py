@@ -306,6 +306,28 @@ def test_an_image_is_mended_in_colour_alone(uneven):
     assert front["relit"].any()
 
 
+def test_faces_of_several_places_are_not_mended():
+    """Front and back are those of another instant: their texture is 3 px away, along every edge."""
+    one = faces(512, smooth=1, scene="waves")
+    moved = one.copy()
+    for face in (0, 2):
+        moved[face] = np.roll(one[face], (3, 3), axis=(0, 1))
+    for method in ("gains", "close"):
+        mended = mend([*views(512)], [*moved], method, "srgb")
+        assert "texture that moves by 3" in mended.report["refused"]
+        assert (np.stack(mended.pixels) == moved).all()
+    assert "texture" not in mend([*views(512)], [*one], "close", "srgb").report.get("refused", "")
+
+
+def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
+    """Three edges of the face below are dark."""
+    darkened = exposed(room, GAINS)
+    for side in range(3):
+        np.rot90(darkened[5], side)[:2] = 2
+    assert not estimate_gains(cube(darkened), "srgb").proven
+    assert "gains explain" in mend([*views(256)], [*darkened], "gains", "srgb").report["refused"]
+
+
 def test_what_is_no_cube_stays_and_says_so():
     camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
     with open_scene("scene://four-wall") as source:
