@@ -71,6 +71,7 @@ class ModernDriver(CameraDriver):
     _exposed = False  # whether its exposure was ever set
     _exposure: Exposure = "game"  # of the camera's colours
     _exposed_as: SharedExposure | None = None  # what it was set for
+    _matched: tuple[tuple[float, ...], Exposure] | None = None  # where the game's was measured last, and it
 
     def attach(self) -> None:
         self.forget()
@@ -168,12 +169,13 @@ class ModernDriver(CameraDriver):
                 raise BadReplyError(f"{refused}; the camera is gone") from refused
             raise
         self._exposed_as = shared
-        self.forget()
 
     def _matching(self, pose: Pose) -> Exposure:
         """Return the manual exposure that matches the game's own, which is kept if none does."""
         position = self.shared_exposure.position
         location_cm, _ = (pose if position is None else Pose(position, pose.rotation)).to_unreal()
+        if self._matched and (position is None or self._matched[0] == tuple(location_cm)):
+            return self._matched[1]
         if self._exposed:  # an earlier attempt was cut short
             self.connection.texts(exposure.automatic(self.camera))
         self._exposed, why = True, "no manual exposure is as bright"
@@ -183,19 +185,25 @@ class ModernDriver(CameraDriver):
             if self._options.exposure is not None or self._is_gone():
                 raise
             bias, why = None, str(refused)
-        if bias is not None:
-            return bias
-        _log.warning("%s: colours keep the game's own exposure: %s", self.connection.address, why)
-        return "game"
+        if bias is None:
+            _log.warning("%s: colours keep the game's own exposure: %s", self.connection.address, why)
+        matched: Exposure = "game" if bias is None else bias
+        self._matched = tuple(location_cm), matched
+        return matched
 
     def _set_exposure(self, chosen: Exposure) -> None:
+        """Set all of an exposure but its bias, which is set with the next colour."""
         if chosen != "game":
             self.connection.set(exposure.lumen(self.camera))
             self.color_settings = {"exposure": exposure_to_text(chosen)}
         elif self._exposed:
             self.connection.texts(exposure.automatic(self.camera))
             self.color_settings = {}
+        else:
+            return
         self._exposure, self._exposed = chosen, chosen != "game"
+        self.stale_frames.reset()  # the last pictures were others than captures
+        self.forget()
 
     def _take(self, camera: str, count: int) -> None:
         if camera.isdecimal() and not 0 < int(camera) < count:

@@ -11,6 +11,7 @@ import omniscv
 from omniscv.cli import run
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.sources import Request, View
+from omniscv.sources.base import SourceView
 from omniscv.sources.registry import open_sources
 
 VIEWS = [View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 16, 16) for yaw in (0, 90)]
@@ -136,6 +137,19 @@ def test_the_bias_that_matches_the_games_exposure_is_found(faults, bias):
     assert float(exposure_of(first).removeprefix("manual, bias ")) == pytest.approx(bias, abs=0.1)
 
 
+def test_pictures_that_were_measured_are_no_captures():
+    """They have the captures' size, and lag, which one picture of depth has not shown yet."""
+    views = [View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 64, 64) for yaw in (10, 50, 90)]
+    depths, colors = ([Request(view, mode) for view in views] for mode in ("depth", "lit"))
+    with mock_server.serve("four-wall", dialect="N2") as server:
+        with omniscv.open_source(server.uri, exposure="game") as source:
+            true = [capture.payload for capture in source.capture(colors)]
+        server.faults.start("stale=2")
+        with omniscv.open_source(server.uri) as source:
+            list(source.capture(depths[:1]))
+            assert [capture.payload for capture in source.capture(colors)] == true
+
+
 def test_a_game_that_no_bias_matches_keeps_its_exposure(caplog):
     with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
         (true,) = colors(source)
@@ -151,7 +165,7 @@ def test_a_game_that_no_bias_matches_keeps_its_exposure(caplog):
     assert "colours keep the game's own exposure: no manual exposure is as bright" in record.message
 
 
-def test_replicas_and_parts_of_a_job_have_one_exposure(tmp_path):
+def test_replicas_have_one_exposure():
     """The replicas' manual exposures differ by two stops; the first one that captures decides for both."""
     with (
         mock_server.serve("four-wall") as one,
@@ -161,6 +175,16 @@ def test_replicas_and_parts_of_a_job_have_one_exposure(tmp_path):
         captures = list(pool.capture(requests(("lit", None))))
         assert len({capture.provenance["server"] for capture in captures}) == 2
         assert len({exposure_of(capture) for capture in captures}) == 1
+
+
+def test_recordings_of_one_source_measure_its_exposure_once(tmp_path):
+    with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as live:
+        counts = []
+        for name in ("a.sqlite", "b.sqlite"):
+            with omniscv.record(SourceView(live), tmp_path / name) as source:
+                colors(source)
+            counts.append(server.statistics.total("vset /camera/1/size 64 64"))
+        assert counts == [1, 1]
 
 
 @pytest.mark.parametrize("begun", ["auto", "game"])
