@@ -53,6 +53,7 @@ REPLIES = {
         ("vget /object/Sofa/name", "Sofa"),
         ("vget /object/Sofa/location", "-241.25 -120.00 42.50"),
         ("vset /viewmode nothing", "error Can not set ViewMode to nothing"),
+        ("vset /action/eyes_distance 20", "ok"),
         ("vrun r.EyeAdaptationQuality 0", "ok"),
         ("vexec Nobody Jump", "error Can not find actor with id 'Nobody'"),
         ("vexec Sofa Jump", "error Fail to execute the function 'Jump' of Sofa"),
@@ -253,6 +254,10 @@ TALKS = [
         ("vset /camera/0/cine/focus_mode TRACKING 1 2 3", "ok"),
         ("vset /camera/0/cine/focus_tracking Sofa 1 2 3", "ok"),
         ("vset /camera/0/cine/crop 1.5 0.1 1 0", "ok"),
+        ("vset /camera/0/cine/filmback 36 24 0 0", "ok"),
+        ("vset /camera/0/cine/focus 100", "ok"),
+        ("vset /camera/0/cine/near_clip 0 10", "ok"),
+        ("vset /camera/0/cine/exposure 100 120 0", "ok"),
         ("vget /camera/0/cine", lambda reply: all(part in reply for part in (
             b'"enabled": true', b'"focal_length_mm": 5.0', b'"aperture_fstop": 32.0',
             b'"squeeze_factor": 2.0', b'"diaphragm_blade_count": 4', b'"mode": "tracking"',

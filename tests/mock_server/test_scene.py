@@ -135,15 +135,15 @@ def assert_as_the_reference(scene, hits, o, d):
 @pytest.mark.parametrize("name", ROOMS)
 def test_rooms_agree_with_the_reference_tracer(name):
     scene = mock_server.load_scene(name)
-    o, d = random_rays(np.random.default_rng(7), 20_000)
+    o, d = random_rays(np.random.default_rng(7), 8000)
     names = assert_as_the_reference(scene, scene.trace(o, d), o, d)
     assert names == set(scene.objects), "the rays should have met every object"
 
 
 def rays_of_a_picture(fov_deg, radius):
     """Neighbours side by side, as cameras send them: from one point, or from a circle about it."""
-    azimuth = np.radians(np.linspace(-fov_deg / 2, fov_deg / 2, 160))[None, :]
-    elevation = np.radians(np.linspace(-fov_deg / 4, fov_deg / 4, 80))[:, None]
+    azimuth = np.radians(np.linspace(-fov_deg / 2, fov_deg / 2, 80))[None, :]
+    elevation = np.radians(np.linspace(-fov_deg / 4, fov_deg / 4, 40))[:, None]
     azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
     level = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1).reshape(-1, 3)
     d = level * np.cos(elevation).reshape(-1, 1) + (0, 0, 1) * np.sin(elevation).reshape(-1, 1)
@@ -152,7 +152,7 @@ def rays_of_a_picture(fov_deg, radius):
 
 @pytest.mark.parametrize(
     ("name", "fov_deg", "radius"),
-    [("six-wall", 5, 0.0), ("four-wall", 90, 0.0), ("six-wall", 360, 0.0), ("four-wall", 360, 0.5)],
+    [("six-wall", 5, 0.0), ("four-wall", 90, 0.0), ("six-wall", 360, 0.5)],
 )
 def test_neighbouring_rays_are_looked_at_together_but_meet_what_each_meets_alone(name, fov_deg, radius):
     scene = mock_server.load_scene(name)

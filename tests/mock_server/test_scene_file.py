@@ -1,12 +1,8 @@
-"""Descriptions of scenes: what is refused, and how; and scenes in other threads and processes."""
+"""Descriptions of scenes: what is refused, and how."""
 
 import copy
-import multiprocessing
-import pickle
 import re
-from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 import mock_server
@@ -25,7 +21,6 @@ GOOD = {
 }
 SIZE, PLACE = "(from 1e-9 to 1e9)", "(from -1e9 to 1e9)"
 NAMES = "expected names without spaces, of at most 100 characters"
-DIRECTIONS = np.random.default_rng(3).normal(size=(20_000, 3))
 
 
 def changed(path, value):
@@ -92,37 +87,6 @@ def test_a_file_that_is_no_description_is_refused_in_one_line(tmp_path, text):
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(ValueError, match=r"^[^\n]*(expected|unknown key)[^\n]*$"):
         mock_server.load_scene(path)
-
-
-def distances(scene):
-    return scene.trace((0, 0, 1.5), DIRECTIONS).distance
-
-
-@pytest.mark.parametrize("name", ["four-wall", "direction", "waves"])
-def test_a_pickled_scene_is_the_same(name):
-    scene = mock_server.load_scene(name)
-    again = pickle.loads(pickle.dumps(scene))  # noqa: S301
-    for field in ("color", "label", "distance", "normal"):
-        a, b = (getattr(each.trace((0, 0, 1.5), DIRECTIONS), field) for each in (scene, again))
-        np.testing.assert_array_equal(a, b)
-    assert again.objects == scene.objects
-
-
-def test_threads_trace_alike():
-    scene = mock_server.load_scene("four-wall")
-    with ThreadPoolExecutor(8) as pool:
-        for found in pool.map(distances, [scene] * 16):
-            np.testing.assert_array_equal(found, distances(scene))
-
-
-# From Python 3.12 a fork beside threads warns; here nothing of the parent is locked.
-@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
-@pytest.mark.parametrize("method", ["fork", "spawn"])
-def test_a_child_process_traces_after_its_parent_has(method):
-    scene = mock_server.load_scene("four-wall")
-    here = distances(scene)
-    with multiprocessing.get_context(method).Pool(1) as pool:
-        np.testing.assert_array_equal(pool.apply_async(distances, (scene,)).get(timeout=120), here)
 
 
 FULL = {

@@ -49,10 +49,10 @@ def test_an_unknown_option_is_named():
 
 
 def test_stopping_waits_for_no_client_that_has_stopped_reading(start, open_raw):
-    server = start(size=(1024, 1024))
+    server = start(size=(512, 512))
     client = open_raw(server)
     client.send(*(b"%d:vget /camera/0/lit bmp" % number for number in range(20)))
-    client.bytes(100)  # the first of 80 MB is on its way
+    client.bytes(100)  # the first of 20 MB is on its way
     server.stop()  # a server that waits exceeds the suite's time limit
     server.stop()
 

@@ -14,7 +14,7 @@ from omniscv.compose.files import read
 from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.job.file import load
 from omniscv.make import costs, make
-from omniscv.sources import Request, SourceWrapper, View, bracketed, registry
+from omniscv.sources import Request, SourceWrapper, View, bracketed, brackets, registry
 from omniscv.sources.recording import RecordedSource
 from omniscv.sources.scene import SceneSource
 
@@ -26,6 +26,13 @@ CURVES = {
     "film": lambda x: 255 * light.light_to_srgb(light.film_curve(x)),
     "gamma": lambda x: 255 * np.clip(x, 0, 1) ** (1 / 3.2),
 }
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """A quarter of the pixels that the exposure is tried with, and of those that must be of use."""
+    monkeypatch.setattr(brackets, "_PROBED_PX", 64)
+    monkeypatch.setattr(brackets, "_FEWEST", 25)
 
 
 class Exposing(SourceWrapper):

@@ -110,7 +110,7 @@ def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, 
     duration_s = processes.run(*action)
     assert check(path, allowed) == len(allowed) - 1
     ended = 0
-    for moment_s in moments(kills, 1.1 * duration_s):
+    for moment_s in moments(kills, 0.8 * duration_s):
         path.unlink()
         action, allowed = prepare(path.parent, half, whole)
         ended += processes.run(*action, kill_after_s=moment_s) is not None

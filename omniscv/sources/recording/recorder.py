@@ -123,6 +123,7 @@ class Recording(SourceWrapper):
         super().share_exposure(shared)
 
     def close(self) -> None:
+        self._objects = None
         try:
             if self._owns_store:
                 self._store.close()

@@ -138,7 +138,7 @@ def test_a_program_that_answers_nonsense_is_one_clear_sentence_and_is_ended(says
     os.mkfifo(tmp_path / "fifo")
     faults = json.loads(json.dumps(faults).replace("FIFO", str(tmp_path / "fifo")))
     with pytest.raises(OmniscvError) as error:
-        omniscv.open_source(blender.fake(tmp_path, **faults), retries=1)
+        omniscv.open_source(blender.fake(tmp_path, **faults), retries=0)
     assert len(str(error.value).splitlines()) == 1
     assert not says.startswith("expected") or re.search(f"^room.blend: {says}", str(error.value))
     assert not psutil.Process().children()
@@ -170,7 +170,7 @@ def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
 
 def test_killed_in_every_render_it_completes_with_equal_bytes(whole, tmp_path):
     """In some of them twice in a row."""
-    numbers = [0, 2, 3, 5, 7, 9, 10, 12]
+    numbers = [0, 2, 3, 7]
     recorded(blender.fake(tmp_path, kill=numbers), tmp_path / "room.sqlite")
     assert len(blender.renders(tmp_path)) == RENDERS + len(numbers)
     assert contents(tmp_path / "room.sqlite") == whole
