@@ -262,14 +262,14 @@ def export(
     common = set.intersection(*kinds) if kinds else set(get(to).needs)
     wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
     if out is None:
-        return write(wanted, frames, source)
+        return replace_export(wanted, frames, source)
     target = storage.folder(out)
     if target.exists(DATASET):  # whose files would be taken for frames, or replaced
         raise ArgumentError(f"{target}: expected a folder that holds no dataset; write beside it")
-    return _write(wanted, frames, target, within_dataset=False)
+    return _place(wanted, frames, target, within_dataset=False)
 
 
-def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
+def replace_export(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
     """Write an export into its folder of a dataset; the complete new one replaces an existing one.
 
     In a store, files are put one by one, those that list others last; then files of an earlier one are
@@ -279,15 +279,15 @@ def write(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Pa
         ArgumentError: as the format.
     """
     target = out.below(f"{EXPORTS}/{wanted.folder}")
-    written = _write(wanted, frames, target, within_dataset=True)
+    written = _place(wanted, frames, target, within_dataset=True)
     if target.local is None:
         target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in written])
     return written
 
 
-def _write(wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool) -> list[str | Path]:
-    """Write an export beside a local folder, or for a store into a temporary one, and move it when it is
-    complete; return its files, as paths or URLs.
+def _place(wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool) -> list[str | Path]:
+    """Place an export: write it beside a local folder, or for a store into a temporary one, and move it when
+    it is complete; return its files, as paths or URLs.
 
     Args:
         wanted: the export.

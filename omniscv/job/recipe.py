@@ -104,7 +104,10 @@ def read_split(name: str, value: object) -> Split:
 
 
 def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:
-    """Return the keys of a mapping as a record's readers convert them, without those that it leaves out."""
+    """Return the keys of a mapping as a record's readers convert them, without those that it leaves out.
+
+    A dataset's manifest holds what its job says, not the defaults of a version.
+    """
     return _given(asdict(read(cls, value, name)), mapping(name, value))
 
 

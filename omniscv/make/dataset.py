@@ -264,7 +264,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
                 shown = [set(frame.files) for frame in written if export.shows(frame.camera_name)]
                 if shown:  # truths may have been left out
                     export.check(job.cameras, set.intersection(*shown))
-                exporting.write(export, written, folder)
+                exporting.replace_export(export, written, folder)
         _remove_markers(folder, _markers(folder))
         tidy(folder)
 

@@ -218,15 +218,14 @@ def images_of(
                     yield _sensed(job, moment.frames[i], image)
                 return
             parts.append(list(images))
-    for k, i in enumerate(chosen):
+    for place, frame in enumerate(moment.frames[i] for i in chosen):
         # A take has one image of each frame; lateral colour's has two, and follows each other take.
-        of_image = [images[k :: len(chosen)] for images in parts]
-        lateral = [pair for pair in of_image if len(pair) == 2]
-        taken = [image for images in of_image if len(images) == 1 for image in images]
-        camera = moment.frames[i].camera
+        of_frame = [images[place :: len(chosen)] for images in parts]
+        taken = [images[0] for images in of_frame if len(images) == 1]
+        red_blue = [pair for pair in of_frame if len(pair) == 2]
+        camera = frame.camera
         image = _read_out(camera, taken) if isinstance(camera, RollingShutter) else _exposed(taken)
-        colors = [_exposed(color) for color in zip(*lateral, strict=True)]
-        yield _sensed(job, moment.frames[i], image, colors)
+        yield _sensed(job, frame, image, [_exposed(color) for color in zip(*red_blue, strict=True)])
 
 
 def _sensed(job: Job, frame: Frame, image: OmniImage, lateral: Sequence[OmniImage] = ()) -> OmniImage:
