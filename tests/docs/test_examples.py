@@ -21,11 +21,11 @@ def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
     text = (folder / "kitchen.yaml").read_text()
     smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 8}", text)
-    (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 2"))
+    (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 1"))
     jobs.make(jobs.load(folder / "kitchen.yaml"))
     assert dataset.check(folder / "kitchen", deep=True) == []
     monkeypatch.setattr(sys, "argv", ["explore.py", str(folder / "kitchen")])
     runpy.run_path(str(folder / "explore.py"), run_name="__main__")
     printed = capsys.readouterr().out
-    assert printed.startswith("6 frames; splits {")
+    assert printed.startswith("3 frames; splits {")
     assert "floor corners at" in printed

@@ -12,12 +12,14 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
     from IPython.display import display
     from IPython.utils.capture import capture_output
     from matplotlib import pyplot
+    from traitlets.config import Config
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])  # which the shell replaces
     notebook = json.loads((ROOT / "docs/tutorials/notebook.ipynb").read_text(encoding="utf-8"))
-    shell, pictures = InteractiveShell.instance(), 0
+    shell = InteractiveShell.instance(config=Config({"HistoryManager": {"hist_file": ":memory:"}}))
+    pictures = 0
     select_figure_formats(shell, {"png"})
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
