@@ -188,7 +188,7 @@ def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
     except ServerRefusedError as refused:
         return [Finding(name, str(refused), "warning", remedy)]
     if bias is None:
-        return [Finding(name, "no bias is as bright as the game's own", "warning", remedy)]
+        return [Finding(name, "no bias matches the game's own", "warning", remedy)]
     return [Finding(name, f"as bright as the game's own with a bias of {bias:g}")]
 
 

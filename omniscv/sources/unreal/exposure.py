@@ -43,11 +43,6 @@ def by_hand(camera: str | int, bias: float) -> list[str]:
     return [f"vset /camera/{camera}/{setting}" for setting in settings]
 
 
-def automatic(camera: str | int) -> list[str]:
-    """Return the commands for automatic exposure, as a camera has it before it is set."""
-    return [f"vset /camera/{camera}/exposure_{what}" for what in ("method histogram", "bias 0.00000000")]
-
-
 def lumen(camera: str | int) -> list[str]:
     """Return the commands that light a camera's pictures as the game's own view in Unreal 5."""
     return [f"vset /camera/{camera}/{what} lumen" for what in ("illumination", "reflection")]
@@ -56,7 +51,8 @@ def lumen(camera: str | int) -> list[str]:
 def matching_bias(connection: Connection, camera: str | int, location_cm: Sequence[float]) -> float | None:
     """Return the bias at which manual exposure is as bright as the game's own; None if none comes near.
 
-    Brightness is the mean of four directions. It grows with the bias; the tone curve need not be known.
+    Brightness is the mean of four directions. It grows with the bias; the tone curve need not be known. Black
+    or white pictures say nothing of the bias, so none matches them.
 
     Args:
         connection: to the server.
@@ -69,6 +65,8 @@ def matching_bias(connection: Connection, camera: str | int, location_cm: Sequen
     """
     looks = _Looks(connection, camera, location_cm)
     target = float(np.mean([looks.settled(yaw) for yaw in _YAWS_DEG]))
+    if not _NEAR < target < 255 - _NEAR:
+        return None
     tried: dict[float, float] = {}
 
     def excess(bias: float) -> float:

@@ -123,6 +123,12 @@ class ModernDriver(CameraDriver):
             ids = _STABLE_ID.findall(self.connection.text(CAMERA_IDS))
             self.camera = ids[number] if len(ids) == number + 1 else number
 
+    def _spawn_another(self) -> None:
+        """Spawn a camera as the game has them: what was set on the last one cannot be put back."""
+        before = self._restore
+        self._spawn(len(names(self.connection.text(CAMERAS))))
+        self._restore += before
+
     def _is_lost(self, count: int) -> bool:
         if isinstance(self.camera, int):
             return self.camera >= count
@@ -177,8 +183,8 @@ class ModernDriver(CameraDriver):
         if self._matched and (position is None or self._matched[0] == tuple(location_cm)):
             return self._matched[1]
         if self._exposed:  # an earlier attempt was cut short
-            self.connection.texts(exposure.automatic(self.camera))
-        self._exposed, why = True, "no manual exposure is as bright"
+            self._spawn_another()
+        self._exposed, why = True, "no manual exposure matches it"
         try:
             bias = exposure.matching_bias(self.connection, self.camera, location_cm)
         except ServerRefusedError as refused:
@@ -197,7 +203,7 @@ class ModernDriver(CameraDriver):
             self.connection.set(exposure.lumen(self.camera))
             self.color_settings = {"exposure": exposure_to_text(chosen)}
         elif self._exposed:
-            self.connection.texts(exposure.automatic(self.camera))
+            self._spawn_another()
             self.color_settings = {}
         else:
             return

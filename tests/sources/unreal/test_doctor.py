@@ -407,7 +407,7 @@ def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     [
         ([], ("ok", "as bright as the game's own with a bias of 0")),
         (["dark-manual=2"], ("ok", "as bright as the game's own with a bias of 2")),
-        (["dark-manual=20"], ("warning", "no bias is as bright as the game's own")),
+        (["dark-manual=20"], ("warning", "no bias matches the game's own")),
     ],
     ids=["as the game", "dark", "black"],
 )

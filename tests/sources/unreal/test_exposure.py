@@ -2,6 +2,7 @@
 
 import logging
 
+import cv2
 import numpy as np
 import pytest
 from support.unreal import relayed
@@ -159,10 +160,34 @@ def test_a_game_that_no_bias_matches_keeps_its_exposure(caplog):
         omniscv.open_source(server.uri) as source,
     ):
         first, second = colors(source, count=2)
+        assert not server.statistics.total(
+            "vset /camera/2/illumination"
+        )  # the camera that captures is another
+        source.close()
+        assert len(server.world.cameras) == 1
     assert [first.payload, second.payload] == [true.payload] * 2
     assert exposure_of(first) is None
     (record,) = caplog.records
-    assert "colours keep the game's own exposure: no manual exposure is as bright" in record.message
+    assert "colours keep the game's own exposure: no manual exposure matches it" in record.message
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_black_and_white_pictures_match_no_exposure(level, caplog):
+    def change(command, forward):
+        reply = forward(command)
+        if "lit png" not in command:
+            return reply
+        picture = np.full_like(cv2.imdecode(np.frombuffer(reply, np.uint8), cv2.IMREAD_UNCHANGED), level)
+        picture[..., 3] = 255
+        return cv2.imencode(".png", picture)[1].tobytes()
+
+    with mock_server.serve("four-wall") as server, relayed(server, change) as uri:
+        with omniscv.open_source(uri) as source:
+            (capture,) = colors(source)
+        assert not server.statistics.total("vset /camera/1/exposure_method manual")
+    assert (capture.pixels == level).all()
+    assert exposure_of(capture) is None
+    assert "no manual exposure matches it" in caplog.text
 
 
 def test_replicas_have_one_exposure():
