@@ -157,10 +157,12 @@ def _sample(
             if view[i] < 0:
                 distance[i] = error[i] = 0.0
                 continue
+            # As float64: functions that others call with float64 are compiled once.
+            px, py = np.float64(x[i]), np.float64(y[i])
             if not has_cells or not distance[i] > 0.0:
-                distance[i], error[i] = _beside_a_surface(pictures, view[i], x[i], y[i])
+                distance[i], error[i] = _beside_a_surface(pictures, view[i], px, py)
             if nearest:
-                stored = _nearest_distance(pictures, view[i], x[i], y[i])
+                stored = _nearest_distance(pictures, view[i], px, py)
                 error[i] += abs(stored - distance[i]) if distance[i] < np.inf else 0.0
                 distance[i] = stored
 
@@ -253,22 +255,23 @@ def _displace(
         for j in range(3):  # by hand: a product of matrices takes a second to compile
             R, at = R_c_w[k, j], offsets_w[i]
             offset[j] = R[0] * at[0] + R[1] * at[1] + R[2] * at[2]
-        dx, dy = x[i] - pictures.projections[k, 2], y[i] - pictures.projections[k, 3]
+        px, py = np.float64(x[i]), np.float64(y[i])
+        dx, dy = px - pictures.projections[k, 2], py - pictures.projections[k, 3]
         u, v = dx / fx, dy / fy
         length = np.sqrt(1.0 + u * u + v * v)
         along = (offset[0] * u + offset[1] * v + offset[2]) / length
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         aside = np.sqrt(max(0.0, size * size - along * along))
-        r, c = nearest_pixel((height, width), x[i], y[i])
+        r, c = nearest_pixel((height, width), px, py)
         near = max(around.least[k, r, c], NEAR_PLANE_M / length)
         parallax[i] = _MARGIN * aside / (near * length)
-        point = surface_point(pictures.depth[k], x[i], y[i], fx, pictures.precision)
+        point = surface_point(pictures.depth[k], px, py, fx, pictures.precision)
         if point.inverse > 0.0:
             a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, fx, fy)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
             right = fx * (offset[0] - u * offset[2]) * point.inverse  # px to where the pixel's own ray passes
             below = fy * (offset[1] - v * offset[2]) * point.inverse
-            there = surface_point(pictures.depth[k], x[i] + right, y[i] + below, fx, pictures.precision)
+            there = surface_point(pictures.depth[k], px + right, py + below, fx, pictures.precision)
             if there.inverse > 0.0:  # a curved surface has another slope there
                 a, b, e = plane_of(there.inverse, there.across, there.down, dx + right, dy + below, fx, fy)
                 shift = max(shift, abs(a * offset[0] + b * offset[1] + e * offset[2]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.geometry import Array, cube_rotations
-from omniscv.geometry.arrays import Floats, Ints
+from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.surfaces import Precision, discontinuities, nearest_pixel, surface_point
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
@@ -69,14 +69,14 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
     # captures in addition to a face have its axis.
     axes_w, matched = R_c_w[:, 2], R_c_w[slot[slot >= 0], 2]
     cube = cube and len(matched) > 0 and bool(((axes_w @ matched.T).max(axis=1) > 1 - _SAME_FACE).all())
-    depth = [capture.pixels for capture in captures]
+    depth = stacked([capture.pixels for capture in captures])
     finite = [face[np.isfinite(face)] for face in depth]
     most = max((float(face.max()) for face in finite if face.size), default=0.0)
     corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
     return DepthShell(
-        center_w,
-        np.stack(depth),
-        np.stack([_nearest_around(face) for face in depth]),
+        stacked(center_w),
+        depth,
+        stacked([_nearest_around(face) for face in depth]),
         slot,
         cube,
         R_c_w,
