@@ -18,6 +18,7 @@ app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=Fal
 
 # Texts: as a path, a URL would lose a slash.
 Dataset = Annotated[str, Argument(metavar="DIR", help="A dataset, by path or URL.")]
+Out = Annotated[str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")]
 Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Settings = Annotated[
     list[str] | None,
@@ -86,9 +87,7 @@ def make(
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],
-    out: Annotated[
-        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
-    ] = None,
+    out: Out = None,
     camera: Cameras = None,
     settings: Settings = None,
 ) -> None:
@@ -175,9 +174,7 @@ def _recorded(path: Path) -> bool:
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],
-    out: Annotated[
-        str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")
-    ] = None,
+    out: Out = None,
     camera: Cameras = None,
     settings: Settings = None,
 ) -> None:
