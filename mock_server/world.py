@@ -120,14 +120,14 @@ class World:
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
         self.viewmode = "lit"
         self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
-        self.things = Objects(scene)
-        self._touched = True  # whether an object may have changed since the last frame
-        self._moments = deque([self.things.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
+        self.placed_objects = Objects(scene)
+        self._may_have_changed = True  # an object, since the last frame
+        self._moments = deque([self.placed_objects.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
         dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
         self._dome_radius = dome.amount() if dome else math.inf
         if dome:
-            self.things.by_name[self._dome.name] = self._dome
+            self.placed_objects.by_name[self._dome.name] = self._dome
         if missing := self._object_with("object-missing"):
             self.objects[missing].annotated = False
         self._glass, self._gloss = self._object_with("glass"), self._object_with("gloss")
@@ -139,9 +139,9 @@ class World:
     @property
     def objects(self) -> dict[str, SceneObject]:
         """The objects by name, at their present poses; callers may change them."""
-        self._touched = True
-        self.things.follow()
-        return self.things.by_name
+        self._may_have_changed = True
+        self.placed_objects.follow()
+        return self.placed_objects.by_name
 
     def _object_with(self, fault: str) -> str:
         """Return the key of a fault's object; an empty text without the fault."""
@@ -155,7 +155,7 @@ class World:
 
     def placed(self) -> Scene:
         """Return the scene at this moment."""
-        return self._now().shown
+        return self._present_moment().shown
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
@@ -200,18 +200,18 @@ class World:
                 x, y, z = self.player.location
                 self.player.location = (x, y, z - fault.amount())
             self.player.limit()
-        self._moments.append(self._now())
-        self._touched = False
+        self._moments.append(self._present_moment())
+        self._may_have_changed = False
         return runs
 
     def _advance(self) -> None:
         self.time_s = min(self.time_s + self._step_s * self._slomo, LATEST_S)
-        self.things.set_time(self.time_s)
-        self._touched |= bool(self.scene.moving)
+        self.placed_objects.set_time(self.time_s)
+        self._may_have_changed |= bool(self.scene.moving)
 
-    def _now(self) -> Moment:
+    def _present_moment(self) -> Moment:
         """Return the present moment; the last frame's if nothing has changed since."""
-        now = self.things.moment() if self._touched else self._moments[-1]
+        now = self.placed_objects.moment() if self._may_have_changed else self._moments[-1]
         return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
@@ -225,10 +225,10 @@ class World:
         torn = None if self.paused else self.faults.strike("torn")
         for _ in range(int(torn.amount()) if torn else 0):
             self._advance()
-            self._moments.append(self._now())
+            self._moments.append(self._present_moment())
         if fault := self.faults.strike("late-objects"):
             late += int(fault.amount())
-        moment = self._moments[-1 - late] if late else self._now()
+        moment = self._moments[-1 - late] if late else self._present_moment()
         location, rotation = self._pose_shown(camera)
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):
@@ -246,7 +246,7 @@ class World:
         if self._gloss:
             view = dataclasses.replace(view, paint=partial(_mirrored, view, camera, moment, self._gloss))
         if self._dome_radius < math.inf and not self._dome.hidden:
-            view = _domed(view, camera, self._dome_radius, len(self.things.scene.objects) + 1)
+            view = _domed(view, camera, self._dome_radius, len(self.placed_objects.scene.objects) + 1)
         return view
 
     def _misaim(self, camera: Camera) -> None:
@@ -269,7 +269,7 @@ class World:
 
     def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
         if mode == "object_mask":
-            colors = [(0, 0, 0), *self.things.colors(), self._dome.color]
+            colors = [(0, 0, 0), *self.placed_objects.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
             if fault := self.faults.strike("near-colors"):
                 table[2:-1:2] = table[1:-2:2] ^ (int(fault.amount()), 0, 0)

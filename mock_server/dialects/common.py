@@ -190,11 +190,11 @@ class Dialect(ABC):
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up a camera by its number, or replies that it is missing."""
-        return looked_up(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
+        return with_target(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
 
     def with_object(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up an object by its name, or replies that it is missing."""
-        return looked_up(lambda: self.world.objects, act, missing or self.no_object)
+        return with_target(lambda: self.world.objects, act, missing or self.no_object)
 
     def plugin_rows(self, echo: Callable[[str], Reply] = str) -> list[Row]:
         """Return the commands about the plugin itself."""
@@ -244,7 +244,7 @@ class Dialect(ABC):
         return None
 
 
-def looked_up(
+def with_target(
     table: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
 ) -> Callable[..., Reply]:
     """Return a handler that looks its first argument up, or replies that it is missing."""

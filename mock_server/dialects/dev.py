@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mock_server import pixels
-from mock_server.dialects.common import Reply, Row, looked_up
+from mock_server.dialects.common import Reply, Row, with_target
 from mock_server.dialects.v1_1 import Plugin11
 from mock_server.objects import MIRROR, SceneObject, axes
 from mock_server.world import Camera
@@ -47,7 +47,7 @@ class PluginDev(Plugin11):
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """As for other dialects; a camera has a number and a stable id."""
-        return looked_up(self._cameras, act, missing or self.no_camera)
+        return with_target(self._cameras, act, missing or self.no_camera)
 
     def _cameras(self) -> Mapping[str, Camera]:
         numbers = {str(number): camera for number, camera in enumerate(self.world.cameras)}

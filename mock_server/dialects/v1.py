@@ -66,7 +66,7 @@ class Plugin1(Dialect):
             (f"vget {at}/uclass_name", "Its class", obj(self._class_of)),
             (f"vset {at}/name [str]", "Renames it", obj(self._rename)),
             (f"vget {at}/scale", "Its scale", obj(lambda o: numbers(o.scale))),
-            (f"vset {at}/scale {THREE}", "Sets it", obj(self.world.things.set_scale)),
+            (f"vset {at}/scale {THREE}", "Sets it", obj(self.world.placed_objects.set_scale)),
             (f"vget {at}/bounds", "Its box, cm", obj(lambda o: numbers(self.world.bounds(o).flat, "{:.2f}"))),
             *self.plugin_rows(),
             ("vget /level/name", "Name of the map", lambda: self.world.scene.name),
@@ -162,7 +162,7 @@ class Plugin1(Dialect):
             return f"error Failed to spawn {name}, {self.taken}."
         if class_name != "CubeActor":
             return f"error Can not find a class with name '{class_name}'"
-        cube = self.world.things.spawn_cube(name, location)
+        cube = self.world.placed_objects.spawn_cube(name, location)
         return "error Failed to spawn actor" if cube is None else cube.name
 
     def _class_of(self, o: SceneObject) -> str:
@@ -173,7 +173,7 @@ class Plugin1(Dialect):
             return "The name has already been set"
         if name in self.world.objects:
             return f"error Renaming an object to overwrite an existing object is not allowed, {name}"
-        self.world.things.rename(o, name)
+        self.world.placed_objects.rename(o, name)
         return None
 
     def _run_in_silence(self, actor: str, function: str, *words: str) -> Reply:

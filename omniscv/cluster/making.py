@@ -55,17 +55,26 @@ def _make_parts(
     warn: Callable[[str], None] | None,
 ) -> tuple[Job, Made]:
     """Make all parts; return the job with its poses, and the counts of frames."""
-    from omniscv.cluster.tasks import HOW, SERVER, TOPIC, WORK, Server, Work, make_part, with_poses
+    from omniscv.cluster.tasks import (
+        JOB_PLUGIN,
+        SERVER_PLUGIN,
+        TASK_OPTIONS,
+        TOPIC,
+        JobPlugin,
+        ServerPlugin,
+        make_part,
+        with_poses,
+    )
 
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
     written = kept = warnings = 0
     try:
-        client.register_plugin(Server(job.sources, source_options(job)))
+        client.register_plugin(ServerPlugin(job.sources, source_options(job)))
         if job.sampling is not None:
-            (job,) = _results(client, [client.submit(with_poses, job, **HOW)])
-        client.register_plugin(Work(job))
-        for done in _results(client, client.map(make_part, parts_of(job), **HOW)):
+            (job,) = _results(client, [client.submit(with_poses, job, **TASK_OPTIONS)])
+        client.register_plugin(JobPlugin(job))
+        for done in _results(client, client.map(make_part, parts_of(job), **TASK_OPTIONS)):
             if done.refused is not None:
                 raise done.refused
             written, kept = written + done.written, kept + done.kept
@@ -73,7 +82,7 @@ def _make_parts(
             if progress:
                 progress(written + kept, len(job))
     finally:
-        for name in (SERVER, WORK) if client.status == "running" else ():
+        for name in (SERVER_PLUGIN, JOB_PLUGIN) if client.status == "running" else ():
             with suppress(OSError, ValueError):  # the scheduler is gone, or the plugin was not registered
                 client.unregister_worker_plugin(name)
     if warnings and warn:

@@ -22,7 +22,7 @@ from omniscv.sources.registry import SourceOptions, open_source
 
 T = TypeVar("T")
 
-SERVER, WORK = "omniscv-server", "omniscv-job"
+SERVER_PLUGIN, JOB_PLUGIN = "omniscv-server", "omniscv-job"
 """Names of the plugins of workers."""
 
 TOPIC = "omniscv"
@@ -31,13 +31,13 @@ TOPIC = "omniscv"
 RETRIES = 5
 """How often a failed part is tried again, by whichever worker is free."""
 
-HOW = {"resources": RESOURCE, "retries": RETRIES, "pure": False}
+TASK_OPTIONS = {"resources": RESOURCE, "retries": RETRIES, "pure": False}
 """How tasks are submitted."""
 
 _LONGEST_WAIT_S = 60.0
 
 
-class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
+class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
     """The server of a worker: a game that it launches, one at an address, or a mock server.
 
     It is opened by the first task, not when the worker starts: a game may take minutes, and Dask takes a
@@ -48,7 +48,7 @@ class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported with
         options: of :func:`omniscv.open_source`.
     """
 
-    name = SERVER
+    name = SERVER_PLUGIN
 
     def __init__(self, addresses: Sequence[str], options: SourceOptions) -> None:
         self._addresses, self._options = tuple(addresses), options
@@ -104,10 +104,10 @@ class Server(WorkerPlugin):  # type: ignore[misc] # distributed is imported with
             source.close()
 
 
-class Work(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
+class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
     """The job, sent to every worker once, not with every task."""
 
-    name = WORK
+    name = JOB_PLUGIN
 
     def __init__(self, job: Job) -> None:
         self.job = job
@@ -133,11 +133,11 @@ def make_part(part: Part) -> Done:
     warnings: list[str] = []
 
     def work(source: Source) -> Done:
-        made = run_part(_plugin(WORK).job, part, source=source, warn=warnings.append)
+        made = run_part(_plugin(JOB_PLUGIN).job, part, source=source, warn=warnings.append)
         return Done(made.written, made.kept, len(warnings))
 
     try:
-        done: Done = _plugin(SERVER).use(work)
+        done: Done = _plugin(SERVER_PLUGIN).use(work)
     except (ArgumentError, DatasetError) as refused:
         return Done(refused=refused)
     return done
@@ -150,7 +150,7 @@ def with_poses(job: Job) -> Job:
         with opened(job, source) as (sampled, _):
             return sampled
 
-    sampled: Job = _plugin(SERVER).use(work)
+    sampled: Job = _plugin(SERVER_PLUGIN).use(work)
     return sampled
 
 

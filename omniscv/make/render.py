@@ -31,7 +31,7 @@ from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
-from omniscv.sources.exposures import exposed
+from omniscv.sources.exposures import exposures_of
 from omniscv.sources.recording.rows import view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
@@ -173,7 +173,7 @@ def capture(
                     plans = planning.share_captures(views, modes)
                     capturing = _Capturing(plans, modes, needed, report)
                     needed |= planning.verify_still(renderer_then.source, modes, capturing)
-    return sum(len(exposed(request, job.brackets)) if job.brackets else 1 for request in needed)
+    return sum(len(exposures_of(request, job.brackets)) if job.brackets else 1 for request in needed)
 
 
 def _requested_views(path: Path) -> frozenset[View]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cached_property
-from typing import NoReturn, Self
+from typing import NoReturn, Self, TypeVar
 
 from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
@@ -27,6 +27,8 @@ from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
 from omniscv.sources.requests import View as View
 from omniscv.sources.world import SharedExposure, World
+
+S = TypeVar("S", bound="Source")
 
 _LONGEST_PART = 150  # characters of a part of a scene's identity
 
@@ -424,3 +426,10 @@ def not_picklable(what: str) -> SourceError:
     """Return the error of a source with connections that is pickled, as for a spawned process."""
     expected = "expected a source that can be pickled, got one that holds connections"
     return SourceError(f"{what}: {expected}; open it in each process by its address")
+
+
+def copy_with(source: S, **changes: object) -> S:
+    """Return another source of the same class, which shares all but these attributes."""
+    other = object.__new__(type(source))
+    vars(other).update(vars(source), **changes)
+    return other

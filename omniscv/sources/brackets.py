@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
-from omniscv.sources.exposures import Response, exposed, merged
+from omniscv.sources.exposures import Response, exposures_of, merge
 
 _PROBED_PX = 128
 _PROBED = {True: (0.0, 1.0), False: (-2.0, -1.0, 0.0, 1.0, 2.0)}
@@ -51,7 +51,7 @@ def bracketed(source: Source, stops: Sequence[float], path: Path | str | None = 
         wanted = "expected a source whose exposure can be set: UnrealCV N2 or later"
         raise ArgumentError(f"brackets: {wanted}; got {source!r}")
     if source.recorded_views() is None:
-        source = _Proven(source, _held(path, stops))
+        source = _WithResponse(source, _recorded_response(path, stops))
     return Bracketed(source if path is None else record(source, path), stops)
 
 
@@ -72,7 +72,7 @@ class Bracketed(SourceWrapper):
         def exposures() -> Iterator[Request]:
             for request in requests:
                 waiting.append(request)
-                yield from exposed(request, self._stops)
+                yield from exposures_of(request, self._stops)
 
         captures = self._source.capture(exposures())
         for capture in captures:
@@ -80,13 +80,13 @@ class Bracketed(SourceWrapper):
             if capture.request == request:
                 yield capture
             else:
-                yield merged(request, [capture, *islice(captures, len(self._stops) - 1)])
+                yield merge(request, [capture, *islice(captures, len(self._stops) - 1)])
 
     def around(self, source: Source) -> Source:
         return Bracketed(source, self._stops)
 
 
-class _Proven(SourceWrapper):
+class _WithResponse(SourceWrapper):
     """A source whose exposure is tried before its first capture; its response is added to the provenance.
 
     Args:
@@ -104,7 +104,7 @@ class _Proven(SourceWrapper):
         if first is None:
             return
         if not self._known:
-            self._known.append(_prove(self._source, first))
+            self._known.append(_measured_response(self._source, first))
         response = self._known[0]
         added: dict[str, Any] = {"transfer": response}
         if not isinstance(response, str):
@@ -115,10 +115,10 @@ class _Proven(SourceWrapper):
             yield capture
 
     def around(self, source: Source) -> Source:
-        return _Proven(source, self._known)
+        return _WithResponse(source, self._known)
 
 
-def _prove(source: Source, first: Request) -> Response:
+def _measured_response(source: Source, first: Request) -> Response:
     """Return the response of a source's colours, and check that light doubles from one stop to the next.
 
     Raises:
@@ -153,7 +153,7 @@ def _prove(source: Source, first: Request) -> Response:
     return response
 
 
-def _held(path: Path | str | None, stops: Sequence[float]) -> list[Response]:
+def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[Response]:
     """Return the response of the exposures in a recording; empty if it holds none.
 
     Raises:

@@ -22,14 +22,14 @@ Response = str | NDArray[np.float64]
 """What codes mean: a transfer, or the light (256,) of each code."""
 
 
-def exposed(request: Request, stops: Iterable[float]) -> list[Request]:
+def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:
     """Return one request of each exposure for a request of colours; any other request is returned alone."""
     if request.mode != "lit" or request.stops is not None:
         return [request]
     return [replace(request, stops=stop) for stop in stops]
 
 
-def merged(request: Request, captures: Sequence[Capture]) -> Capture:
+def merge(request: Request, captures: Sequence[Capture]) -> Capture:
     """Return light, float32, of one view's captures at several exposures.
 
     Raises:

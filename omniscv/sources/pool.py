@@ -55,10 +55,10 @@ class SourcePool(Source):
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
         self._sources, self._working = tuple(sources), list(sources)
-        self._capabilities = _common([source.capabilities for source in sources])
-        self._objects = _common([source.objects() for source in sources])
-        self._scene = _common([source.scene_identity for source in sources])
-        self._fault = closed_error("pool")  # of the replica that failed last
+        self._capabilities = _same_in_all([source.capabilities for source in sources])
+        self._objects = _same_in_all([source.objects() for source in sources])
+        self._scene = _same_in_all([source.scene_identity for source in sources])
+        self._last_fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
         self.share_exposure(exposure or SharedExposure())
 
@@ -185,7 +185,7 @@ class SourcePool(Source):
         with self._lock:
             if replica in self._working:
                 self._working.remove(replica)
-                self._fault = fault
+                self._last_fault = fault
                 if count := len(self._working):
                     _log.warning("a replica failed, %d left to capture its requests: %s", count, fault)
 
@@ -212,10 +212,10 @@ class SourcePool(Source):
 
     def _check_working(self) -> None:
         if self._closed or not self._working:
-            raise closed_error("pool") if self._closed else self._fault
+            raise closed_error("pool") if self._closed else self._last_fault
 
 
-def _common(values: Sequence[T]) -> T:
+def _same_in_all(values: Sequence[T]) -> T:
     """Return the value of all sources; ArgumentError if one differs."""
     first, *others = values
     for number, value in enumerate(others, start=2):

@@ -77,7 +77,8 @@ class SceneSource(Source):
         one_of("lit", lit, get_args(Lit))
         one_of("masks", masks, get_args(Masks))
         self.made, self._instant = 0, instant
-        self._left_out, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
+        # Removed by without(); with those that the instant hides:
+        self._without, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
         known_objects(self._hidden.union(instant.poses), scene.objects, f"scene {scene.name}")
         self.scene = scene if instant.state == "" else _scene_at(scene, instant)
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
@@ -128,7 +129,7 @@ class SceneSource(Source):
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
-        return self._copy(self._left_out.union(objects), self._instant)
+        return self._copy(self._without.union(objects), self._instant)
 
     @property
     def state(self) -> str:
@@ -141,14 +142,14 @@ class SceneSource(Source):
     def at(self, instant: Instant) -> SceneSource:
         """As :meth:`Source.at`; both may be used at the same time. Without a time: at the scene's start."""
         self._check_open()
-        return self._copy(self._left_out, instant)
+        return self._copy(self._without, instant)
 
     def close(self) -> None:
         self._closed = True
         self._pixels_of.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._copy, (self._left_out, self._instant)
+        return self._copy, (self._without, self._instant)
 
     def _check_open(self) -> None:
         if self._closed:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from omniscv.arguments import number
 from omniscv.errors import DamagedFileError
-from omniscv.storage.local import in_one_line, whole_file, write_text
+from omniscv.storage.local import storage_errors, whole_file, write_text
 
 Download = Callable[[Path], None]
 """``download(path)`` writes the bytes of a stored file to a path."""
@@ -56,7 +56,7 @@ def copy_of(
     """
     path = folder() / key[:2] / key / name.rpartition("/")[2]
     sums = path.with_name(path.name + _SUM)
-    with in_one_line(path):
+    with storage_errors(path):
         expected = checksum or (sums.read_text("ascii", "replace") if sums.exists() else "")
         if expected and _digest(path) == expected and size in (None, path.stat().st_size):
             return path
@@ -90,7 +90,7 @@ def _make_room() -> None:
     if mark.exists() and now - mark.stat().st_mtime < _CLEANED_EVERY_S:
         return
     mark.touch()
-    copies = [_use(copy) for copy in folder().glob("??/*") if _KEY.fullmatch(copy.name)]
+    copies = [_last_use(copy) for copy in folder().glob("??/*") if _KEY.fullmatch(copy.name)]
     size = sum(nbytes for _, nbytes, _ in copies)
     for used, nbytes, copy in sorted(copies):
         if size <= 1e9 * limit_gb or now - used < _KEPT_S:
@@ -99,7 +99,7 @@ def _make_room() -> None:
         size -= nbytes
 
 
-def _use(copy: Path) -> tuple[float, int, Path]:
+def _last_use(copy: Path) -> tuple[float, int, Path]:
     """Return the time of a copy's last use, its bytes, and its folder."""
     stats = []
     for file in copy.iterdir():

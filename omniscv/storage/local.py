@@ -47,7 +47,7 @@ class LocalFolder(Folder):
         return self.path
 
     def exists(self, name: str) -> bool:
-        with in_one_line(self.path / checked_name(name)):
+        with storage_errors(self.path / checked_name(name)):
             return (self.path / name).is_file()
 
     def names(self, prefix: str = "") -> list[str]:
@@ -63,7 +63,7 @@ class LocalFolder(Folder):
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
         path = self.path / checked_name(name)
         try:
-            with in_one_line(path), open_regular(path, most=most) as file:
+            with storage_errors(path), open_regular(path, most=most) as file:
                 return file.read()
         except ArgumentError as fault:
             raise DamagedFileError(f"{path}: {fault.message}") from fault
@@ -73,7 +73,7 @@ class LocalFolder(Folder):
         if first and self.exists(name):
             return False
         path = self.path / checked_name(name)
-        with in_one_line(path), _temporary(path) as part:
+        with storage_errors(path), _temporary(path) as part:
             if isinstance(content, bytes):
                 part.write_bytes(content)
             else:
@@ -84,7 +84,7 @@ class LocalFolder(Folder):
         return True
 
     def remove(self, name: str) -> None:
-        with in_one_line(path := self.path / checked_name(name)):
+        with storage_errors(path := self.path / checked_name(name)):
             path.unlink(missing_ok=True)
 
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
@@ -95,7 +95,7 @@ class LocalFolder(Folder):
         return path
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        with in_one_line(source := self.path / checked_name(name)):
+        with storage_errors(source := self.path / checked_name(name)):
             shutil.copyfile(source, path)
 
     def below(self, name: str) -> LocalFolder:
@@ -244,7 +244,7 @@ def replace_folder(part: Path, target: Path) -> None:
 
 
 @contextmanager
-def in_one_line(path: Path | str) -> Iterator[None]:
+def storage_errors(path: Path | str) -> Iterator[None]:
     """Raise OSError as StorageError: one line that names a file and what helps."""
     try:
         yield

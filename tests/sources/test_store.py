@@ -6,7 +6,7 @@ import pytest
 from support.faces import face_requests
 from support.full_disk import largest_file
 from support.permissions import read_only
-from support.recordings import CountingSource, contents
+from support.recordings import contents
 
 import omniscv
 from omniscv.errors import RecordingNotWritableError
@@ -20,19 +20,6 @@ def test_info_counts_what_is_there(recorded):
     assert (found.centers, found.sizes, found.scenes) == (1, {"32x32": 24}, ["four-wall"])
     assert found.objects > 0
     assert found.first <= found.last
-
-
-def test_recording_again_captures_only_what_is_new(copy):
-    before = contents(copy)
-    live = CountingSource(omniscv.open_source("mock://four-wall"))
-    new = face_requests(center=(0.5, 0.0, 1.5), modes=("lit",))
-    with omniscv.record(live, copy) as source:
-        requests = [*face_requests(), *new, *new]
-        assert [capture.request for capture in source.capture(requests)] == requests
-    assert live.requests == new
-    after = contents(copy)
-    assert {key: after[0][key] for key in before[0]} == before[0]
-    assert len(after[0]) == len(before[0]) + len(new)
 
 
 def test_a_read_only_folder_is_one_clear_error(open_folder):

@@ -92,7 +92,7 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     with within(folder):
         return add_captures(
             path,
-            lambda: (_capture(folder, entry) for entry in entries),
+            lambda: (_capture(folder, where, entry) for where, entry in entries.items()),
             _objects(folder),
             _geometry(folder),
             _states(folder),
@@ -209,9 +209,8 @@ class _Entry:
     state: str = checked(text, default="")
     stops: float | None = checked(optional_number, default=None)
 
-    @property
     def request(self) -> Request:
-        """What was requested; ArgumentError for a mode that is unknown."""
+        """Return what was requested; ArgumentError for a mode that is unknown."""
         return Request(self.asked or self.view, self.mode, self.state, stops=self.stops)
 
     def default_encoding(self) -> str:
@@ -233,18 +232,17 @@ class _Masks:
     )
 
 
-def _entries(folder: Path) -> list[tuple[str, _Entry]]:
-    """Return the entries of the index, each with where it is, for messages."""
+def _entries(folder: Path) -> dict[str, _Entry]:
+    """Return the entries of the index, by where they are, for messages."""
     index = folder / INDEX
-    located = ((f"{index}[{i}]", entry) for i, entry in enumerate(_read_json(index, list)))
-    return [(where, read(_Entry, entry, where)) for where, entry in located]
+    entries = {f"{index}[{i}]": entry for i, entry in enumerate(_read_json(index, list))}
+    return {where: read(_Entry, entry, where) for where, entry in entries.items()}
 
 
-def _capture(folder: Path, located: tuple[str, _Entry]) -> Capture:
+def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
     """Return the capture of an entry, checked."""
-    where, entry = located
     with within(where):
-        request, encoding = entry.request, entry.encoding or entry.default_encoding()
+        request, encoding = entry.request(), entry.encoding or entry.default_encoding()
     try:
         payload = read_bytes(folder / entry.file, MOST_PICTURE_BYTES)
     except ArgumentError as cause:

@@ -95,7 +95,8 @@ def import_pictures(
         if sequence := find_sequence(pictures, layout):
             count = add_captures(path, sequence.captures, sequence.objects)
             return Imported(count, sequence.lines())
-        faces, lines = _faces_of_file(pictures, layout) if pictures.is_file() else _faces_in(pictures, layout)
+        faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
+        faces, lines = faces_in(pictures, layout)
         captures = []
         for mode, of_mode in faces.items():
             for pixels, R, fov_deg, payload in of_mode:
@@ -104,7 +105,7 @@ def import_pictures(
     return Imported(add_captures(path, lambda: captures), tuple(lines))
 
 
-def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
+def _faces_in_folder(folder: Path, name: str) -> tuple[Faces, list[str]]:
     """Return the faces in the files of a folder, and what was decided."""
     files: dict[str, list[Path]] = defaultdict(list)
     for file in sorted(folder.rglob("*")):
@@ -129,8 +130,8 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
             choice = choose(
                 [(layout, [pixels[i] for i in order]) for layout, order in orders], name != "auto"
             )
-            lines = choice.lines([stems[i] for i in _order(choice, orders)])
-        order = _order(choice, orders)
+            lines = choice.lines([stems[i] for i in _order_of(choice, orders)])
+        order = _order_of(choice, orders)
         faces[mode] = _views(
             choice,
             [pixels[i] for i in order],
@@ -139,11 +140,11 @@ def _faces_in(folder: Path, name: str) -> tuple[Faces, list[str]]:
     return faces, lines
 
 
-def _order(choice: Choice, orders: Sequence[tuple[Layout, list[int]]]) -> list[int]:
+def _order_of(choice: Choice, orders: Sequence[tuple[Layout, list[int]]]) -> list[int]:
     return next(order for layout, order in orders if layout is choice.layout)
 
 
-def _faces_of_file(file: Path, name: str) -> tuple[Faces, list[str]]:
+def _faces_in_picture(file: Path, name: str) -> tuple[Faces, list[str]]:
     """Return the faces in one picture of colours, and what was decided."""
     picture = read_picture(file)
     if name == "auto":
@@ -185,8 +186,9 @@ def _views(choice: Choice, faces: Sequence[Pixels], payloads: Sequence[bytes]) -
 def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str, payload: bytes) -> Capture:
     provenance = {"server": "imported", "file": origin}
     is_ids = mode == "object_mask" and pixels.ndim == 3 and bool((pixels == pixels[..., :1]).all())
-    kept = {"lit": "png", "object_mask": "png ids" if is_ids else "png", "depth": _AS_RECEIVED.get(depth)}
-    encoding = kept[mode] if pixels.dtype == np.uint8 or mode == "depth" or is_ids else None
+    of_masks = "png ids" if is_ids else "png"
+    encodings = {"lit": "png", "object_mask": of_masks, "depth": _AS_RECEIVED.get(depth)}
+    encoding = encodings[mode] if pixels.dtype == np.uint8 or mode == "depth" or is_ids else None
     if encoding:
         with suppress(BadReplyError):  # other files than these PNGs are converted
             decoded = codecs.decode(payload, encoding, mode, view)

@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -28,6 +27,8 @@ from omniscv.sources.recording.rows import (
 from omniscv.sources.recording.schema import SCHEMA_VERSION
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import in_words
+
+T = TypeVar("T")
 
 _MODES = ("depth", "object_mask")
 _PX, _LEAST_EDGES = 64, 30
@@ -159,11 +160,12 @@ def verify(path: Path | str) -> Verification:
     name = storage.without_secrets(path)
     faults: list[str] = []
 
-    def check(read: Callable[[], object]) -> None:
+    def check(read: Callable[[], T]) -> T | None:
         try:
-            read()
+            return read()
         except RecordingError as cause:
             faults.append(str(cause.at(name)))
+            return None
 
     captures, scenes = 0, set[str]()
     with closing(Store(storage.fetch_file(path))) as store:
@@ -172,17 +174,13 @@ def verify(path: Path | str) -> Verification:
             check(read)
         for row in store.rows():
             captures += 1
-            check(partial(_decode, row, scenes))
+            if capture := check(row.capture):
+                scenes |= scene_of(capture)
         if not faults:
             faults += [f"{name}: {fault}" for fault in stale_captures(store)]
     if len(scenes) > 1:
         faults.append(f"{name}: expected captures of one scene, got some of {listed_scenes(scenes)}")
     return Verification(name, captures, faults)
-
-
-def _decode(row: Row, scenes: set[str]) -> None:
-    """Check a capture, and add the scene that it names."""
-    scenes |= scene_of(row.capture())
 
 
 def _by_mode(rows: Sequence[Row]) -> dict[str, int]:
@@ -229,14 +227,14 @@ def stale_captures(store: Store) -> Iterator[str]:
     Args:
         store: with undamaged captures.
     """
-    views: dict[tuple[str, str], dict[str, Row]] = defaultdict(dict)
-    equal: dict[tuple[str, int], list[Row]] = defaultdict(list)
+    modes_of: dict[tuple[str, str], dict[str, Row]] = defaultdict(dict)
+    same_bytes: dict[tuple[str, int], list[Row]] = defaultdict(list)
     for row in store.listing():
         if row.mode in _MODES and row.stops is None:
-            views[row.asked, row.state][row.mode] = row
-            equal[row.mode, row.payload_checksum].append(row)
-    for (mode, _), rows in equal.items():
-        pairs = [views[row.asked, row.state] for row in rows if len(views[row.asked, row.state]) == 2]
+            modes_of[row.asked, row.state][row.mode] = row
+            same_bytes[row.mode, row.payload_checksum].append(row)
+    for (mode, _), rows in same_bytes.items():
+        pairs = [modes_of[row.asked, row.state] for row in rows if len(modes_of[row.asked, row.state]) == 2]
         edges = _bends if mode == "depth" else _borders
         if len({pair[mode].captured for pair in pairs}) < 2 or not edges(_pixels(store, rows[0])).any():
             continue  # as in views of the sky, of which there may be many

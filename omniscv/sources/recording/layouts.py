@@ -233,7 +233,8 @@ def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) 
             advice = " or ".join(f"--layout {name}" for name in tied)
             got = f"seams cannot tell {' and '.join(tied)} apart ({step:.2f} levels)"
             raise ArgumentError(f"layout: {got}: expected {advice}")
-        alternative = "{1}, {0:.2f}".format(*others[0]) if others else f"other faces, {second:.2f}"
+        next_step, next_name = others[0] if others else (second, "other faces")
+        alternative = f"{next_name}, {next_step:.2f}"
         return replace(choice, alternative=f"next best: {alternative}")
     if second < _CLEAR * least + _SAME:
         got = f"{layout.name} has steps of {step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"

@@ -12,8 +12,15 @@ from typing import NoReturn
 from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, not_picklable
-from omniscv.sources.recording.replay import sharing
+from omniscv.sources.base import (
+    Capture,
+    ObjectTable,
+    Request,
+    Source,
+    SourceWrapper,
+    copy_with,
+    not_picklable,
+)
 from omniscv.sources.recording.rows import WorldState, labelled_modes
 from omniscv.sources.recording.store import Store
 from omniscv.sources.requests import Held, in_order
@@ -49,10 +56,10 @@ class Recording(SourceWrapper):
         except BaseException:
             self._store.close()
             raise
-        # Captured anew so far; None: captures of the file are replayed.
-        self._renewed: set[Request] | None = set() if anew else None
+        # Requests captured again so far; None where the file's captures are replayed.
+        self._captured_anew: set[Request] | None = set() if anew else None
         self._objects: tuple[str, ObjectTable] | None = None  # with the state in which they were read
-        self._noted_state = ""  # the last one whose description is in the file
+        self._described_state = ""  # the last one that was written to the file
         self._requested: Instant | None = None
         self._owns_store = True
         self._lock = threading.RLock()
@@ -80,7 +87,7 @@ class Recording(SourceWrapper):
             state = self._source.state
             if self._objects is None or self._objects[0] != state:
                 self._store.set_objects(self._source.objects())
-                if not state and (self._renewed is not None or not self._store.geometry()):
+                if not state and (self._captured_anew is not None or not self._store.geometry()):
                     self._store.set_geometry(self._source_geometry())
                 self._objects = state, self._store.objects()
             return self._objects[1]
@@ -104,21 +111,21 @@ class Recording(SourceWrapper):
         objects = self.objects()
         source = self._source.at(instant)
         known = source.state, objects  # the objects are the same, elsewhere
-        return sharing(self, _source=source, _requested=instant, _objects=known, _owns_store=False)
+        return copy_with(self, _source=source, _requested=instant, _objects=known, _owns_store=False)
 
     @contextlib.contextmanager
     def one_instant(self) -> Iterator[None]:
         """As :meth:`Source.one_instant`: one change of the file, which other processes wait for."""
-        renewed = None if self._renewed is None else set(self._renewed)
+        renewed = None if self._captured_anew is None else set(self._captured_anew)
         with self._lock, self._source.one_instant(), self._store.transaction():
             try:
                 yield
             except BaseException:
-                self._renewed, self._objects, self._noted_state = renewed, None, ""
+                self._captured_anew, self._objects, self._described_state = renewed, None, ""
                 raise
 
     def share_exposure(self, shared: SharedExposure) -> None:
-        if self._renewed is None:
+        if self._captured_anew is None:
             shared.value = self._store.exposure() or shared.value
         super().share_exposure(shared)
 
@@ -134,7 +141,7 @@ class Recording(SourceWrapper):
         raise not_picklable(str(self._store.path))
 
     def _holds(self, request: Request) -> bool:
-        return self._store.holds(request) if self._renewed is None else request in self._renewed
+        return self._store.holds(request) if self._captured_anew is None else request in self._captured_anew
 
     def _read(self, request: Request) -> Capture:
         if capture := self._store.get(request):
@@ -160,16 +167,16 @@ class Recording(SourceWrapper):
         if capture.request.state:
             self._write_state(capture.request.state)
         self._store.add(capture)
-        if self._renewed is not None:
-            self._renewed.add(capture.request)
+        if self._captured_anew is not None:
+            self._captured_anew.add(capture.request)
 
     def _write_state(self, state: str) -> None:
         """Write what is known of a state, once."""
-        if self._noted_state == state:
+        if self._described_state == state:
             return
-        if self._renewed is not None or self._store.state(state) is None:
+        if self._captured_anew is not None or self._store.state(state) is None:
             self._store.set_state(state, self._world_state(state))
-        self._noted_state = state
+        self._described_state = state
 
     def _world_state(self, state: str) -> WorldState:
         """Return what the source knows of a state, with the boxes that are not as in the still world."""

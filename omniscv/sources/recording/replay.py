@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from omniscv import modalities, storage
 from omniscv.arguments import shown
@@ -15,13 +15,20 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
-from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
-from omniscv.sources.exposures import Response, exposed, merged, response_of
-from omniscv.sources.recording.rows import WorldState, object_from_json, sizes_of
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    Request,
+    SceneIdentity,
+    Source,
+    View,
+    copy_with,
+)
+from omniscv.sources.exposures import Response, exposures_of, merge, response_of
+from omniscv.sources.recording.rows import Row, WorldState, object_from_json, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state
-
-S = TypeVar("S", bound=Source)
 
 _TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
@@ -61,17 +68,12 @@ class RecordedSource(Source):
         exposures = [row for row in rows if row.stops is not None]
         self.stops = tuple(sorted({row.stops for row in exposures if row.stops is not None}))
         self._first_exposure = exposures[0].provenance if exposures else "{}"
-        modes = frozenset[str]().union(*(views.modes for views in self._views.values()))
-        colors = [row for row in rows if row.mode == "lit" and row.stops is None]
-        matches = {_TRANSFER.search(row.provenance) for row in colors}
-        transfers = {match[1] if match else "unknown" for match in matches}
-        transfer: Any = transfers.pop() if len(transfers) == 1 else "unknown"
         self._capabilities = Capabilities(
-            modes=modes,
+            modes=frozenset[str]().union(*(views.modes for views in self._views.values())),
             can_set_tall=tall,
             can_set_exposure=bool(exposures),
             dialect="recording",
-            transfer="linear" if exposures else transfer,
+            transfer="linear" if exposures else _transfer_of(rows),
         )
 
     def __repr__(self) -> str:
@@ -140,7 +142,7 @@ class RecordedSource(Source):
         if state not in self._views:
             state = self._actual_states.get(state, state)
         self._check_holds(state)
-        return sharing(self, _state=state, _owns_store=False)
+        return copy_with(self, _state=state, _owns_store=False)
 
     def close(self) -> None:
         if self._owns_store:
@@ -168,8 +170,8 @@ class RecordedSource(Source):
             raise MissingCaptureError(f"{expected}, the recording holds {recorded}", self._name)
 
     def _replay(self, request: Request) -> Capture:
-        if self.stops and (exposures := exposed(request, self.stops)) != [request]:
-            return merged(request, [self._replay(exposure) for exposure in exposures])
+        if self.stops and (exposures := exposures_of(request, self.stops)) != [request]:
+            return merge(request, [self._replay(exposure) for exposure in exposures])
         if capture := self._store.get(request):
             return capture
         advice = (
@@ -193,8 +195,8 @@ class RecordedSource(Source):
         return f"{expected}; the nearest recorded view differs in {differences(nearest, request.view)}"
 
 
-def sharing(source: S, **changes: object) -> S:
-    """Return another source of the same class, which shares all but these attributes."""
-    other = object.__new__(type(source))
-    vars(other).update(vars(source), **changes)
-    return other
+def _transfer_of(rows: Iterable[Row]) -> Any:
+    """Return the transfer that the provenance of all colours names; ``unknown`` where they differ."""
+    matches = {_TRANSFER.search(row.provenance) for row in rows if row.mode == "lit"}
+    transfers = {match[1] if match else "unknown" for match in matches}
+    return transfers.pop() if len(transfers) == 1 else "unknown"

@@ -30,10 +30,10 @@ from omniscv.sources.recording.files import (
     kind_of,
     publish_new,
     remove_leftovers,
-    settle,
     target_of,
     written_for,
 )
+from omniscv.sources.recording.journals import settle_journal
 from omniscv.sources.recording.rows import (
     MOST_OBJECTS,
     Head,
@@ -130,7 +130,7 @@ class Store:
                 with schema.errors_of(self.path, write=True):
                     database.execute("BEGIN IMMEDIATE")
                     self._head = head = self.head().changed()
-                    self._write_head(database, head)  # first: see omniscv.sources.recording.files
+                    self._write_head(database, head)  # first: a journal is known by it
                 before = database.total_changes
                 yield database
                 with schema.errors_of(self.path, write=True):
@@ -396,7 +396,7 @@ class Store:
                 got = kind or "nothing there; record one first"
                 raise NotARecordingError(f"expected a recording, got {got}")
             schema.check_header(self._file)
-            settle(self._file)
+            settle_journal(self._file)
             database = schema.connect(self._file, "rw" if self._write else "ro")
             try:
                 schema.check_schema(database)
