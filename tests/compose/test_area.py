@@ -160,6 +160,13 @@ def test_auto_averages_where_the_image_is_coarser():
     assert not np.array_equal(area, bilinear)
 
 
+def test_one_view_is_averaged_as_faces_are():
+    camera = create("pinhole", width=48, height=32, fov_deg=60)
+    scene = waves(np.radians(60) / 16)
+    image = shown(scene, camera, 640)
+    assert rms(image, means(scene, camera)) <= 2
+
+
 def test_a_plain_room_stays_plain():
     """Averages of one colour are that colour, in 8 bits as well: weights sum to one everywhere."""
     scene = Scene("grey", {"sky": [200 / 255, 100 / 255, 50 / 255]})

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 import omniscv
+from omniscv.compose.cache import SharedCaptures
 from omniscv.geometry import Pose
 from omniscv.sources import SourceWrapper
+from omniscv.sources.base import Request, View
 
 CAMERA = omniscv.cameras.create("equirectangular", width=16, height=8)
 HERE, THERE = (0, 0, 1.5), (0.2, 0.1, 1.4)
@@ -70,3 +72,14 @@ def test_a_live_source_is_captured_anew():
     with Counted(omniscv.open_source("scene://four-wall")) as source:
         renderer = omniscv.Renderer(source)
         assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
+
+
+def test_what_images_share_is_released_after_the_last_of_them():
+    request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
+    with Counted(omniscv.open_source("scene://four-wall")) as source:
+        shared = SharedCaptures(source, {request: 2})
+        counts = []
+        for _ in range(4):
+            list(shared.capture([request]))
+            counts.append(source.count)
+    assert counts == [1, 1, 2, 3]

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from omniscv.geometry.surfaces import Precision, surface_point
+from omniscv.geometry.surfaces import (
+    CONTINUED_M,
+    CONTINUED_RELATIVE,
+    Precision,
+    stored_length,
+    surface_point,
+)
 
 EDGE_PX = 12.0
 """A box hides the wall to the left of it."""
@@ -28,3 +34,20 @@ def test_a_wall_at_a_grazing_angle_behind_an_edge_is_within_the_jump(edge_px, tu
         point = surface_point(depth, *at, 100.0, Precision())
         z = 1.0 / point.inverse
         assert abs(z - wall_m(x)) <= z * z * point.error + point.jump
+
+
+def test_a_pixel_without_neighbours_has_the_bound_of_an_unknown_slope():
+    depth = np.full((9, 9), np.inf, np.float32)
+    depth[4, 4] = z = 2.0
+    point = surface_point(depth, 4.4, 4.7, 100.0, Precision())
+    assert point.inverse == 1 / z
+    assert z * z * point.error >= CONTINUED_M + CONTINUED_RELATIVE * z
+
+
+@pytest.mark.parametrize(("r", "c"), [(0, 0), (3, 11), (7, 5)])
+def test_distances_are_stored_where_depth_along_rays_is(r, c):
+    """The length of the ray through the pixel to a planar depth of 1 m; 1 where planar depth is stored."""
+    at = (r, c, (8, 12), 10.0)
+    ray = (c + 0.5 - 6) / 10, (r + 0.5 - 4) / 10, 1.0
+    assert stored_length.py_func(*at, Precision(along_ray=True)) == pytest.approx(np.linalg.norm(ray))
+    assert stored_length.py_func(*at, Precision()) == 1.0
