@@ -11,12 +11,14 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
-from omniscv.geometry.surfaces import Precision, discontinuities, nearest_pixel, surface_point
+from omniscv.geometry.surfaces import Point, Precision, discontinuities, nearest_pixel, surface_point
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
+_BORDER_PX = 3.0
+"""Of a finer view, where neighbours are missing from which surfaces are judged."""
 
 
 class DepthShell(NamedTuple):
@@ -29,10 +31,15 @@ class DepthShell(NamedTuple):
             than the pixel's own; else the pixel's own depth.
         slot: (6,) int64, index of each face of a world-aligned cube in ``depth``; -1 if it was not captured.
         cube: whether only the faces of the cube are looked up; else any view that holds a direction.
-        R_c_w: (V, 3, 3) world to each view.
         focal, half_width, half_height: px.
+        coarse, total: V, and with the finer views V + P.
+        lenses: (V + P, 12) of each view, the rows of the rotation from the world to it, its focal length, and
+            half its width and height, px: one array, which compiled code reads faster than several.
         least, most: of the finite distances, metres.
         precision: of the depth.
+        finer_depth, finer_nearest: (N,) float32, ``depth`` and ``nearest`` of the finer views, picture after
+            picture; each is of a size of its own, and these are looked up first, in their order.
+        finer_first: (P,) int64, where each of their pictures starts.
     """
 
     center_w: Array
@@ -40,13 +47,49 @@ class DepthShell(NamedTuple):
     nearest: Floats
     slot: Ints
     cube: bool
-    R_c_w: Array
     focal: float
     half_width: float
     half_height: float
     least: float
     most: float
     precision: Precision
+    coarse: int
+    total: int
+    lenses: Array
+    finer_depth: Floats
+    finer_nearest: Floats
+    finer_first: Ints
+
+    def refined(self, captures: Sequence[Capture]) -> DepthShell:
+        """Return the shell with finer views in place of those that it has.
+
+        Args:
+            captures: depth from the same centre, encoded as the shell's.
+        """
+        captures = sorted(captures, key=lambda capture: -capture.view.focal_px)
+        depth = [capture.pixels for capture in captures]
+        least, most = zip(*map(_range, captures), strict=True)
+        return self._replace(
+            total=self.coarse + len(captures),
+            lenses=np.array([*self.lenses[: self.coarse], *map(_lens, captures)]),
+            finer_depth=np.concatenate([face.ravel() for face in depth]),
+            finer_nearest=np.concatenate([_nearest_around(face).ravel() for face in depth]),
+            finer_first=np.cumsum([0, *(face.size for face in depth)], dtype=np.int64)[:-1],
+            least=min(self.least, *least),
+            most=max(self.most, *most),
+        )
+
+
+def _lens(capture: Capture) -> Array:
+    view = capture.view
+    return np.array([*view.pose.R_w_c.T.ravel(), view.focal_px, view.width / 2, view.height / 2])
+
+
+def _range(capture: Capture) -> tuple[float, float]:
+    """Return the least planar depth and the greatest distance of what a capture shows, metres."""
+    view, depth = capture.view, capture.pixels
+    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
+    return float(depth.min()), float(depth[np.isfinite(depth)].max(initial=0.0)) * corner
 
 
 def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True) -> DepthShell:
@@ -70,22 +113,25 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
     axes_w, matched = R_c_w[:, 2], R_c_w[slot[slot >= 0], 2]
     cube = cube and len(matched) > 0 and bool(((axes_w @ matched.T).max(axis=1) > 1 - _SAME_FACE).all())
     depth = stacked([capture.pixels for capture in captures])
-    finite = [face[np.isfinite(face)] for face in depth]
-    most = max((float(face.max()) for face in finite if face.size), default=0.0)
-    corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
+    least, most = zip(*map(_range, captures), strict=True)
     return DepthShell(
         stacked(center_w),
         depth,
         stacked([_nearest_around(face) for face in depth]),
         slot,
         cube,
-        R_c_w,
         view.focal_px,
         view.width / 2,
         view.height / 2,
-        least=min(float(face.min()) for face in depth),
-        most=most * corner,
+        least=min(least),
+        most=max(most),
         precision=codecs.precision(captures[0].encoding),
+        coarse=len(captures),
+        total=len(captures),
+        lenses=np.array([*map(_lens, captures)]),
+        finer_depth=np.zeros(0, np.float32),
+        finer_nearest=np.zeros(0, np.float32),
+        finer_first=np.zeros(0, np.int64),
     )
 
 
@@ -117,13 +163,13 @@ def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
         k, u, v, along = look_up(shell, (x, y, z)) if length > 0 else (-1, 0.0, 0.0, 1.0)
         if k < 0:
             continue
-        point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+        point = surface_at(shell, k, u, v)
         far = near = 1.0 / point.inverse if point.inverse > 0.0 else np.inf
         if point.inverse > 0.0:
             off = far * far * point.error
             near, far = near - off, far + off
-        beside = pixel_depth(shell.nearest[k], u, v)
-        if beside < pixel_depth(shell.depth[k], u, v):
+        beside = nearest_depth(shell, k, u, v)
+        if beside < captured_depth(shell, k, u, v):
             near = min(near, beside)
         least[i], most[i] = near / along * length, far / along * length
 
@@ -140,18 +186,33 @@ def _face_of(direction: Any) -> int:
 
 
 @njit(cache=True, nogil=True)
+def _finer_look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
+    """Return what :func:`look_up` returns, among the finer views."""
+    for k in range(shell.coarse, shell.total):
+        u, v, along = seen_by(shell, k, direction)
+        beside = min(u, 2.0 * shell.lenses[k, 10] - u)
+        if min(beside, v, 2.0 * shell.lenses[k, 11] - v) >= _BORDER_PX:
+            return k, u, v, along
+    return -1, 0.0, 0.0, 1.0
+
+
+@njit(cache=True, nogil=True)
 def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
 
-    -1 if it is in none.
+    -1 if it is in none. Finer views are counted after the others.
     """
+    if shell.total > shell.coarse:
+        k, u, v, along = _finer_look_up(shell, direction)
+        if k >= 0:
+            return k, u, v, along
     if shell.cube:
         k = shell.slot[_face_of(direction)]
         if k < 0:
             return -1, 0.0, 0.0, 1.0
         u, v, along = seen_by(shell, k, direction)
         return k, u, v, along
-    for k in range(shell.R_c_w.shape[0]):
+    for k in range(shell.coarse):
         u, v, along = seen_by(shell, k, direction)
         if 0.0 <= u <= 2.0 * shell.half_width and 0.0 <= v <= 2.0 * shell.half_height:
             return k, u, v, along
@@ -165,23 +226,60 @@ def seen_by(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
     The pixel is (-1, -1) behind the view.
     """
     x, y, z = direction
-    R = shell.R_c_w[k]
-    along = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+    lens = shell.lenses[k]
+    along = lens[6] * x + lens[7] * y + lens[8] * z
     if along <= 0.0:
         return -1.0, -1.0, along
-    u = shell.focal * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z) / along + shell.half_width
-    v = shell.focal * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z) / along + shell.half_height
+    u = lens[9] * (lens[0] * x + lens[1] * y + lens[2] * z) / along + lens[10]
+    v = lens[9] * (lens[3] * x + lens[4] * y + lens[5] * z) / along + lens[11]
     return u, v, along
 
 
 @njit(cache=True, nogil=True)
-def pixel_depth(face: Any, u: float, v: float) -> float:
-    r, c = nearest_pixel(face.shape, u, v)
-    return float(face[r, c])
+def _finer_pixel(shell: Any, k: int, u: float, v: float) -> int:
+    """Return the number of the pixel of a finer view among all of theirs."""
+    height, width = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
+    r, c = nearest_pixel((height, width), u, v)
+    return int(shell.finer_first[k - shell.coarse] + r * width + c)
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def captured_depth(shell: Any, k: int, u: float, v: float) -> float:
+    """Return the planar depth of the nearest pixel of a view."""
+    if k >= shell.coarse:
+        return float(shell.finer_depth[_finer_pixel(shell, k, u, v)])
+    r, c = nearest_pixel(shell.depth.shape[1:], u, v)
+    return float(shell.depth[k, r, c])
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def nearest_depth(shell: Any, k: int, u: float, v: float) -> float:
+    """Return the planar depth of the nearest surface within a pixel of a view."""
+    if k >= shell.coarse:
+        return float(shell.finer_nearest[_finer_pixel(shell, k, u, v)])
+    r, c = nearest_pixel(shell.nearest.shape[1:], u, v)
+    return float(shell.nearest[k, r, c])
+
+
+@njit(cache=True, nogil=True)
+def _finer_surface(shell: Any, k: int, u: float, v: float) -> Point:
+    """Return the surface at a continuous pixel of a finer view."""
+    height, width = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
+    first = shell.finer_first[k - shell.coarse]
+    face = shell.finer_depth[first : first + height * width].reshape((height, width))
+    return surface_point(face, u, v, shell.lenses[k, 9], shell.precision)  # type: ignore[no-any-return]
+
+
+@njit(cache=True, nogil=True, forceinline=True)
+def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
+    """Return the surface at a continuous pixel of a view."""
+    if k < shell.coarse:
+        return surface_point(shell.depth[k], u, v, shell.focal, shell.precision)  # type: ignore[no-any-return]
+    return _finer_surface(shell, k, u, v)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
 def planar_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return planar depth between pixels; +inf where there is no surface."""
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    point = surface_at(shell, k, u, v)
     return 1.0 / point.inverse if point.inverse > 0.0 else np.inf

@@ -22,11 +22,15 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
-from omniscv.geometry.surfaces import (
-    plane_of,
-    surface_point,
+from omniscv.geometry.surfaces import plane_of
+from omniscv.planning.depth_shell import (
+    DepthShell,
+    captured_depth,
+    look_up,
+    nearest_depth,
+    planar_depth,
+    surface_at,
 )
-from omniscv.planning.depth_shell import DepthShell, look_up, pixel_depth, planar_depth
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
@@ -77,6 +81,8 @@ class Hits(NamedTuple):
         grazes: (N,) whether the ray passes within a pixel of another surface on its way.
         hidden_from, hidden_to: (N,) metres along the ray, the part of it that the centre does not see;
             +inf and -inf if it sees all.
+        beside_from, beside_to: (N,) metres along the ray, the part of it where another surface is within a
+            pixel; +inf and -inf if none is.
     """
 
     reach: Array
@@ -86,6 +92,8 @@ class Hits(NamedTuple):
     grazes: Mask
     hidden_from: Array
     hidden_to: Array
+    beside_from: Array
+    beside_to: Array
 
     def of(self, rows: Ints | Mask) -> Hits:
         """Return the hits of some of the rays."""
@@ -127,6 +135,8 @@ class Hits(NamedTuple):
         self.sure[open_] = self.hidden_from[open_] >= self.hidden_to[open_]
         grazing = open_ & (others.grazes | vague)
         self.grazes[grazing] = True
+        self.beside_from[grazing] = np.minimum(self.beside_from, others.beside_from)[grazing]
+        self.beside_to[grazing] = np.maximum(self.beside_to, others.beside_to)[grazing]
         self.error[grazing] = np.maximum(self.error, off + others.error)[grazing]
         return np.asarray(same)
 
@@ -140,7 +150,8 @@ class Hits(NamedTuple):
         """Return the hits of rays of which nothing is known."""
         no, endless = np.zeros(count, np.bool_), np.full(count, np.inf)
         reach = np.full(count, np.nan)
-        return cls(reach, no, endless, np.zeros(count), no.copy(), endless.copy(), -endless)
+        beside = endless.copy(), -endless
+        return cls(reach, no, endless, np.zeros(count), no.copy(), endless.copy(), -endless, *beside)
 
 
 class _Arc(NamedTuple):
@@ -186,9 +197,11 @@ def _march_block(
     grazes: Any,
     hidden_from: Any,
     hidden_to: Any,
+    beside_from: Any,
+    beside_to: Any,
     shell: Any,
 ) -> None:
-    hits = Hits(reach, sure, error, direction_error, grazes, hidden_from, hidden_to)
+    hits = Hits(reach, sure, error, direction_error, grazes, hidden_from, hidden_to, beside_from, beside_to)
     for i in range(origins.shape[0]):
         arc = _arc(shell, origins[i], directions[i])
         if arc.h < 1e-9:
@@ -233,7 +246,7 @@ def _distance(shell: Any, direction: Any) -> float:
     """Return the captured distance of the nearest pixel; 0 in a direction that was not captured."""
     k, u, v, along = look_up(shell, direction)
     x, y, z = direction
-    return pixel_depth(shell.depth[k], u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
+    return captured_depth(shell, k, u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -255,7 +268,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         psi = _first_seen(shell, arc, end, start, step)
     elif h * h + foot * foot < shell.least * shell.least:  # nothing is nearer to the centre than that
         psi = np.arcsin(h / shell.least)
-    was_free, first = False, True
+    was_free, first, last_step = False, True, step
     if not shell.cube and psi < start:
         hits.hidden_from[i], hits.hidden_to[i] = 0.0, foot + h / np.tan(psi)
         first = False
@@ -266,32 +279,36 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         free = False
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
+            step = _STEP_PX / (shell.focal if k < shell.coarse else shell.lenses[k, 9])
             planar = h / np.sin(psi) * along
-            captured = pixel_depth(shell.depth[k], u, v)
+            captured = captured_depth(shell, k, u, v)
             if planar < captured:
                 free = True
                 if planar >= ahead * along:
-                    passed = min(passed, _passed_beside(shell, arc, psi, ahead))
-                beside = pixel_depth(shell.nearest[k], u, v)
+                    beside_m = _passed_beside(shell, arc, psi, ahead)
+                    passed = min(passed, _noted(arc, hits, i, psi, beside_m))
+                beside = nearest_depth(shell, k, u, v)
                 ahead = beside / along
                 if planar >= beside:
-                    passed = min(passed, _passing(arc, psi, ahead))
+                    passed = min(passed, _noted(arc, hits, i, psi, _passing(arc, psi, ahead)))
             elif was_free and not (first and planar > planar_depth(shell, k, u, v) * _BEHIND):
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
-                behind, before = max(psi - step, 0.5 * end), min(psi + 2 * step, np.pi)
+                behind, before = max(psi - step, 0.5 * end), min(psi + (last_step + step), np.pi)
                 at, gap = _refined(shell, arc, behind, before)
                 if abs(gap) <= _ON_SURFACE * (1.0 + h / np.sin(at)):
                     met_at = at
-                    passed = min(passed, _passed_beside(shell, arc, at, ahead))
+                    passed = min(passed, _noted(arc, hits, i, at, _passed_beside(shell, arc, at, ahead)))
                     break
         if not free:
-            hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(min(psi + step, np.pi - 1e-9)))
+            seen_m = foot + h / np.tan(min(psi + last_step, np.pi - 1e-9))
+            hits.hidden_from[i] = min(hits.hidden_from[i], seen_m)
             hits.hidden_to[i] = foot + h / np.tan(max(psi - step, end)) if psi > end else np.inf
         was_free, first = free, False
         if psi <= end:
             break
-        psi -= step
+        psi, last_step = psi - step, step
     if met_at < 0.0 and free:
+        step = _STEP_PX / shell.focal
         psi = _hidden_beyond(shell, arc, end, step)
         if psi >= 0.0:
             hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(psi + step))
@@ -322,6 +339,16 @@ def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def _noted(arc: Any, hits: Any, i: int, psi: float, passed: float) -> float:
+    """Return the reach at which a ray may have met a surface beside it; note where that was seen."""
+    if passed < np.inf:
+        along_ray = arc.foot + arc.h / np.tan(psi)
+        hits.beside_from[i] = min(hits.beside_from[i], along_ray)
+        hits.beside_to[i] = max(hits.beside_to[i], along_ray)
+    return passed
+
+
+@njit(cache=True, nogil=True)
 def _passing(arc: Any, psi: float, surface_m: float) -> float:
     """Return the reach at which a ray is as far from the centre as a surface that it may have met."""
     s, c = np.sin(psi), np.cos(psi)
@@ -337,9 +364,9 @@ def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     centre of what was beside it, and farther, a step ago.
     """
     k, u, v, along = look_up(shell, _toward(arc, psi))
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    point = surface_at(shell, k, u, v)
     own = point.inverse + point.error + _BESIDE_PX * (abs(point.across) + abs(point.down))
-    beside = min(pixel_depth(shell.nearest[k], u, v), ahead * along)
+    beside = min(nearest_depth(shell, k, u, v), ahead * along)
     return _passing(arc, psi, beside / along) if beside * own < _BESIDE else np.inf
 
 
@@ -353,7 +380,8 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
         hits.error[i] = np.inf
     if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
         hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
-    if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / shell.focal):
+    focal = shell.lenses[look_up(shell, _toward(arc, psi))[0], 9]
+    if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / focal):
         hits.error[i], hits.grazes[i] = np.inf, True
 
 
@@ -369,15 +397,15 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
         radians, and the distance to other surfaces beside it, metres along the ray; 0 if there are none.
     """
     k, u, v, along = look_up(shell, toward)
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    point = surface_at(shell, k, u, v)
     if not point.inverse > 0.0:
         return np.inf, np.inf, np.inf, 0.0
-    R = shell.R_c_w[k]
-    dx, dy = u - shell.half_width, v - shell.half_height
-    a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, shell.focal, shell.focal)
+    lens = shell.lenses[k]
+    focal, dx, dy = lens[9], u - lens[10], v - lens[11]
+    a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal, focal)
     slope = start = parallel = 0.0
     for j in range(3):
-        m = a * R[0, j] + b * R[1, j] + e * R[2, j]
+        m = a * lens[j] + b * lens[3 + j] + e * lens[6 + j]
         slope += m * arc.direction[j]
         start += m * arc.origin[j]
         parallel += toward[j] * arc.direction[j]
@@ -395,7 +423,7 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
     k, u, v, along = look_up(shell, _toward(arc, psi))
     if psi <= 0.0 or k < 0:
         return False
-    point = surface_point(shell.depth[k], u, v, shell.focal, shell.precision)
+    point = surface_at(shell, k, u, v)
     error = point.error / max(point.inverse, 1e-12)
     return bool(arc.h / np.sin(psi) * along * point.inverse < 1.0 + _TOUCHING * error)
 

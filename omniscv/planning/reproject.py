@@ -11,7 +11,7 @@ where the nearest pixel may show the other side; surfaces seen at a grazing angl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -20,7 +20,7 @@ import numpy as np
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
-from omniscv.planning.depth_shell import DepthShell, depth_shell
+from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Round, Rounds, Viewpoint
@@ -31,7 +31,7 @@ from omniscv.planning.strategies import (
     occlusion,
 )
 from omniscv.planning.strategy import Strategy, Task
-from omniscv.sources.base import Capture
+from omniscv.sources.base import Capture, View
 
 INITIAL_VIEWPOINTS = 8
 """Optical centres that are captured first, if the options give none."""
@@ -91,23 +91,8 @@ class Adaptive(Reproject):
     max_rounds = 5
 
     def next_centers(self, search: Search) -> list[Array]:
-        unsure = ~search.hits.sure
-        if unsure.mean() <= _ENOUGH:
-            return []
-        groups = int(search.center_of.max()) + 1
-        reach = max(1, groups // _NEIGHBOURHOODS)
-        count = np.bincount(search.center_of[unsure], minlength=groups).astype(np.float64)
-        before = np.concatenate([[0.0], np.cumsum(count)])
-        at = np.arange(groups)
-        around = before[np.minimum(at + reach + 1, groups)] - before[np.maximum(at - reach, 0)]
-        last_of = np.full(groups, -1)
-        last_of[search.center_of] = np.arange(len(search.center_of))
-        centers_w: list[Array] = []
-        while len(centers_w) < _MOST_ADDED and around.max() >= _WORTH:
-            best = int(np.argmax(around))
-            centers_w.append(search.origins_w[last_of[best]])
-            around[max(0, best - 2 * reach) : best + 2 * reach + 1] = 0
-        return centers_w
+        few = (~search.hits.sure).mean() <= _ENOUGH
+        return [] if few else search.hidden_origins(_MOST_ADDED, _WORTH)
 
     def further_views(self, task: Task) -> tuple[int, int]:
         if len(task.groups(INITIAL_VIEWPOINTS)) < 2:
@@ -124,20 +109,22 @@ class Search:
         origins_w, directions_w: (N, 3), unit directions.
         center_of: (N,) the row of the optical centre among the camera's own viewpoints.
         hits: of the rays, as far as they are known.
+        pixels: (N,) their flat indices in the image.
+        shell_of: (N,) the number of the centre that serves the ray; -1: none does.
     """
 
     def __init__(self, task: Task, groups: Groups) -> None:
         rays = task.rays
         self._task = task
-        self._pixels = np.flatnonzero(rays.valid)
-        self.origins_w, self.directions_w = task.origins_w(self._pixels), task.directions_w(self._pixels)
+        self.pixels = np.flatnonzero(rays.valid)
+        self.origins_w, self.directions_w = task.origins_w(self.pixels), task.directions_w(self.pixels)
         own = rays.own_viewpoints
-        self.center_of, self._centers_c = own.index.ravel()[self._pixels].astype(np.int64), own.centers
-        steps = rays.steps.ravel()[self._pixels]
+        self.center_of, self._centers_c = own.index.ravel()[self.pixels].astype(np.int64), own.centers
+        steps = rays.steps.ravel()[self.pixels]
         self._steps = np.where(steps > 0, steps, np.nanmedian(steps))  # unknown for a rim's single pixels
-        self._shell_of = np.full(len(self._pixels), -1)
-        self.hits = Hits.unknown(len(self._pixels))
-        self._shells: list[DepthShell] = []
+        self.shell_of = np.full(len(self.pixels), -1)
+        self.hits = Hits.unknown(len(self.pixels))
+        self.shells: list[DepthShell] = []
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
@@ -163,21 +150,76 @@ class Search:
         Args:
             depth: captures at each new centre.
         """
-        first = len(self._shells)
-        self._shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
-        centers_w = np.array([shell.center_w for shell in self._shells])
-        unsure = np.flatnonzero(~self.hits.sure)
-        x, y, z = (self.origins_w[unsure].T[:, :, None] - centers_w.T[:, None]) ** 2
-        away = x + y + z  # a sum over an axis of three takes twice as long
-        nearest = np.argsort(away, axis=1, kind="stable")[:, :_TRIES]
+        first = len(self.shells)
+        self.shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
+        self._march(np.flatnonzero(~self.hits.sure), first)
+
+    def _march(self, unsure: Ints, first: int) -> None:
+        """March rays that are not certified through the nearest centres, from the first one on."""
+        nearest = self._nearest(unsure)[:, :_TRIES]
         for rank in range(nearest.shape[1]):
-            for number in range(first, len(self._shells)):
+            for number in range(first, len(self.shells)):
                 rows = unsure[(nearest[:, rank] == number) & ~self.hits.sure[unsure]]
                 if len(rows):
                     self._march_through(number, rows)
 
+    def _nearest(self, rows: Ints) -> Ints:
+        """Return (N, C) the centres in the order of their distance from rays' origins."""
+        x, y, z = (self.origins_w[rows].T[:, :, None] - self.centers_w.T[:, None]) ** 2
+        away = x + y + z  # a sum over an axis of three takes twice as long
+        return np.argsort(away, axis=1, kind="stable")
+
+    @property
+    def centers_w(self) -> Array:
+        """(C, 3) the centres of captured depth, world frame, metres."""
+        return np.array([shell.center_w for shell in self.shells])
+
+    def march_again(self, rows: Ints, finer: Mapping[int, Sequence[Capture]]) -> None:
+        """March rays anew, through depth that is finer now.
+
+        Args:
+            rows: (N,) the rays.
+            finer: finer depth by the number of its centre, in place of what was finer there.
+        """
+        for number, captures in finer.items():
+            self.shells[number] = self.shells[number].refined(captures)
+        self.hits.replace(rows, Hits.unknown(len(rows)))
+        self.shell_of[rows] = -1
+        self._march(rows, 0)
+
+    def hidden_origins(self, most: int, worth: float) -> list[Array]:
+        """Return origins, (3,) world frame, metres, around which most rays are not certified.
+
+        Args:
+            most: origins.
+            worth: rays that there are at least around each.
+        """
+        groups, hidden = int(self.center_of.max()) + 1, self.center_of[~self.hits.sure]
+        reach = max(1, groups // _NEIGHBOURHOODS)
+        count = np.bincount(hidden, minlength=groups).astype(np.float64)
+        before = np.concatenate([[0.0], np.cumsum(count)])
+        at = np.arange(groups)
+        around = before[np.minimum(at + reach + 1, groups)] - before[np.maximum(at - reach, 0)]
+        last_of = np.full(groups, -1)
+        last_of[self.center_of] = np.arange(len(self.center_of))
+        origins_w: list[Array] = []
+        while len(origins_w) < most and around.max() >= worth:
+            best = int(np.argmax(around))
+            origins_w.append(self.origins_w[last_of[best]])
+            around[max(0, best - 2 * reach) : best + 2 * reach + 1] = 0
+        return origins_w
+
+    def adopt_lost(self) -> None:
+        """Serve rays that no depth map serves from the nearest centre, by what it sees in their direction;
+        nothing is known of them."""
+        lost = np.flatnonzero(self.shell_of < 0)
+        self.shell_of[lost] = self._nearest(lost)[:, 0]
+        for number in np.unique(self.shell_of[lost]):
+            rows = lost[self.shell_of[lost] == number]
+            self.hits.reach[rows] = distances(self.shells[number], self.directions_w[rows])[1]
+
     def _march_through(self, number: int, rows: Ints) -> None:
-        hits = march(self._shells[number], self.origins_w[rows], self.directions_w[rows])
+        hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
         limit = self._task.options.max_error_px
         error_px = hits.direction_error / self._steps[rows]
         hits.distrust(~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)))
@@ -186,36 +228,55 @@ class Search:
         # A guess is better than none, and the nearer centre's is better than a farther one's.
         better = hits.sure | (np.isnan(known.reach) & ~np.isnan(hits.reach))
         known.replace(better, hits.of(better))
-        self._shell_of[rows[better]] = number
+        self.shell_of[rows[better]] = number
         self.hits.replace(rows, known)
 
     def viewpoints(self, around: DepthShell | None) -> Iterator[Viewpoint]:
         """Yield the centres that serve rays, with the faces that see the points which these meet."""
         occluded = None if around is None else occlusion(around, self.origins_w)[1]
-        for number, shell in enumerate(self._shells):
-            rows = np.flatnonzero(self._shell_of == number)
+        for number in range(len(self.shells)):
+            rows = np.flatnonzero(self.shell_of == number)
             if not len(rows):
                 continue
-            hits = self.hits.of(rows)
-            reach = np.where(np.isfinite(hits.reach), hits.reach, FAR_M)[:, None]
-            toward_w = self.origins_w[rows] + reach * self.directions_w[rows] - shell.center_w
-            views = self._faces.views(shell.center_w, faces_hit(toward_w, np.eye(3)))
-            yield Viewpoint(
-                shell.center_w,
-                views,
-                self._pixels[rows],
-                toward_w=toward_w,
-                known_depth=hits.known_depth(),
-                occluded=None if occluded is None else occluded[rows],
-            )
+            yield self.viewpoint(rows, None, None if occluded is None else occluded[rows])
+
+    def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
+        """Return the viewpoint of rays that one centre serves.
+
+        Args:
+            rows: of the rays.
+            views: that see what they meet; None: the faces that do.
+            occluded: (N,) whether their own optical centres are.
+        """
+        center_w, toward_w = self.shells[self.shell_of[rows[0]]].center_w, self.toward_w(rows)
+        return Viewpoint(
+            center_w,
+            self._faces.views(center_w, faces_hit(toward_w, np.eye(3))) if views is None else views,
+            self.pixels[rows],
+            toward_w=toward_w,
+            known_depth=self.hits.of(rows).known_depth(),
+            occluded=occluded,
+        )
+
+    def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
+        """Return (N, 3) from the centre of each of N rays to a point of it, metres, world frame.
+
+        Args:
+            rows: of the rays.
+            reach: (N,) metres along each ray; None: what it meets.
+        """
+        reach = self.hits.reach[rows] if reach is None else reach
+        far = np.where(np.isfinite(reach), reach, FAR_M)[:, None]
+        points_w = self.origins_w[rows] + far * self.directions_w[rows]
+        return np.asarray(points_w - self.centers_w[self.shell_of[rows]])
 
     def exact_viewpoints(self, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         """Return the own centres of the rays that no depth map serves."""
-        lost = np.flatnonzero(self._shell_of < 0)
+        lost = np.flatnonzero(self.shell_of < 0)
         order = lost[np.argsort(self.center_of[lost], kind="stable")]
         starts = np.flatnonzero(np.diff(self.center_of[order], prepend=-1))
         groups = [
-            RayGroup(self._centers_c[self.center_of[rows[0]]], self._pixels[rows], self._task.rays)
+            RayGroup(self._centers_c[self.center_of[rows[0]]], self.pixels[rows], self._task.rays)
             for rows in np.split(order, starts[1:])
             if len(rows)
         ]

@@ -36,3 +36,19 @@ def test_rays_through_a_fence_end_within_their_bounds(aside_m, shell):
     wrong = off > hits.error[known] + 1e-4  # metres: captures are float32
     assert known.mean() > 0.5
     assert not wrong.any()
+
+
+def test_rays_end_within_the_bounds_of_finer_views(shell):
+    """Of bars that are ten pixels wide there: fewer rays pass another surface within a pixel."""
+    bars = Pose(CENTER, cube_rotations()[0][1])
+    (finer,) = float_source(FENCE).capture([Request(View(bars, 60.0, 1600, 1600), "depth")])
+    rng = np.random.default_rng(7)
+    origins = CENTER + 0.05 * rng.normal(size=(20_000, 3))
+    directions = rng.uniform((2.6, -1.1, 0.6), (2.6, 1.1, 1.9), (20_000, 3)) - origins
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    truth = FENCE.trace(origins, directions).distance
+    coarse, hits = (march(some, origins, directions) for some in (shell, shell.refined([finer])))
+    known = hits.sure & np.isfinite(hits.reach)
+    assert not (np.abs(hits.reach - truth)[known] > hits.error[known] + 1e-4).any()
+    assert hits.grazes.mean() < 0.6 * coarse.grazes.mean()
+    assert np.median(hits.error[known]) < np.median(coarse.error[coarse.sure & np.isfinite(coarse.reach)])

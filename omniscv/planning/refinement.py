@@ -1,0 +1,311 @@
+"""Finer captures of what an image doubts, until as little is doubtful as was asked for.
+
+The doubt of an image lies along edges, in bands as wide as a capture's pixel. The cheapest views that narrow
+these bands enough are patches along the edges (:mod:`omniscv.planning.patches`), or finer faces where the
+source cannot set a field of view. What they leave in doubt is measured, and captured finer again.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from omniscv import modalities
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Floats, Ints, Mask
+from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
+from omniscv.planning.densities import SMALLEST
+from omniscv.planning.patches import Patch, Precision, held, patches
+from omniscv.planning.rounds import Kept, Round, Rounds, pixels_of
+from omniscv.planning.strategy import Task
+from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
+from omniscv.sources.base import View
+
+AIM = "aim"
+ROOM = 0.029
+"""Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
+SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
+_LOCAL_MS = 180.0
+"""What patches in two modes take that leave 1 / e of the doubt of a room, by measurement; 1 / e^n takes n^1.5
+times as much."""
+_PATCH_PX = 200_000  # of a typical patch
+_FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
+"""How many times finer patches may be than what is in doubt."""
+_BAND_PX = 4.0  # of a capture: the width of a band of doubt
+_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
+_AGAIN = 0.85  # factor of the chance that a patch resolves a pixel, per patch that it was in before
+_FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
+_RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
+_MOST_ROUNDS = 12
+STUCK, SPENT = "doubt no longer falls", "a budget is spent"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Pixels in doubt that are captured from one centre.
+
+    Attributes:
+        center: its number.
+        center_w: (3,) world frame, metres.
+        pixels: (N,) flat indices; a pixel may be there more than once.
+        directions_w: (N, 3) unit, from the centre, where finer captures help.
+        focal_px: (N,) of what is captured there.
+    """
+
+    center: int
+    center_w: Array
+    pixels: Ints
+    directions_w: Array
+    focal_px: Floats
+
+
+@dataclass(frozen=True)
+class Selected:
+    """A patch and the pixels that it captures finer: (N,) flat indices, of what is doubted at a centre."""
+
+    patch: Patch
+    pixels: Ints
+    center: int
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Patches that may follow.
+
+    Attributes:
+        patches: of the pixels in doubt.
+        focal_px: of the patches.
+        ms: their price, and that of what is expected to follow until the aim is reached.
+        rate: ms that resolve a pixel.
+    """
+
+    patches: list[Selected]
+    focal_px: float
+    ms: float
+    rate: float
+
+
+class Refinement(ABC):
+    """The captures of one image whose accuracy is given.
+
+    Attributes:
+        task: the image.
+        price: of captures.
+        truth, colors: its modes.
+        aim: how many pixels may be doubtful.
+        reserved: requests and pixels that budgets must allow later.
+        expected_ms: of patches, in a furnished room.
+        focal_px: (H W,) of the ground truth that each pixel shows.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task, options = task, task.options
+        assert options.accuracy is not None
+        self.price = Price(*options.capture_ms)
+        self.truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
+        self.colors = tuple(mode for mode in task.modes if mode not in self.truth)
+        self._modes = max(1, len(self.truth))  # that a patch is captured in
+        self.aim = options.accuracy * task.rays.valid_count
+        self.expected_ms = 0.0
+        self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
+        self._tries = np.zeros(task.rays.valid.size, np.uint8)  # patches that a pixel was in
+        self.reserved = 0, 0
+        self._resolve = 1.0  # part of their worth that patches are expected to resolve
+        self._requests, self._pixels, self._limited = 0, 0, False
+
+    @abstractmethod
+    def rounds(self) -> Rounds:
+        """Yield the first rounds, and finer ones; a last one has no viewpoints and says why they end."""
+
+    @abstractmethod
+    def doubts(self, pixels: Ints) -> list[Doubt]:
+        """Return pixels in doubt by the centre from which finer captures resolve them."""
+
+    @abstractmethod
+    def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
+        """Yield the rounds of patches, and return what was sent for the last one."""
+
+    def expected(self) -> tuple[int, int]:
+        """Return how many requests and pixels are expected in a furnished room."""
+        planned: list[Round] = []
+        counted = self.counted(self.rounds())
+        with closing(counted):
+            planned.extend(counted)
+        requests = [request for round_ in planned for request in round_.requests(self.task.modes)]
+        local = self.expected_ms / (self.price.of(1, _PATCH_PX) or 1)
+        pixels = pixels_of(request.view for request in requests)
+        return len(requests) + round(local), pixels + round(local * _PATCH_PX)
+
+    def counted(self, rounds: Generator[Round, Kept | None, T]) -> Generator[Round, Kept | None, T]:
+        """Yield rounds in the task's state of the world, and count what they capture."""
+        kept: Kept | None = None
+        with closing(rounds):
+            while True:
+                try:
+                    planned = rounds.send(kept)
+                except StopIteration as done:
+                    return done.value  # type: ignore[no-any-return]
+                state = self.task.state
+                planned = replace(
+                    planned, viewpoints=tuple(replace(v, state=state) for v in planned.viewpoints)
+                )
+                requests = planned.requests(self.task.modes)
+                self._requests += len(requests)
+                self._pixels += pixels_of(request.view for request in requests)
+                kept = yield planned
+
+    def finer(self, kept: Kept) -> Rounds:
+        """Yield finer captures of what is in doubt, and at last why they end."""
+        before, stuck = np.inf, 0
+        for _ in range(_MOST_ROUNDS):
+            assert kept.doubt is not None
+            doubt = np.flatnonzero(kept.doubt())
+            if len(doubt) <= self.aim:
+                yield Round((), AIM)
+                return
+            stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
+            if stuck == _PATIENCE:
+                break
+            self._resolve = _RESOLVE_LESS if stuck else 1.0
+            before = len(doubt)
+            choice = self.choice(doubt)
+            if isinstance(choice, str):
+                yield Round((), choice)
+                return
+            sent = yield from self.capture(choice)
+            assert sent is not None
+            kept = sent
+        yield Round((), SPENT if self._limited else STUCK)
+
+    def choice(self, pixels: Ints) -> Choice | str:
+        """Return the patches that promise to reach the aim for least, or why there are none."""
+        task = self.task
+        if not task.capabilities.can_set_size:
+            return "the source captures one size"
+        doubts = self.doubts(pixels)
+        if not doubts:
+            return STUCK
+        coarse = float(np.median(np.concatenate([doubt.focal_px for doubt in doubts])))
+        best: Choice | None = None
+        self._limited = False
+        for finer in _FINER:
+            choice = self._patched(len(pixels), doubts, finer * coarse, best.ms if best else np.inf)
+            if choice.patches and (best is None or choice.ms < best.ms):
+                best = choice
+        if best is None:
+            return SPENT if self._limited else "no finer view fits"
+        if task.recorded is not None:
+            held_ones = [each for each in best.patches if task.recorded.hold([each.patch.view])]
+            if not held_ones:
+                return "the recording holds no finer views"
+            best = replace(best, patches=held_ones)
+        for each in best.patches:
+            self._tries[np.unique(each.pixels)] += 1
+        return best
+
+    def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
+        """Return patches of a focal length; not all of them if they cost more than another choice."""
+        modes, left, target, ms, area = self._modes, float(count), SAFE * self.aim, 0.0, 0.0
+        batch: list[Selected] = []
+        sources = [self._patches(doubt, focal_px) for doubt in doubts]
+        for each in heapq.merge(*sources, key=lambda each: -each.patch.worth / each.patch.price):
+            patch = each.patch
+            area += modes * patch.view.width * patch.view.height
+            if self.full(area, modes * (len(batch) + 1)):
+                self._limited = True
+                break
+            batch.append(each)
+            ms, left = ms + patch.price, left - self._resolve * patch.worth
+            if left <= target or ms > most_ms:
+                break
+        if left > target and batch:  # bands are then thinner, views longer
+            more, views = left / target, [each.patch.view for each in batch]
+            thin = sum(view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for view in views)
+            ms += (1 - target / left) * modes * self.price.of(len(batch), thin)
+        return Choice(batch, focal_px, ms, ms / max(1.0, count - target))
+
+    def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Selected]:
+        """Yield patches of a centre, those first that resolve the most doubt at their price."""
+        task, coarse, pixels = self.task, doubt.focal_px, doubt.pixels
+        worth = np.maximum(0, 1 - _LEFT * coarse / focal_px) * _AGAIN ** self._tries[pixels]
+        _, where, repeated = np.unique(pixels, return_inverse=True, return_counts=True)
+        worth /= repeated[where]
+        if task.capabilities.can_set_fov:
+            band = _BAND_PX / float(np.median(coarse))
+            fine = Precision(focal_px, FACE_BORDER_PX, band, self._modes)
+            found: Iterator[Patch] = patches(
+                doubt.center_w, doubt.directions_w, worth, fine, self.price, task.capabilities
+            )
+        else:
+            found = iter(self._finer_faces(doubt, focal_px, worth))
+        for patch in found:
+            yield Selected(patch, pixels[patch.rows], doubt.center)
+
+    def _finer_faces(self, doubt: Doubt, focal_px: float, worth: Array) -> list[Patch]:
+        """Return finer faces of a source that cannot set a field of view."""
+        edge, faces = int(2 * focal_px), []
+        if edge > LARGEST_FACE_PX:
+            return []
+        views = CubeFaces(self.task, edge, 0).views(doubt.center_w, ALL_FACES)
+        view_of = first_view(doubt.directions_w, views, 0)
+        for number, view in enumerate(views):
+            rows = np.flatnonzero(view_of == number)
+            price = self._modes * self.price.of(1, view.width * view.height)
+            faces.append(Patch(view, rows, float(worth[rows].sum()), price))
+        worthy = (patch for patch in faces if patch.worth > 0)
+        return sorted(worthy, key=lambda patch: -patch.worth / patch.price)
+
+    def local_ms(self, share: float, edge: int) -> float:
+        """Return what patches are expected to take after faces of a size.
+
+        Args:
+            share: of the pixels that the smallest faces leave in doubt.
+            edge: px of the faces.
+        """
+        aim, left = self.aim / max(1, self.task.rays.valid_count), share * SMALLEST / edge
+        steps = math.log(max(1.0, left / aim))
+        dearer = (self.price.request / PRICE[0] + self.price.megapixel / PRICE[1]) / 2
+        return float(dearer * len(self.truth) / 2 * share / ROOM * _LOCAL_MS * steps**1.5)
+
+    def full(self, pixels: float, requests: int) -> bool:
+        """Return whether more captures exceed a budget."""
+        options = self.task.options
+        requests += self._requests + self.reserved[0]
+        megapixels = (self._pixels + self.reserved[1] + pixels) / 1e6
+        too_many = options.most_captures is not None and requests > options.most_captures
+        return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
+
+
+def last_sent(rounds: Rounds) -> Generator[Round, Kept | None, Kept | None]:
+    """Yield rounds, and return what was sent for the last one."""
+    kept: Kept | None = None
+    with closing(rounds):
+        while True:
+            try:
+                planned = rounds.send(kept)
+            except StopIteration:
+                return kept
+            kept = yield planned
+
+
+def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:
+    """Return (N,) the first view that holds each ray, or the last one."""
+    view_of = np.full(len(directions_w), len(views) - 1)
+    for number, view in reversed(list(enumerate(views))):
+        view_of[inside(directions_w, view, border_px)] = number
+    return view_of
+
+
+def inside(directions_w: Array, view: View, border_px: int) -> Mask:
+    """Return (N,) whether a view holds rays, and a border around them."""
+    half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
+    return held(directions_w, view.pose.R_w_c, half)

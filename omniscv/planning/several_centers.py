@@ -1,0 +1,316 @@
+"""Images with several optical centres and a given accuracy: captures from few centres, finer where it helps.
+
+Depth is captured coarsely at two centres. Rays are marched through it
+(:mod:`omniscv.planning.ray_marching`), and centres are added where rays are hidden from these. Where a ray
+passes another surface within a pixel, or ends at an edge, finer patches of depth replace the coarse one, and
+the ray is marched again. So no centre is captured finer as a whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.planning import strategy
+from omniscv.planning.cube_faces import FACE_BORDER_PX
+from omniscv.planning.ray_marching import Hits, KnownDepth
+from omniscv.planning.rays import Groups, RayGroup
+from omniscv.planning.refinement import (
+    AIM,
+    ROOM,
+    SAFE,
+    SPENT,
+    STUCK,
+    Choice,
+    Doubt,
+    Refinement,
+    inside,
+    last_sent,
+)
+from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, pixels_of
+from omniscv.planning.strategies import capture_around, occlusion
+from omniscv.planning.strategy import Task
+from omniscv.render_options import FINEST_TRUTH
+from omniscv.sources.base import Capture, View
+
+_NONE = np.zeros(0, np.int64)
+_STILL = 0.9  # of the doubt: finer captures of everything must leave less
+_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
+_WORTH = 0.05  # of the aim: rays that a further centre must promise
+_MOST_ADDED = 4  # centres that a round adds at most
+_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
+_EDGES = 0.9
+"""Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
+_MOST_ROUNDS = 4  # of depth alone
+_READY = 3.0
+"""How much more masks are worth where finer depth has just been captured for them."""
+_ROOMS = 1.7
+"""Doubt of images from few centres, relative to that of one centre."""
+
+_Sent = Generator[Round, Kept | None, Kept | None]
+
+
+class SeveralCenters(Refinement):
+    """The captures of an image whose rays start at several optical centres."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._search: Search
+        self._occluded: Mask | None = None
+        self._focal_px = float(self.focal_px[0])  # of coarse views
+        self._finer: dict[int, list[Capture]] = defaultdict(list)  # depth, by the number of its centre
+
+    def rounds(self) -> Rounds:
+        yield from self.counted(self._rounds())
+
+    def _rounds(self) -> Rounds:
+        groups = self._groups()
+        if groups is None:
+            yield from self._as_given()
+            return
+        around = (yield from capture_around(self.task, groups)) if len(groups) > 1 else None
+        self._search = search = Search(self.task, groups)
+        if not (yield from self._march(groups)):
+            return
+        if len(groups) == 1:  # captured at the camera's position
+            around = search.shells[0]
+        if around is not None:
+            self._occluded = occlusion(around, search.origins_w)[1]
+        search.adopt_lost()
+        rate = 0.0
+        for _ in range(_MOST_ROUNDS):
+            doubt = search.pixels[self._doubtful(search.hits)]
+            choice = self.choice(doubt) if len(doubt) > _EDGES * self.aim else ""
+            if isinstance(choice, str):
+                break
+            rate = choice.rate
+            yield from self._capture_depth(choice)
+        self.reserved = 0, 0
+        every = np.arange(len(search.pixels))
+        kept = yield Round(tuple(self._coarse_views(every, self.task.modes)))
+        assert kept is not None
+        assert kept.doubt is not None
+        if rate:
+            kept = yield from self._serve(self._rows_of(np.flatnonzero(kept.doubt())), rate, kept)
+        yield from self.finer(kept)
+
+    def _groups(self) -> Groups | None:
+        """Return the pixels by the centres that are captured first: one, unless the options give others.
+
+        None where another strategy is given, or a recording has no depth there.
+        """
+        task = self.task
+        several = len(task.rays.own_viewpoints.centers) > 1
+        if task.options.strategy not in ("auto", "adaptive") or not several:
+            return None
+        pixels = np.flatnonzero(task.rays.valid)
+        first: Groups = (RayGroup(np.zeros(3), pixels, task.rays),)
+        for groups in (first, task.groups(INITIAL_VIEWPOINTS)):
+            if groups is first and task.options.viewpoints is not None:
+                continue
+            search = Search(task, groups)
+            views = [view for group in groups for view in self._depth_of(search, group).views_of("depth")]
+            if task.recorded is None or task.recorded.hold(views):
+                return groups
+        return None
+
+    def _depth_of(self, search: Search, group: RayGroup) -> Viewpoint:
+        return self._coarse(search.depth_viewpoint(self.task.pose.to_world(group.center_c)))
+
+    def _coarse(self, viewpoint: Viewpoint) -> Viewpoint:
+        return replace(viewpoint, truth_scale=self.task.options.truth_scale)
+
+    def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
+        """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
+        search, task = self._search, self.task
+        viewpoints = [self._depth_of(search, group) for group in groups]
+        while viewpoints:
+            self._reserve(viewpoints)
+            kept = yield Round(tuple(viewpoints))
+            if kept is None:  # only a plan
+                yield Round(tuple(map(_serving_all, viewpoints)))
+                self.expected_ms = self.local_ms(_ROOMS * ROOM, task.edge)
+                return False
+            search.march([captures["depth"] for captures in kept])
+            hidden = np.count_nonzero(~search.hits.sure)
+            most = _MOST_ADDED if hidden > _HIDDEN * self.aim else 0
+            more_w = search.hidden_origins(most, max(1.0, _WORTH * self.aim))
+            viewpoints, views, requests = [], 0, 0
+            for viewpoint in map(self._coarse, map(search.depth_viewpoint, more_w)):
+                if task.recorded is not None and not task.recorded.hold(viewpoint.views_of("depth")):
+                    continue
+                planned = [*viewpoint.requests(task.modes), *_serving_all(viewpoint).requests(task.modes)]
+                requests, views = requests + len(planned), views + pixels_of(each.view for each in planned)
+                if self.full(views, requests):
+                    break
+                viewpoints.append(viewpoint)
+        return True
+
+    def _reserve(self, viewpoints: Sequence[Viewpoint]) -> None:
+        """Reserve a part of the budgets for what viewpoints of depth will serve."""
+        planned = [
+            r for viewpoint in map(_serving_all, viewpoints) for r in viewpoint.requests(self.task.modes)
+        ]
+        self.reserved = self.reserved[0] + len(planned), self.reserved[1] + pixels_of(r.view for r in planned)
+
+    def _coarse_views(self, rows: Ints, modes: tuple[str, ...]) -> Iterator[Viewpoint]:
+        """Yield the viewpoints of rays with coarse views, a centre each."""
+        for number in np.unique(self._search.shell_of[rows]):
+            mine = rows[self._search.shell_of[rows] == number]
+            yield replace(self._coarse(self._viewpoint(mine)), modes=modes)
+
+    def _serve(
+        self, rows: Ints, rate: float, kept: Kept, again: bool = False
+    ) -> Generator[Round, Kept | None, Kept]:
+        """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price.
+
+        Args:
+            rows: of the rays.
+            rate: ms that a pixel is worth.
+            kept: what was sent last; returned where nothing is yielded.
+            again: whether coarse views are captured again for rays that no patch shows.
+        """
+        search, viewpoints = self._search, []
+        rows = rows[~self._doubtful(search.hits.of(rows))]
+        for number in np.unique(search.shell_of[rows]):
+            mine = rows[search.shell_of[rows] == number]
+            views = [capture.view for capture in self._finer[number]]
+            patch_of = _patch_of(search.toward_w(mine), views)
+            patches = ((mine[patch_of == patch], view) for patch, view in enumerate(views))
+            viewpoints += [
+                replace(self._viewpoint(some, view), modes=self.truth) for some, view in patches if len(some)
+            ]
+            if again and len(rest := mine[patch_of < 0]):
+                viewpoints += self._coarse_views(rest, self.truth)
+        worthy, count, area = [], 0, 0
+        for viewpoint in viewpoints:
+            requests = viewpoint.requests(self.truth)
+            pixels = pixels_of(request.view for request in requests)
+            worth = rate * len(viewpoint.pixels)
+            if self.price.of(len(requests), pixels) <= worth and not self.full(
+                area + pixels, count + len(requests)
+            ):
+                worthy.append(viewpoint)
+                count, area = count + len(requests), area + pixels
+                self.focal_px[viewpoint.pixels] = viewpoint.views_of("depth")[0].focal_px
+        return ((yield Round(tuple(worthy))) if worthy else None) or kept
+
+    def _viewpoint(self, rows: Ints, view: View | None = None) -> Viewpoint:
+        """Return the viewpoint of rays that one centre serves, with a patch or with coarse views."""
+        occluded = None if self._occluded is None else self._occluded[rows]
+        return self._search.viewpoint(rows, None if view is None else (view,), occluded)
+
+    def doubts(self, pixels: Ints) -> list[Doubt]:
+        search = self._search
+        rows = self._rows_of(pixels)
+        hits = search.hits.of(rows)
+        deep, parts = self._doubtful(hits), []
+        beside = deep & (hits.beside_from <= hits.beside_to)
+        helped = ~hits.known_depth().unsure
+        for chosen, reach in (
+            (helped & ~beside, hits.reach),
+            (helped & beside, hits.beside_from),
+            (helped & beside & (hits.beside_to > hits.beside_from), hits.beside_to),
+        ):
+            parts.append((rows[chosen], search.toward_w(rows[chosen], reach[chosen])))
+        some, toward_w = (np.concatenate(part) for part in zip(*parts, strict=True))
+        toward_w /= np.linalg.norm(toward_w, axis=1, keepdims=True)
+        deep = deep[np.searchsorted(rows, some)]
+        found: list[Doubt] = []
+        for number in np.unique(search.shell_of[some]):
+            mine = np.flatnonzero(search.shell_of[some] == number)
+            views = [capture.view for capture in self._finer[number]]
+            focal_px = np.array([*(view.focal_px for view in views), self._focal_px], np.float32)
+            patch_of, pixels = _patch_of(toward_w[mine], views), search.pixels[some[mine]]
+            coarse = np.where(deep[mine], focal_px[patch_of], self.focal_px[pixels])
+            found.append(Doubt(int(number), search.centers_w[number], pixels, toward_w[mine], coarse))
+        return found
+
+    def _doubtful(self, hits: Hits) -> Mask:
+        """Return (N,) whether the depth of rays is in doubt."""
+        known = hits.known_depth()
+        with np.errstate(invalid="ignore"):
+            off = ~(known.error <= _DEPTH * known.distance)
+        return np.asarray(known.grazes | known.unsure | off)
+
+    def _rows_of(self, pixels: Ints) -> Ints:
+        return np.searchsorted(self._search.pixels, pixels)
+
+    def capture(self, choice: Choice) -> _Sent:
+        rows, kept = yield from self._capture_depth(choice)
+        return (yield from self._serve(rows, _READY * choice.rate, kept, again=True))
+
+    def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Kept]]:
+        """Yield depth in patches, march their rays again, and return these."""
+        views: dict[int, list[View]] = defaultdict(list)
+        for each in choice.patches:
+            views[each.center].append(each.patch.view)
+        kept = yield Round(
+            tuple(
+                Viewpoint(mine[0].pose.t_w_c, tuple(mine), _NONE, modes=("depth",), keep=True)
+                for mine in views.values()
+            )
+        )
+        assert kept is not None
+        for number, captures in zip(views, kept, strict=True):
+            self._finer[number] += captures["depth"]
+            self._finer[number].sort(key=lambda capture: -capture.view.focal_px)
+        rows = self._rows_of(np.unique(np.concatenate([each.pixels for each in choice.patches])))
+        self._search.march_again(rows, {number: self._finer[number] for number in views})
+        self._search.adopt_lost()
+        return rows, kept
+
+    def _as_given(self) -> Rounds:
+        """Yield the rounds of the strategy that is given, with ground truth as fine as the aim takes."""
+        options, scale, doubtful = self.task.options, self.task.options.truth_scale, np.inf
+        while True:
+            changed = replace(options, accuracy=None, truth_scale=scale)
+            planned = strategy.rounds(replace(self.task, options=changed))
+            if doubtful < np.inf:  # colours are there
+                planned = change_viewpoints(planned, self._without_colors)
+            kept = yield from last_sent(planned)
+            if kept is None or kept.doubt is None:
+                return
+            before, doubtful = doubtful, int(np.count_nonzero(kept.doubt()))
+            finer = min(FINEST_TRUTH, math.ceil(scale * doubtful / (SAFE * self.aim)))
+            stopped = ""
+            if doubtful <= self.aim:
+                stopped = AIM
+            elif not self.task.capabilities.can_set_size:
+                stopped = "the source captures one size"
+            elif self.task.recorded is not None:
+                stopped = "the recording holds no finer views"
+            elif doubtful > _STILL * before:
+                stopped = STUCK
+            elif finer == scale:
+                stopped = "no finer view fits"
+            elif self.full(self._pixels * (finer / scale) ** 2, self._requests):
+                stopped = SPENT
+            if stopped:
+                yield Round((), stopped)
+                return
+            scale = finer
+
+    def _without_colors(self, viewpoint: Viewpoint) -> Viewpoint:
+        return replace(viewpoint, modes=self.truth) if viewpoint.modes is None else viewpoint
+
+
+def _serving_all(viewpoint: Viewpoint) -> Viewpoint:
+    """Return the viewpoint of depth as if it served all of the image."""
+    known = KnownDepth(*np.zeros((3, 0), np.float32), *np.zeros((2, 0), np.bool_))
+    return replace(viewpoint, modes=None, keep=False, known_depth=known)
+
+
+def _patch_of(toward_w: Array, views: Sequence[View]) -> Ints:
+    """Return (N,) the first view that holds each direction, with its border; -1 where none does."""
+    patch_of = np.full(len(toward_w), -1)
+    for number, view in reversed(list(enumerate(views))):
+        patch_of[inside(toward_w, view, FACE_BORDER_PX)] = number
+    return patch_of
