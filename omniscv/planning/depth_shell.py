@@ -243,7 +243,7 @@ def _finer_pixel(shell: Any, k: int, u: float, v: float) -> int:
     return int(shell.finer_first[k - shell.coarse] + r * width + c)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True)
 def captured_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return the planar depth of the nearest pixel of a view."""
     if k >= shell.coarse:
@@ -252,7 +252,7 @@ def captured_depth(shell: Any, k: int, u: float, v: float) -> float:
     return float(shell.depth[k, r, c])
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True)
 def nearest_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return the planar depth of the nearest surface within a pixel of a view."""
     if k >= shell.coarse:
@@ -270,7 +270,7 @@ def _finer_surface(shell: Any, k: int, u: float, v: float) -> Point:
     return surface_point(face, u, v, shell.lenses[k, 9], shell.precision)  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(cache=True, nogil=True)
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
     if k < shell.coarse:

@@ -279,7 +279,8 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         free = False
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
-            step = _STEP_PX / (shell.focal if k < shell.coarse else shell.lenses[k, 9])
+            if shell.total > shell.coarse:
+                step = _STEP_PX / shell.lenses[k, 9]
             planar = h / np.sin(psi) * along
             captured = captured_depth(shell, k, u, v)
             if planar < captured:
