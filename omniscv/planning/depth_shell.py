@@ -17,8 +17,22 @@ from omniscv.sources.base import Capture
 
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
+CAPTURED, NEAREST = 0, 1
+"""The two ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
+
+
+class FinerViews(NamedTuple):
+    """Views that show parts of a shell more finely, each in a size of its own, the finest first.
+
+    Attributes:
+        pictures: (2, N) float32, those of the views as :class:`DepthShell` has them, one after the other.
+        lenses: (P, 13) as :class:`DepthShell` has them, and where each view's picture starts.
+    """
+
+    pictures: Floats
+    lenses: Array
 
 
 class DepthShell(NamedTuple):
@@ -26,25 +40,21 @@ class DepthShell(NamedTuple):
 
     Attributes:
         center_w: (3,) metres.
-        depth: (V, h, w) float32 planar metres; +inf for the sky.
-        nearest: (V, h, w) float32, depth of the nearest surface within a pixel, where that is another surface
-            than the pixel's own; else the pixel's own depth.
-        slot: (6,) int64, index of each face of a world-aligned cube in ``depth``; -1 if it was not captured.
+        pictures: (2, V, h, w) float32, planar metres, +inf for the sky; and the depth of the nearest surface
+            within a pixel, where that is another surface than the pixel's own, else the pixel's own depth.
+        slot: (6,) int64, index of each face of a world-aligned cube in ``pictures``; -1 if not captured.
         cube: whether only the faces of the cube are looked up; else any view that holds a direction.
         focal, half_width, half_height: px.
-        coarse, total: V, and with the finer views V + P.
-        lenses: (V + P, 12) of each view, the rows of the rotation from the world to it, its focal length, and
-            half its width and height, px: one array, which compiled code reads faster than several.
+        lenses: (V, 12) of each view, the rows of the rotation from the world to it, its focal length, and
+            half its width and height, px.
         least, most: of the finite distances, metres.
         precision: of the depth.
-        finer_depth, finer_nearest: (N,) float32, ``depth`` and ``nearest`` of the finer views, picture after
-            picture; each is of a size of its own, and these are looked up first, in their order.
-        finer_first: (P,) int64, where each of their pictures starts.
+        finer: views that are looked up first, and counted after the others; None if there are none, for
+            which kernels are compiled without them.
     """
 
     center_w: Array
-    depth: Floats
-    nearest: Floats
+    pictures: Floats
     slot: Ints
     cube: bool
     focal: float
@@ -53,12 +63,8 @@ class DepthShell(NamedTuple):
     least: float
     most: float
     precision: Precision
-    coarse: int
-    total: int
     lenses: Array
-    finer_depth: Floats
-    finer_nearest: Floats
-    finer_first: Ints
+    finer: FinerViews | None = None
 
     def refined(self, captures: Sequence[Capture]) -> DepthShell:
         """Return the shell with finer views in place of those that it has.
@@ -67,14 +73,12 @@ class DepthShell(NamedTuple):
             captures: depth from the same centre, encoded as the shell's.
         """
         captures = sorted(captures, key=lambda capture: -capture.view.focal_px)
-        depth = [capture.pixels for capture in captures]
+        pictures = [_with_nearest(capture.pixels).reshape(2, -1) for capture in captures]
+        starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])[:-1]
+        lenses = np.column_stack([[*map(_lens, captures)], starts])
         least, most = zip(*map(_range, captures), strict=True)
         return self._replace(
-            total=self.coarse + len(captures),
-            lenses=np.array([*self.lenses[: self.coarse], *map(_lens, captures)]),
-            finer_depth=np.concatenate([face.ravel() for face in depth]),
-            finer_nearest=np.concatenate([_nearest_around(face).ravel() for face in depth]),
-            finer_first=np.cumsum([0, *(face.size for face in depth)], dtype=np.int64)[:-1],
+            finer=FinerViews(np.concatenate(pictures, axis=1), lenses),
             least=min(self.least, *least),
             most=max(self.most, *most),
         )
@@ -112,12 +116,11 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
     # captures in addition to a face have its axis.
     axes_w, matched = R_c_w[:, 2], R_c_w[slot[slot >= 0], 2]
     cube = cube and len(matched) > 0 and bool(((axes_w @ matched.T).max(axis=1) > 1 - _SAME_FACE).all())
-    depth = stacked([capture.pixels for capture in captures])
+    depth = [capture.pixels for capture in captures]
     least, most = zip(*map(_range, captures), strict=True)
     return DepthShell(
         stacked(center_w),
-        depth,
-        stacked([_nearest_around(face) for face in depth]),
+        stacked(np.stack([_with_nearest(face) for face in depth], axis=1)),
         slot,
         cube,
         view.focal_px,
@@ -126,19 +129,15 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
         least=min(least),
         most=max(most),
         precision=codecs.precision(captures[0].encoding),
-        coarse=len(captures),
-        total=len(captures),
         lenses=np.array([*map(_lens, captures)]),
-        finer_depth=np.zeros(0, np.float32),
-        finer_nearest=np.zeros(0, np.float32),
-        finer_first=np.zeros(0, np.int64),
     )
 
 
-def _nearest_around(face: Floats) -> Floats:
+def _with_nearest(face: Floats) -> Floats:
+    """Return (2, h, w) depth, and that of the nearest surface within a pixel, where that is another one."""
     least = cv2.erode(face, np.ones((3, 3), np.uint8))
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    return np.where(beside, least, face)
+    return np.stack([face, np.where(beside, least, face)])
 
 
 def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
@@ -155,7 +154,7 @@ def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
     return least, most
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
     for i in range(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -168,13 +167,13 @@ def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
         if point.inverse > 0.0:
             off = far * far * point.error
             near, far = near - off, far + off
-        beside = nearest_depth(shell, k, u, v)
-        if beside < captured_depth(shell, k, u, v):
+        beside = pixel_depth(shell, NEAREST, k, u, v)
+        if beside < pixel_depth(shell, CAPTURED, k, u, v):
             near = min(near, beside)
         least[i], most[i] = near / along * length, far / along * length
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _face_of(direction: Any) -> int:
     """Return which face of the world-aligned cube a direction hits."""
     x, y, z = direction
@@ -185,48 +184,48 @@ def _face_of(direction: Any) -> int:
     return 4 if z > 0 else 5
 
 
-@njit(cache=True, nogil=True)
-def _finer_look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _finer_look_up(finer: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return what :func:`look_up` returns, among the finer views."""
-    for k in range(shell.coarse, shell.total):
-        u, v, along = seen_by(shell, k, direction)
-        beside = min(u, 2.0 * shell.lenses[k, 10] - u)
-        if min(beside, v, 2.0 * shell.lenses[k, 11] - v) >= _BORDER_PX:
+    if finer is None:
+        return -1, 0.0, 0.0, 1.0
+    for k in range(len(finer.lenses)):
+        lens = finer.lenses[k]
+        u, v, along = _seen_by(lens, direction)
+        if min(min(u, 2.0 * lens[10] - u), min(v, 2.0 * lens[11] - v)) >= _BORDER_PX:
             return k, u, v, along
     return -1, 0.0, 0.0, 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
 
-    -1 if it is in none. Finer views are counted after the others.
+    -1 if it is in none.
     """
-    if shell.total > shell.coarse:
-        k, u, v, along = _finer_look_up(shell, direction)
-        if k >= 0:
-            return k, u, v, along
+    k, u, v, along = _finer_look_up(shell.finer, direction)
+    if k >= 0:
+        return len(shell.lenses) + k, u, v, along
     if shell.cube:
         k = shell.slot[_face_of(direction)]
         if k < 0:
             return -1, 0.0, 0.0, 1.0
-        u, v, along = seen_by(shell, k, direction)
+        u, v, along = _seen_by(shell.lenses[k], direction)
         return k, u, v, along
-    for k in range(shell.coarse):
-        u, v, along = seen_by(shell, k, direction)
+    for k in range(len(shell.lenses)):
+        u, v, along = _seen_by(shell.lenses[k], direction)
         if 0.0 <= u <= 2.0 * shell.half_width and 0.0 <= v <= 2.0 * shell.half_height:
             return k, u, v, along
     return -1, 0.0, 0.0, 1.0
 
 
-@njit(cache=True, nogil=True)
-def seen_by(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
     """Return the pixel of a view in which a direction is, and its component along the view's axis.
 
     The pixel is (-1, -1) behind the view.
     """
     x, y, z = direction
-    lens = shell.lenses[k]
     along = lens[6] * x + lens[7] * y + lens[8] * z
     if along <= 0.0:
         return -1.0, -1.0, along
@@ -235,50 +234,54 @@ def seen_by(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
     return u, v, along
 
 
-@njit(cache=True, nogil=True)
-def _finer_pixel(shell: Any, k: int, u: float, v: float) -> int:
-    """Return the number of the pixel of a finer view among all of theirs."""
-    height, width = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
-    r, c = nearest_pixel((height, width), u, v)
-    return int(shell.finer_first[k - shell.coarse] + r * width + c)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def lens_of(lenses: Any, finer: Any, k: int) -> Array:
+    """Return the lens of a view of a shell with these lenses and finer views."""
+    if finer is None:
+        return lenses[k]  # type: ignore[no-any-return]
+    return finer.lenses[k - len(lenses)] if k >= len(lenses) else lenses[k]  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True)
-def captured_depth(shell: Any, k: int, u: float, v: float) -> float:
-    """Return the planar depth of the nearest pixel of a view."""
-    if k >= shell.coarse:
-        return float(shell.finer_depth[_finer_pixel(shell, k, u, v)])
-    r, c = nearest_pixel(shell.depth.shape[1:], u, v)
-    return float(shell.depth[k, r, c])
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _finer_depth(finer: Any, which: int, k: int, u: float, v: float) -> float:
+    """Return the nearest pixel of a finer view's picture, of either kind."""
+    if finer is None:
+        return 0.0
+    lens = finer.lenses[k]
+    width = int(2.0 * lens[10])
+    r, c = nearest_pixel((int(2.0 * lens[11]), width), u, v)
+    return float(finer.pictures[which, int(lens[12]) + r * width + c])
 
 
-@njit(cache=True, nogil=True)
-def nearest_depth(shell: Any, k: int, u: float, v: float) -> float:
-    """Return the planar depth of the nearest surface within a pixel of a view."""
-    if k >= shell.coarse:
-        return float(shell.finer_nearest[_finer_pixel(shell, k, u, v)])
-    r, c = nearest_pixel(shell.nearest.shape[1:], u, v)
-    return float(shell.nearest[k, r, c])
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
+    """Return the nearest pixel of one of a view's ``pictures``, planar metres."""
+    if k >= len(shell.lenses):
+        return _finer_depth(shell.finer, which, k - len(shell.lenses), u, v)  # type: ignore[no-any-return]
+    r, c = nearest_pixel(shell.pictures.shape[2:], u, v)
+    return float(shell.pictures[which, k, r, c])
 
 
-@njit(cache=True, nogil=True)
-def _finer_surface(shell: Any, k: int, u: float, v: float) -> Point:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _finer_surface(finer: Any, k: int, u: float, v: float, precision: Precision) -> Point:
     """Return the surface at a continuous pixel of a finer view."""
-    height, width = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
-    first = shell.finer_first[k - shell.coarse]
-    face = shell.finer_depth[first : first + height * width].reshape((height, width))
-    return surface_point(face, u, v, shell.lenses[k, 9], shell.precision)  # type: ignore[no-any-return]
+    if finer is None:
+        return Point(0.0, 0.0, 0.0, 0.0, 0.0)
+    lens = finer.lenses[k]
+    first, height, width = int(lens[12]), int(2.0 * lens[11]), int(2.0 * lens[10])
+    face = finer.pictures[0, first : first + height * width].reshape((height, width))
+    return surface_point(face, u, v, lens[9], precision)  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
-    if k < shell.coarse:
-        return surface_point(shell.depth[k], u, v, shell.focal, shell.precision)  # type: ignore[no-any-return]
-    return _finer_surface(shell, k, u, v)  # type: ignore[no-any-return]
+    if k >= len(shell.lenses):
+        return _finer_surface(shell.finer, k - len(shell.lenses), u, v, shell.precision)  # type: ignore[no-any-return]
+    return surface_point(shell.pictures[0, k], u, v, shell.focal, shell.precision)  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def planar_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return planar depth between pixels; +inf where there is no surface."""
     point = surface_at(shell, k, u, v)

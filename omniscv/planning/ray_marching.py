@@ -24,10 +24,12 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.geometry.surfaces import plane_of
 from omniscv.planning.depth_shell import (
+    CAPTURED,
+    NEAREST,
     DepthShell,
-    captured_depth,
+    lens_of,
     look_up,
-    nearest_depth,
+    pixel_depth,
     planar_depth,
     surface_at,
 )
@@ -186,7 +188,7 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
     return hits
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _march_block(
     origins: Any,
     directions: Any,
@@ -210,7 +212,7 @@ def _march_block(
             _march(shell, arc, hits, i)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _arc(shell: Any, origin: Any, direction: Any) -> _Arc:
     cx, cy, cz = shell.center_w[0], shell.center_w[1], shell.center_w[2]
     ox, oy, oz = origin[0] - cx, origin[1] - cy, origin[2] - cz
@@ -222,7 +224,7 @@ def _arc(shell: Any, origin: Any, direction: Any) -> _Arc:
     return _Arc((ox, oy, oz), (dx, dy, dz), (hx / divisor, hy / divisor, hz / divisor), h, foot)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     """Return the direction from the centre to the point of the ray at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
@@ -230,7 +232,7 @@ def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     return hx * s + dx * c, hy * s + dy * c, hz * s + dz * c
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
     """Write the hit of a ray that runs through the centre, or starts there."""
     k, u, v, along = look_up(shell, arc.direction)
@@ -241,15 +243,15 @@ def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
         hits.error[i] = error + _MARGIN * jump
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _distance(shell: Any, direction: Any) -> float:
     """Return the captured distance of the nearest pixel; 0 in a direction that was not captured."""
     k, u, v, along = look_up(shell, direction)
     x, y, z = direction
-    return captured_depth(shell, k, u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
+    return pixel_depth(shell, CAPTURED, k, u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> float:
     """Return the angle up to which a ray is in the views without a gap, seen from its end."""
     psi = end
@@ -258,7 +260,7 @@ def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> 
     return psi
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
     """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
@@ -279,16 +281,15 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         free = False
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
-            if shell.total > shell.coarse:
-                step = _STEP_PX / shell.lenses[k, 9]
+            step = _STEP_PX / lens_of(shell.lenses, shell.finer, k)[9]
             planar = h / np.sin(psi) * along
-            captured = captured_depth(shell, k, u, v)
+            captured = pixel_depth(shell, CAPTURED, k, u, v)
             if planar < captured:
                 free = True
                 if planar >= ahead * along:
                     beside_m = _passed_beside(shell, arc, psi, ahead)
                     passed = min(passed, _noted(arc, hits, i, psi, beside_m))
-                beside = nearest_depth(shell, k, u, v)
+                beside = pixel_depth(shell, NEAREST, k, u, v)
                 ahead = beside / along
                 if planar >= beside:
                     passed = min(passed, _noted(arc, hits, i, psi, _passing(arc, psi, ahead)))
@@ -325,7 +326,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         hits.error[i] = max(hits.error[i], _MARGIN * (hits.reach[i] - passed))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     """Return the first angle from ``end`` down to 0 at which a surface hides the ray; -1 if there is none.
 
@@ -339,7 +340,7 @@ def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     return -1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _noted(arc: Any, hits: Any, i: int, psi: float, passed: float) -> float:
     """Return the reach at which a ray may have met a surface beside it; note where that was seen."""
     if passed < np.inf:
@@ -349,7 +350,7 @@ def _noted(arc: Any, hits: Any, i: int, psi: float, passed: float) -> float:
     return passed
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _passing(arc: Any, psi: float, surface_m: float) -> float:
     """Return the reach at which a ray is as far from the centre as a surface that it may have met."""
     s, c = np.sin(psi), np.cos(psi)
@@ -357,7 +358,7 @@ def _passing(arc: Any, psi: float, surface_m: float) -> float:
     return float(min(arc.foot + (away if c > 0 else -away), arc.foot + arc.h * c / s))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     """Return the reach at which a ray before a surface may have met a nearer one beside it; +inf if none.
 
@@ -367,11 +368,11 @@ def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     k, u, v, along = look_up(shell, _toward(arc, psi))
     point = surface_at(shell, k, u, v)
     own = point.inverse + point.error + _BESIDE_PX * (abs(point.across) + abs(point.down))
-    beside = min(nearest_depth(shell, k, u, v), ahead * along)
+    beside = min(pixel_depth(shell, NEAREST, k, u, v), ahead * along)
     return _passing(arc, psi, beside / along) if beside * own < _BESIDE else np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
     """Write the reach and its bounds of a ray that meets a surface at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
@@ -381,12 +382,12 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
         hits.error[i] = np.inf
     if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
         hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
-    focal = shell.lenses[look_up(shell, _toward(arc, psi))[0], 9]
+    focal = lens_of(shell.lenses, shell.finer, look_up(shell, _toward(arc, psi))[0])[9]
     if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / focal):
         hits.error[i], hits.grazes[i] = np.inf, True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, float]:
     """Return where a ray meets the plane through the surface in a direction from the centre.
 
@@ -401,7 +402,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
     point = surface_at(shell, k, u, v)
     if not point.inverse > 0.0:
         return np.inf, np.inf, np.inf, 0.0
-    lens = shell.lenses[k]
+    lens = lens_of(shell.lenses, shell.finer, k)
     focal, dx, dy = lens[9], u - lens[10], v - lens[11]
     a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal, focal)
     slope = start = parallel = 0.0
@@ -418,7 +419,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
     return reach, off, off * aside / distance, point.jump / along / cosine
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _touches(shell: Any, arc: Any, psi: float) -> bool:
     """Return whether a ray that met a surface is hardly behind it at an angle a little farther on."""
     k, u, v, along = look_up(shell, _toward(arc, psi))
@@ -429,7 +430,7 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
     return bool(arc.h / np.sin(psi) * along * point.inverse < 1.0 + _TOUCHING * error)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
     """Return the angle between two where g changes its sign, by bisection, and g there."""
     middle, gap = behind, np.inf
