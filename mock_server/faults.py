@@ -61,6 +61,7 @@ KINDS = {
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
     "authentication": Kind("for each command: it is refused, because the client has not authenticated"),
     "turned": Kind("images that look steeply up or down are turned by VALUE degrees", 0.12, 180.0),
+    "roll": Kind("every image is turned about its axis by VALUE degrees", 1.0, 180.0),
     "jitter": Kind("every image is shifted by up to VALUE pixels, another way each time", 0.5, 100.0),
     "far-origin": Kind("locations are single precision, VALUE km from the world's origin", 100.0),
     "near-plane": Kind("surfaces are not seen nearer than VALUE cm before the camera", 10.0),
@@ -77,6 +78,12 @@ KINDS = {
     ),
     "distortion": Kind("a lens that sees the share VALUE farther out in the corners", 0.01, 1.0),
     "lit-offset": Kind("lit is shifted by VALUE pixels against the other modes", 1.0, 100.0),
+    "mask-offset": Kind("masks are shifted by VALUE pixels against the other modes", 1.0, 100.0),
+    "colour-cast": Kind(
+        "lit: red is up to the share VALUE brighter, and blue darker, or the other way, for each image",
+        0.1,
+        1.0,
+    ),
     "depth-scale": Kind("depth is too large by the share VALUE", 0.01, 100.0),
     "jpeg": Kind("8-bit images went through JPEG of quality 100 - VALUE", 10.0, 100.0),
     # The world, permanent.

@@ -86,6 +86,12 @@ def shifted(image: Bytes, px: float) -> Bytes:
     return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
+def cast(image: Bytes, share: float, generator: random.Random) -> Bytes:
+    """Return an image with its first channel brighter, its last darker by up to a share, drawn evenly."""
+    off = generator.uniform(-share, share)
+    return np.clip(np.round(image * np.array([1 + off, 1.0, 1 - off])), 0, 255).astype(np.uint8)
+
+
 def radial(depth: Depth, share: float, view: ViewHits) -> Depth:
     """Return planar depth that goes a share of the way to the distance along the ray."""
     is_surface = np.isfinite(view.depth)
@@ -97,6 +103,8 @@ IMAGES: tuple[tuple[str, str, Callable[[Bytes, float, random.Random], Bytes]], .
     ("mask-blur", "object_mask", lambda image, px, _: blurred(image, px)),
     ("mask-noise", "object_mask", recoloured),
     ("lit-offset", "lit", lambda image, px, _: shifted(image, px)),
+    ("mask-offset", "object_mask", lambda image, px, _: shifted(image, px)),
+    ("colour-cast", "lit", cast),
     ("distortion", "", lambda image, corner, _: distorted(image, corner)),
     ("jpeg", "", lambda image, loss, _: through_jpeg(image, loss)),
 )

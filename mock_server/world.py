@@ -253,6 +253,8 @@ class World:
         """Change the pose of one image by faults."""
         if fault := self.faults.strike("turned"):
             camera.rotation = flaws.turned(camera.rotation, fault.amount())
+        if fault := self.faults.strike("roll"):
+            camera.rotation = (*camera.rotation[:2], camera.rotation[2] + fault.amount())
         if fault := self.faults.strike("jitter"):
             degrees = fault.amount() * camera.fov / max(camera.size)
             camera.rotation = flaws.jittered(camera.rotation, degrees, self.faults.generator("jitter"))
