@@ -79,7 +79,7 @@ KINDS = {
     "distortion": Kind("a lens that sees the share VALUE farther out in the corners", 0.01, 1.0),
     "lit-offset": Kind("lit is shifted by VALUE pixels against the other modes", 1.0, 100.0),
     "mask-offset": Kind("masks are shifted by VALUE pixels against the other modes", 1.0, 100.0),
-    "colour-cast": Kind(
+    "color-cast": Kind(
         "lit: red is up to the share VALUE brighter, and blue darker, or the other way, for each image",
         0.1,
         1.0,

@@ -104,7 +104,7 @@ IMAGES: tuple[tuple[str, str, Callable[[Bytes, float, random.Random], Bytes]], .
     ("mask-noise", "object_mask", recoloured),
     ("lit-offset", "lit", lambda image, px, _: shifted(image, px)),
     ("mask-offset", "object_mask", lambda image, px, _: shifted(image, px)),
-    ("colour-cast", "lit", cast),
+    ("color-cast", "lit", cast),
     ("distortion", "", lambda image, corner, _: distorted(image, corner)),
     ("jpeg", "", lambda image, loss, _: through_jpeg(image, loss)),
 )

@@ -133,7 +133,7 @@ CAUSES = (
     _fault("depth scale", "too large", 0.001, 0.01, 0.1, 1)._replace(scene="six-wall"),
     # Strengths and scenes of the next three were drawn at random; no check was tuned on them.
     _fault("mask offset", "px", 0.12, 0.58, 0.76, 5),
-    _fault("colour cast", "of red and blue", 0.0032, 0.055, 0.28, 0.29),
+    _fault("colour cast", "of red and blue", 0.0032, 0.055, 0.28, 0.29, fault="color-cast"),
     _fault("roll", "degrees", 0.012, 0.039, 5.3, 5.7)._replace(scene="six-wall"),
     Cause("thin rods", "mm", (100, 30, 10, 1), scene="rods"),
     Cause("beyond a wall", "cm", (1, 10, 30, 100)),
