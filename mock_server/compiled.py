@@ -1,21 +1,34 @@
-"""numba's decorator, for kernels whose compiled code is kept for later processes.
+"""numba's decorator, for kernels that are loaded quickly.
 
-numba writes the index of a kernel's files first, and without a lock. So code of another type may come under
-a kernel's name, from two processes that compile at once, or older code from a disk that was full. Both would
-run in silence: :class:`_Files` compiles anew instead.
+numba prepares to compile before it looks into its cache, which takes 0.5 s of processor time in each process.
+The cache below reads a kernel's file without that. It overrides private parts of numba; where one of them is
+missing, kernels use numba's own cache: slower to load, the same results.
 """
 
 import logging
+import os
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache as cached
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
 
 LOGGER = logging.getLogger("omniscv.compiled")
+
+try:
+    from llvmlite import binding  # type: ignore[import-untyped]
+    from numba.core.caching import FunctionCache, NullCache
+    from numba.core.runtime import _nrt_python
+
+    _ALLOCATORS = dict(_nrt_python.c_helpers)
+    _ = FunctionCache._load_overload, FunctionCache._guard_against_spurious_io_errors, binding.add_symbol
+    FAST = True
+except (ImportError, AttributeError):
+    FunctionCache = NullCache = object
+    FAST = False
 
 if numba.config.DISABLE_JIT:
     # Interpreted, kernels take hundreds of times as long, and divide by zero where compiled ones get inf.
@@ -24,56 +37,91 @@ if numba.config.DISABLE_JIT:
 
 
 class _Files(FunctionCache):  # type: ignore[misc]
-    """The files of a kernel."""
+    """The files of a kernel, read without preparing to compile."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for a kernel's types, or None; the files are forgotten if it is another's."""
-        code = super().load_overload(sig, target_context)
-        if code is None or code.signature.args == sig:
-            return code
-        self._forget()
-        return None
+        """Return the kernel of a signature from its file, or None.
+
+        Processes that compile at the same time may write kernels of two signatures under one name.
+        """
+        _name_allocators()
+        with self._guard_against_spurious_io_errors():
+            kernel = self._load_overload(sig, target_context)
+            return kernel if kernel is None or kernel.signature.args == sig else None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code for a kernel's types; not where the disk is full."""
+        """Keep a kernel for later processes; where the disk is full, it is not kept."""
         try:
             super().save_overload(sig, data)
-        except OSError:
-            self._forget()
-
-    def _forget(self) -> None:
-        for index in Path(self.cache_path).glob("*.nbi"):
-            index.unlink(missing_ok=True)
+        except OSError:  # the index, written first, names a file that is missing or older
+            with suppress(OSError, AttributeError):
+                os.unlink(self._cache_file._index_path)
 
 
-def njit(**options: Any) -> Callable[[Any], Any]:
-    """Return a decorator as :func:`numba.njit`; with ``cache``, a warning in place of an error if no folder
-    can be written to.
-    """
+class _Cache(NullCache):  # type: ignore[misc]
+    """A cache that looks for its folder when its kernel is first called: most are called by kernels only."""
 
-    def compiled(function: Any) -> Any:
+    def __init__(self, function: Any) -> None:
+        self._function = function
+
+    @cached_property
+    def _files(self) -> Any:
         try:
-            kernel = numba.njit(**options)(function)
+            return _Files(self._function)
         except RuntimeError:  # no folder is writable
             _warn()
-            return numba.njit(**{**options, "cache": False})(function)
-        if folder := kernel.stats.cache_path:
-            kernel._cache = _Files(function)
-            _announce(folder)
+            return NullCache()
+
+    @property
+    def cache_path(self) -> Any:
+        """The folder; None where there is none."""
+        return self._files.cache_path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the kernel of a signature from its file, or None."""
+        kernel = self._files.load_overload(sig, target_context)
+        if kernel is None:
+            _say()
         return kernel
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write the kernel of a signature to its file."""
+        self._files.save_overload(sig, data)
+
+    def flush(self) -> None:
+        """Forget the kernels of all signatures."""
+        self._files.flush()
+
+
+def njit(*, cache: bool, **options: Any) -> Callable[[Any], Any]:
+    """Return a decorator that compiles as :func:`numba.njit` does, and caches with ``cache``."""
+
+    def compiled(function: Any) -> Any:
+        kernel = numba.njit(**options)(function)
+        if not cache:
+            return kernel
+        if FAST and hasattr(kernel, "_cache"):
+            kernel._cache = _Cache(function)
+            return kernel
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no folder is writable
+            _warn()
+            return kernel
 
     return compiled
 
 
 @cached
-def _announce(folder: str) -> None:
-    """Log why the process will be silent for a while, if a folder holds no compiled code yet."""
-    if not any(Path(folder).glob("*.nbi")):
-        _say()
+def _name_allocators() -> None:
+    """Tell LLVM the addresses of the functions that allocate arrays: kernels' files refer to them by name."""
+    for name, address in _ALLOCATORS.items():
+        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @cached
 def _say() -> None:
+    """Tell, once, why the process is silent for a while."""
     LOGGER.info("compiling kernels (once, about 15 s for a first image)")
 
 

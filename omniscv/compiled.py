@@ -1,4 +1,4 @@
-"""numba's decorator: the mock server's, which imports nothing of omniscv."""
+"""numba's decorator with a cache that loads quickly: the mock server's, which imports nothing of omniscv."""
 
 from mock_server.compiled import njit
 
