@@ -89,7 +89,7 @@ def shifted(image: Bytes, px: float) -> Bytes:
 def cast(image: Bytes, share: float, generator: random.Random) -> Bytes:
     """Return an image with its first channel brighter, its last darker by up to a share, drawn evenly."""
     off = generator.uniform(-share, share)
-    return np.clip(np.round(image * np.array([1 + off, 1.0, 1 - off])), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.round(image * np.array([1 + off, 1.0, 1 - off])), 0, 255), np.uint8)
 
 
 def radial(depth: Depth, share: float, view: ViewHits) -> Depth:
