@@ -44,7 +44,8 @@ _NONE = np.zeros(0, np.int64)
 _STILL = 0.9  # of the doubt: finer captures of everything must leave less
 _HIDDEN = 0.4  # of the aim: as many rays may stay hidden
 _WORTH = 0.05  # of the aim: rays that a further centre must promise
-_MOST_ADDED = 4  # centres that a round adds at most
+_MOST_ADDED = 1  # centres that a round adds at most
+_FEWER = 0.95  # of the hidden rays: further centres must leave less
 _DEPTH = 0.01  # relative bound of a depth above which it is doubtful
 _EDGES = 0.9
 """Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
@@ -130,7 +131,7 @@ class SeveralCenters(Refinement):
     def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
         search, task = self._search, self.task
-        viewpoints = [self._depth_of(search, group) for group in groups]
+        viewpoints, hidden = [self._depth_of(search, group) for group in groups], math.inf
         while viewpoints:
             self._reserve(viewpoints)
             kept = yield Round(tuple(viewpoints))
@@ -139,8 +140,9 @@ class SeveralCenters(Refinement):
                 self.expected_ms = self.local_ms(_ROOMS * ROOM, task.edge)
                 return False
             search.march([captures["depth"] for captures in kept])
-            hidden = np.count_nonzero(~search.hits.sure)
-            most = _MOST_ADDED if hidden > _HIDDEN * self.aim else 0
+            before, hidden = hidden, float(np.count_nonzero(~search.hits.sure))
+            helps = hidden < _FEWER * before
+            most = _MOST_ADDED if helps and hidden > _HIDDEN * self.aim else 0
             more_w = search.hidden_origins(most, max(1.0, _WORTH * self.aim))
             viewpoints, views, requests = [], 0, 0
             for viewpoint in map(self._coarse, map(search.depth_viewpoint, more_w)):

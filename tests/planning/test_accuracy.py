@@ -138,6 +138,15 @@ def test_several_centres_are_captured_from_few_and_finer_only_at_edges():
     assert wrong[image.valid].mean() <= 0.0005
 
 
+def test_centres_are_added_only_while_they_show_what_was_hidden():
+    """Rays past these bars, narrower than a capture's pixel, are certified from no centre."""
+    ring = create("noncentral-panorama", width=48, height=24, radius=1.0)
+    with source(scene="fence") as counted:
+        image = made(ring, counted, TRUTH, accuracy="0.01%")
+    assert image.effort.stopped
+    assert len(counted.places) <= 12
+
+
 def test_a_ring_of_centres_becomes_finer_until_it_is_accurate():
     with source() as counted:
         image = made(RING, counted, TRUTH, accuracy="2%")
