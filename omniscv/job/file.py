@@ -112,7 +112,7 @@ def _record(name: str, value: object) -> Path:
         wanted = "expected a path on this machine, to be put into a store by 'omniscv recording merge'"
         raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
     path = Path(text(name, value))
-    if path.is_dir():
+    if os.path.isdir(path):  # Path's own raises where the name is too long
         raise ArgumentError(f"{name}: expected a file or a free name, got a folder: {path}")
     return path
 

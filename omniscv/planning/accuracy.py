@@ -17,8 +17,8 @@ from omniscv.geometry.arrays import Ints
 from omniscv.planning import strategy
 from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.densities import SMALLEST
-from omniscv.planning.refinement import ROOM, Choice, Doubt, Refinement, first_view, last_sent
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pixels_of
+from omniscv.planning.refinement import ROOM, Choice, Doubt, Refinement, first_view
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategy import Task
 
@@ -85,7 +85,7 @@ class OneCenter(Refinement):
         task = self.task
         base = self._faces(task.edge)
         if base is None or not self._sizes_free() or not self.truth:
-            return (yield from last_sent(strategy.rounds(task)))
+            return (yield from pass_on(strategy.rounds(task)))
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
         small = self._faces(SMALLEST) or base

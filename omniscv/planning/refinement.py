@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Patch, Precision, held, patches
-from omniscv.planning.rounds import Kept, Round, Rounds, pixels_of
+from omniscv.planning.rounds import Kept, Round, Rounds, pass_on, pixels_of
 from omniscv.planning.strategy import Task
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
@@ -45,8 +44,6 @@ _FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how 
 _RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
 _MOST_ROUNDS = 12
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -145,23 +142,17 @@ class Refinement(ABC):
         pixels = pixels_of(request.view for request in requests)
         return len(requests) + round(local), pixels + round(local * _PATCH_PX)
 
-    def counted(self, rounds: Generator[Round, Kept | None, T]) -> Generator[Round, Kept | None, T]:
+    def counted(self, rounds: Rounds) -> Rounds:
         """Yield rounds in the task's state of the world, and count what they capture."""
-        kept: Kept | None = None
-        with closing(rounds):
-            while True:
-                try:
-                    planned = rounds.send(kept)
-                except StopIteration as done:
-                    return done.value  # type: ignore[no-any-return]
-                state = self.task.state
-                planned = replace(
-                    planned, viewpoints=tuple(replace(v, state=state) for v in planned.viewpoints)
-                )
-                requests = planned.requests(self.task.modes)
-                self._requests += len(requests)
-                self._pixels += pixels_of(request.view for request in requests)
-                kept = yield planned
+        yield from pass_on(rounds, self._count)
+
+    def _count(self, planned: Round) -> Round:
+        viewpoints = (replace(viewpoint, state=self.task.state) for viewpoint in planned.viewpoints)
+        planned = replace(planned, viewpoints=tuple(viewpoints))
+        requests = planned.requests(self.task.modes)
+        self._requests += len(requests)
+        self._pixels += pixels_of(request.view for request in requests)
+        return planned
 
     def finer(self, kept: Kept) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
@@ -283,18 +274,6 @@ class Refinement(ABC):
         megapixels = (self._pixels + self.reserved[1] + pixels) / 1e6
         too_many = options.most_captures is not None and requests > options.most_captures
         return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
-
-
-def last_sent(rounds: Rounds) -> Generator[Round, Kept | None, Kept | None]:
-    """Yield rounds, and return what was sent for the last one."""
-    kept: Kept | None = None
-    with closing(rounds):
-        while True:
-            try:
-                planned = rounds.send(kept)
-            except StopIteration:
-                return kept
-            kept = yield planned
 
 
 def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:

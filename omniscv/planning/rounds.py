@@ -124,16 +124,23 @@ Rounds = Generator[Round, Kept | None, None]
 """Yields rounds, is sent their kept captures; None where a plan is made without capturing."""
 
 
-def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
-    """Yield a strategy's rounds with every viewpoint changed; pass on what is sent."""
+def pass_on(
+    rounds: Rounds, change: Callable[[Round], Round] = lambda planned: planned
+) -> Generator[Round, Kept | None, Kept | None]:
+    """Yield rounds, changed, and pass on what is sent; return what was sent for the last one."""
     kept: Kept | None = None
     with closing(rounds):
         while True:
             try:
                 planned = rounds.send(kept)
             except StopIteration:
-                return
-            kept = yield replace(planned, viewpoints=tuple(map(change, planned.viewpoints)))
+                return kept
+            kept = yield change(planned)
+
+
+def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
+    """Yield a strategy's rounds with every viewpoint changed; pass on what is sent."""
+    yield from pass_on(rounds, lambda each: replace(each, viewpoints=tuple(map(change, each.viewpoints))))
 
 
 def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:

@@ -31,10 +31,9 @@ from omniscv.planning.refinement import (
     Doubt,
     Refinement,
     inside,
-    last_sent,
 )
 from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, pixels_of
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Task
 from omniscv.render_options import FINEST_TRUTH
@@ -277,7 +276,7 @@ class SeveralCenters(Refinement):
             planned = strategy.rounds(replace(self.task, options=changed))
             if doubtful < np.inf:  # colours are there
                 planned = change_viewpoints(planned, self._without_colors)
-            kept = yield from last_sent(planned)
+            kept = yield from pass_on(planned)
             if kept is None or kept.doubt is None:
                 return
             before, doubtful = doubtful, int(np.count_nonzero(kept.doubt()))

@@ -73,9 +73,10 @@ def no_library_prints():
 def refused_in_one_line(outcome):
     """One line of bounded length; none where the command printed a report, as ``verify`` does.
 
-    Lines about options that override a job's keys, and about boxes that no server told, may come before.
+    Lines about options that override a job's keys, boxes that no server told, and exposure that a server
+    refuses may come before.
     """
-    before = (" overrides ", "no boxes of objects are recorded: ")
+    before = (" overrides ", "no boxes of objects are recorded: ", "colours keep the game's own exposure: ")
     lines = [line for line in outcome.err.splitlines() if not any(each in line for each in before)]
     if outcome.out and outcome.code == 1:
         return

@@ -67,9 +67,9 @@ def text_changed(rng, text):
 def bytes_changed(rng, data):
     """Bytes flipped, cut or added."""
     data = bytearray(data)
-    for _ in range(rng.choice([0, 1, 1, 5])):
+    for _ in range(rng.choice([0, 1, 1, 5]) if data else 0):
         data[rng.randrange(len(data))] = rng.randrange(256)
-    return bytes(data[: rng.choice([len(data), rng.randrange(len(data))])]) + rng.choice(
+    return bytes(data[: rng.choice([len(data), rng.randrange(len(data) + 1)])]) + rng.choice(
         [b"", b"", b"x" * 99]
     )
 

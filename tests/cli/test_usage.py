@@ -151,6 +151,11 @@ def test_a_file_where_a_folder_is_wanted(below, says, capsys, tmp_path):
     assert path.read_text() == "dear diary"
 
 
+def test_a_recording_whose_name_is_too_long(capsys, tmp_path):
+    line = failed(capsys, 1, ["render", "--record", tmp_path / ("x" * 300), "--size", "8x4"])
+    assert "File name too long" in line
+
+
 def test_a_command_without_standard_error(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "stderr", None)  # as Python has it where it is closed
     assert run(["render", "--source", "scene://waves", "--size", "8x4", "--out", str(tmp_path)]) == 0

@@ -10,7 +10,7 @@ from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.viewing.look import look
 
-HARMLESS = ["x: y", 'a"b', "yes", "&a *b", "</script>", "日本"]
+HARMLESS = ["x: y", 'a"b', "yes", "&a *b", "</script>", "日本", "😀"]
 REFUSED = ["x" * 10_000, "a\nb", "\u202eab", "\ud800", "a/b", "..", ""]
 
 

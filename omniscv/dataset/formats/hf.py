@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -131,7 +132,7 @@ def _word(text: str) -> str:
     """Return a text as YAML reads it back: as it is where it can be, else in quotes."""
     # Words alone: PyYAML fails in several ways on texts that look like numbers or times.
     plain = re.fullmatch(r"[A-Za-z][\w.-]*", text, re.ASCII) and yaml.safe_load(text) == text
-    return text if plain else json.dumps(text)
+    return text if plain else yaml.safe_dump(text, default_style='"', width=sys.maxsize).strip()
 
 
 _TEXT = """

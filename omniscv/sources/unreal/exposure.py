@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omniscv.arguments import shown
-from omniscv.errors import ServerRefusedError
+from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.codecs import decode_png, picture_size
 from omniscv.sources.requests import View
@@ -128,9 +128,11 @@ class _Looks:
         if isinstance(reply, bytes):
             _mean(reply)  # BadReplyError for what is no picture, which is then requested again
             return reply
+        got = f"{shown(command)}, got {shown(reply[:100])}"
+        if command.startswith("vget"):
+            raise BadReplyError(f"{self._connection.address}: expected a picture from {got}")
         if reply != "ok":
-            expected = f"expected a server that answers {shown(command)}"
-            raise ServerRefusedError(f"{self._connection.address}: {expected}, got {shown(reply[:100])}")
+            raise ServerRefusedError(f"{self._connection.address}: expected a server that answers {got}")
         return b""
 
 

@@ -10,7 +10,7 @@ from support.unreal import relayed
 import mock_server
 import omniscv
 from omniscv.cli import run
-from omniscv.errors import ArgumentError, ServerRefusedError
+from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
 from omniscv.sources import Request, View
 from omniscv.sources.base import SourceView
 from omniscv.sources.registry import open_sources
@@ -250,6 +250,22 @@ def test_a_server_that_refuses_what_it_lists_keeps_its_exposure(caplog):
         assert "no such method" in caplog.text
         with omniscv.open_source(uri, exposure="auto") as source, pytest.raises(ServerRefusedError):
             colors(source)
+
+
+def test_a_server_that_sends_no_pictures_is_one_error(caplog):
+    """It is not asked again for pictures with the game's own exposure."""
+
+    def change(command, forward):
+        return "nan" if command.startswith("vget /camera/") and "/lit" in command else forward(command)
+
+    with (
+        mock_server.serve("four-wall") as server,
+        relayed(server, change) as uri,
+        omniscv.open_source(uri, retries=1) as source,
+        pytest.raises(BadReplyError, match="a picture"),
+    ):
+        colors(source)
+    assert "exposure" not in caplog.text
 
 
 def test_a_job_matches_the_exposure_where_its_first_image_is(tmp_path):
