@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from typing import Literal
 
 from omniscv.arguments import number
@@ -41,8 +41,13 @@ def exposure_to_text(bias: float) -> str:
 
 
 def exposure_from_text(text: object) -> Exposure:
-    """Return the exposure in provenance; ``game`` where there is none."""
-    return float(text.removeprefix(_MANUAL)) if isinstance(text, str) and text.startswith(_MANUAL) else "game"
+    """Return the exposure in provenance; ``game`` where there is none that a camera can have."""
+    if isinstance(text, str) and text.startswith(_MANUAL):
+        with suppress(ValueError):
+            bias = float(text.removeprefix(_MANUAL))
+            if EXPOSURE_LIMITS[0] <= bias <= EXPOSURE_LIMITS[1]:
+                return bias
+    return "game"
 
 
 class SharedExposure:

@@ -14,6 +14,7 @@ from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
 from omniscv.sources import Request, View
 from omniscv.sources.base import SourceView
 from omniscv.sources.registry import open_sources
+from omniscv.sources.world import exposure_from_text, exposure_to_text
 
 VIEWS = [View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 16, 16) for yaw in (0, 90)]
 
@@ -250,6 +251,12 @@ def test_a_server_that_refuses_what_it_lists_keeps_its_exposure(caplog):
         assert "no such method" in caplog.text
         with omniscv.open_source(uri, exposure="auto") as source, pytest.raises(ServerRefusedError):
             colors(source)
+
+
+@pytest.mark.parametrize("bias", ["x", "nan", "1e9", ""])
+def test_provenance_that_no_camera_has_is_the_games_exposure(bias):
+    assert exposure_from_text(exposure_to_text(-1.25)) == -1.25
+    assert exposure_from_text(f"manual, bias {bias}") == "game"
 
 
 def test_a_server_that_sends_no_pictures_is_one_error(caplog):
