@@ -32,7 +32,7 @@ def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
 def size(text: str) -> tuple[int, int]:
     """Return ``1024x512`` as (width, height)."""
     if not re.fullmatch(r"[0-9]{1,9}[xX][0-9]{1,9}", text):
-        raise _wrong("--size", "WIDTHxHEIGHT such as 1024x512", text)
+        raise wrong("--size", "WIDTHxHEIGHT such as 1024x512", text)
     width, height = text.lower().split("x")
     return int(width), int(height)
 
@@ -44,7 +44,7 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     except ValueError:
         values = ()
     if len(values) != len(example.split(",")):
-        raise _wrong(option, f"numbers such as {example}", text)
+        raise wrong(option, f"numbers such as {example}", text)
     return values
 
 
@@ -62,14 +62,15 @@ def setting(text: str, example: str = "face_size=512 or camera.fov_deg=185") -> 
 
     name, equals, value = text.partition("=")
     if not equals or not all(name.split(".")):
-        raise _wrong("--set", f"KEY=VALUE such as {example}", text)
+        raise wrong("--set", f"KEY=VALUE such as {example}", text)
     try:
         return re.sub(r"^(camera|pose)\.", r"\1s.*.", name), bounded.parse_yaml(value)
     except ArgumentError as cause:
         raise ArgumentError(f"--set {name}: {cause.message}") from cause
 
 
-def _wrong(option: str, expected: str, text: str) -> ArgumentError:
+def wrong(option: str, expected: str, text: str) -> ArgumentError:
+    """Return the error of an option's value."""
     from omniscv.arguments import shown  # loads NumPy, which help does without
 
     return ArgumentError(f"{option}: expected {expected}, got {shown(text)}")

@@ -21,7 +21,13 @@ def _positions(texts: list[str]) -> Keys:
 
 
 def _exposure(text: str) -> float | str:
-    return text if text in ("auto", "game") else options.numbers("--exposure", text, "0.5")[0]
+    """Return ``auto``, ``game`` or a bias in stops."""
+    if text in ("auto", "game"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise options.wrong("--exposure", "auto, game or a bias in stops such as 0.5", text) from None
 
 
 OPTIONS = {

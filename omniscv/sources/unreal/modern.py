@@ -166,6 +166,8 @@ class ModernDriver(CameraDriver):
             return
         if chosen is None and (self._options.camera or not self.connection.supports(EXPOSURE_METHOD)):
             chosen = "game"
+        elif chosen is not None and chosen != "auto":
+            _check_as_before(chosen, shared.value)
         try:
             if chosen is None or chosen == "auto":
                 chosen = shared.get(lambda: self._matching(colors[0].view.pose))
@@ -398,6 +400,15 @@ class ModernDriver(CameraDriver):
             states[mode] = _sight(request)
         self._stops = stops
         return steps
+
+
+def _check_as_before(chosen: Exposure, before: Exposure | None) -> None:
+    """Raise ArgumentError for another exposure than the one that a recording's colours have."""
+    known = [value for value in (before, chosen) if value is not None]
+    in_words = ["the game's own" if value == "game" else f"a bias of {value:g}" for value in known]
+    if len(set(in_words)) > 1:
+        advice = "leave exposure out to go on with it, or record into another file"
+        raise ArgumentError("exposure: expected {}, as recorded before, got {}; {}".format(*in_words, advice))
 
 
 def _stops_of(request: Request, before: float | None) -> float | None:

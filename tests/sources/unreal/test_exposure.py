@@ -225,6 +225,29 @@ def test_a_recording_goes_on_with_its_exposure(begun, tmp_path):
     assert exposures == [held] * 2
 
 
+@pytest.mark.parametrize(
+    ("begun", "wanted", "message"),
+    [
+        (1.0, 2.0, "expected a bias of 1, as recorded before, got a bias of 2; leave exposure out"),
+        ("game", 2.0, "expected the game's own, as recorded before, got a bias of 2"),
+        (1.0, "game", "expected a bias of 1, as recorded before, got the game's own"),
+    ],
+)
+def test_a_recording_refuses_colours_of_another_exposure(begun, wanted, message, tmp_path):
+    def record(exposure, yaw_deg, **options):
+        with (
+            omniscv.open_source("mock://four-wall", exposure=exposure) as live,
+            omniscv.record(live, tmp_path / "room.sqlite", **options) as source,
+        ):
+            return [exposure_of(capture) for capture in colors(source, yaw_deg=yaw_deg)]
+
+    first = record(begun, 0)
+    with pytest.raises(ArgumentError, match=message):
+        record(wanted, 30)
+    assert record(begun, 60) == first
+    assert record(wanted, 0, anew=True) != first
+
+
 def test_a_game_that_was_started_again_gets_the_same_exposure():
     """The game that comes back would be matched by another one."""
     with (

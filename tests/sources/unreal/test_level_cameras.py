@@ -263,7 +263,7 @@ def test_exposure_holds_and_is_recorded(dialect):
             assert server.statistics.total(f"vset /camera/1/{setting}") == 2
 
 
-def test_exposure_of_the_command_line(tmp_path):
+def test_exposure_of_the_command_line(tmp_path, capsys):
     base = ["record", "--source", "mock://four-wall", "--modes", "lit", "--set", "face_size=16"]
     out = str(tmp_path / "a.sqlite")
     assert run([*base, "--exposure", "0.5", "--out", out]) == 0
@@ -273,6 +273,8 @@ def test_exposure_of_the_command_line(tmp_path):
     assert capture.provenance["exposure"] == "manual, bias 0.5"
     for wrong in ("bright", "99", "1,2"):
         assert run([*base, "--exposure", wrong, "--out", out]) == 2
+    expected = "--exposure: expected auto, game or a bias in stops such as 0.5, got"
+    assert [expected in line for line in capsys.readouterr().err.splitlines()] == [True, False, True]
 
 
 def test_fields_of_view_that_engines_clamp_are_refused():
