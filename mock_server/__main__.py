@@ -2,7 +2,7 @@
 
 The first line on the standard output starts with the address, for scripts that take any free port. SIGINT,
 SIGTERM and SIGHUP stop the server, SIGINT also where it was ignored at the start: see
-:func:`mock_server.stop_signal`.
+:func:`mock_server.server`.
 """
 
 import argparse
@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from mock_server.faults import KINDS
+from mock_server.server import stop_signal
 from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, SHARED_MEMORY, scene_names
-from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
 _EXAMPLE = "four-wall --port 9000 --dialect 0.3.10 --size 512x512"

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server import motion, scene_file, solids, textures, yaml_text
-from mock_server.kernel import COLUMNS, RECTANGLE, SPHERE, nearest_hits
 from mock_server.scene_file import Room
 from mock_server.settings import SCENES, scene_names
+from mock_server.solids import COLUMNS, RECTANGLE, SPHERE, nearest_hits
 from mock_server.textures import Texture
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Scene:
     Attributes:
         name: of the scene.
         objects: names of the objects, sorted.
-        solids: (N, 20) float64, one row per solid; see ``kernel.COLUMNS``.
+        solids: (N, 20) float64, one row per solid; see ``solids.COLUMNS``.
         moving: names of the objects with a motion, sorted.
         time: of the scene, seconds; 0 when loaded.
         room: the room; None without one, or if a wall of it has moved.
@@ -142,7 +142,7 @@ class Scene:
         return (low + high) / 2 @ axes, axes, high - low
 
     def vertices(self, name: str) -> Array:
-        """Return (N, 3) mesh points of an object, metres, world frame; see :func:`mock_server.solids.points`.
+        """Return (N, 3) mesh points of an object, metres, world frame: those of ``solids.points``.
 
         Raises:
             ValueError: no object has that name.

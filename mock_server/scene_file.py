@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server.kernel import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
 from mock_server.motion import Motion, Steady, Swing, Waypoints
+from mock_server.solids import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
 from mock_server.textures import KINDS, Texture, direction_pattern, waves
 from mock_server.yaml_text import shown
 
@@ -69,7 +69,7 @@ class SceneFile:
     moving: dict[str, Moving] = field(default_factory=dict)
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
-        """Add a solid by its centre, axes as rows, and half sizes; see ``kernel.COLUMNS``."""
+        """Add a solid by its centre, axes as rows, and half sizes; see ``solids.COLUMNS``."""
         if len(self.rows) == _MOST_SOLIDS:
             raise ValueError(f"{shown(name)}: expected at most {_MOST_SOLIDS} solids in a scene, got more")
         row = np.zeros(COLUMNS)

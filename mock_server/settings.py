@@ -53,7 +53,7 @@ class Settings:
             client has left.
         shared_memory: whether N3 lists its commands for shared memory: ``unlisted``; ``refusing``, as a game
             on Linux does; ``serving``, into buffers of this process, :attr:`Server.regions`.
-        panorama: the convention of the Dev build's panoramas: see :mod:`mock_server.dialects.dev`.
+        panorama: the convention of the Dev build's panoramas: see :mod:`mock_server.dialects.v1_1`.
         latency_ms: delay of every reply after its request; pipelined requests share it, as they share an
             engine's tick.
         size: width and height of new cameras, px.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mock_server import flaws, pixels
 from mock_server.cine import Cine
 from mock_server.faults import Faults
-from mock_server.light import Film, mixed
+from mock_server.flaws import Film, mixed
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
 from mock_server.render import ViewHits, pinhole_rays, render_view
 from mock_server.scene import LATEST_S, Scene

@@ -1,10 +1,9 @@
 """The dialects by name."""
 
 from mock_server.dialects.common import Dialect
-from mock_server.dialects.dev import PluginDev
 from mock_server.dialects.v0_3_10 import Plugin0310
 from mock_server.dialects.v1 import Branch52, Branch422, Plugin1
-from mock_server.dialects.v1_1 import Plugin11
+from mock_server.dialects.v1_1 import Plugin11, PluginDev
 from mock_server.settings import DialectName
 
 BY_NAME: dict[DialectName, type[Dialect]] = {

@@ -18,12 +18,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import known, parse_mapping, read_known
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
     FormatModel,
     camera_of,
     format_models,
+    known,
+    parse_mapping,
+    read_known,
     read_numbers,
     write_numbers,
 )

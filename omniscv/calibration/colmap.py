@@ -17,8 +17,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from omniscv.arguments import numbers, one_of, shown, within
-from omniscv.calibration.common import check_first_is_origin, whole_number
-from omniscv.calibration.intrinsics import camera_of, format_models, read_numbers, write_numbers
+from omniscv.calibration.intrinsics import (
+    camera_of,
+    check_first_is_origin,
+    format_models,
+    read_numbers,
+    whole_number,
+    write_numbers,
+)
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from omniscv.arguments import one_of, within
-from omniscv.calibration import aria, colmap, common, kalibr, nvidia, ocamcalib, opencv
+from omniscv.calibration import aria, colmap, intrinsics, kalibr, nvidia, ocamcalib, opencv
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
@@ -41,12 +41,12 @@ class _Format(NamedTuple):
 
 def read_json(text: str) -> dict[str, Camera]:
     """Return the camera, named ``cam0``, that ``camera.to_dict()`` described; pixel centres are at .5."""
-    return {"cam0": from_dict(common.parse_mapping(text))}
+    return {"cam0": from_dict(intrinsics.parse_mapping(text))}
 
 
 def write_json(cameras: Mapping[str, Camera]) -> str:
     """Return the JSON of one camera of any model; its name is not carried."""
-    with common.only_camera(cameras, "our JSON") as camera:
+    with intrinsics.only_camera(cameras, "our JSON") as camera:
         return json.dumps(camera.to_dict(), indent=1)
 
 
@@ -169,7 +169,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
         if path.is_dir():
             return colmap.rig_from_colmap(*(read_text(path / name) for name in _COLMAP_FILES))
         text = read_text(path)
-        data = common.parse_mapping(text)
+        data = intrinsics.parse_mapping(text)
         if "CameraCalibrations" in data:
             return aria.rig_from_aria(text)
         return Rig.from_dict(data) if "cameras" in data else kalibr.rig_from_kalibr(text)

@@ -39,12 +39,15 @@ import numpy as np
 import yaml
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import check_first_is_origin, image_size, parse_mapping, read_known
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
     FormatModel,
     camera_of,
+    check_first_is_origin,
     format_models,
+    image_size,
+    parse_mapping,
+    read_known,
     read_numbers,
     write_numbers,
 )

@@ -26,13 +26,16 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.common import only_camera, parse_mapping, read_known, whole_number
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
     camera_of,
     format_models,
+    only_camera,
+    parse_mapping,
+    read_known,
     read_numbers,
     refuse_limit,
+    whole_number,
     write_numbers,
 )
 from omniscv.cameras import Camera, FTheta, create

@@ -25,8 +25,7 @@ from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
 from omniscv.arguments import numbers, shown
-from omniscv.calibration.common import only_camera, whole_number
-from omniscv.calibration.intrinsics import HALF_PIXEL, refuse_limit
+from omniscv.calibration.intrinsics import HALF_PIXEL, only_camera, refuse_limit, whole_number
 from omniscv.cameras import Camera, Scaramuzza
 from omniscv.cameras.arrays import Array
 from omniscv.errors import ArgumentError

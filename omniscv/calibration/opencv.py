@@ -26,8 +26,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, shown
-from omniscv.calibration.common import only_camera, parse_mapping, read_known, whole_number
-from omniscv.calibration.intrinsics import HALF_PIXEL, camera_of, format_models, write_numbers
+from omniscv.calibration.intrinsics import (
+    HALF_PIXEL,
+    camera_of,
+    format_models,
+    only_camera,
+    parse_mapping,
+    read_known,
+    whole_number,
+    write_numbers,
+)
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, record

@@ -31,11 +31,10 @@ from omniscv.sources.base import Color
 from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import exposure, replies
-from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
-from omniscv.sources.unreal.masks import colors, paint_command, vertex_color_roundtrip
+from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.replies import SKY, are_light
 

@@ -13,7 +13,7 @@ from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import IS_PAUSED, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
-from omniscv.sources.unreal.masks import colors
+from omniscv.sources.unreal.objects import colors
 from omniscv.sources.unreal.replies import numbers
 
 _TICKS, _FRAMES = 6, 8  # for how long to watch objects, and frames after a move

@@ -1,4 +1,4 @@
-"""Short names for types of arrays, and compiled kernels on blocks of rows, on all cores."""
+"""Short names for types of arrays, kernels on blocks of rows, on all cores, and groups of near directions."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.geometry.pose import Array
 from omniscv.parallel import blocks
 
 Floats = NDArray[np.float32]
@@ -53,3 +54,26 @@ def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) 
         The results, one for each block.
     """
     return blocks(lambda block: kernel(*(array[block] for array in rows), *others), len(rows[0]))
+
+
+def cluster_starts(positions_w: Array, distance_m: float) -> Array:
+    """Return, for each position, the first position of its cluster.
+
+    Args:
+        positions_w: (N, 3) metres, world frame.
+        distance_m: the longest step between two positions of a cluster.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    count = len(positions_w)
+    if not count:
+        return positions_w
+    pairs = cKDTree(positions_w).query_pairs(distance_m, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), (count, count))
+    _, first, cluster = np.unique(
+        connected_components(graph, directed=False)[1], return_index=True, return_inverse=True
+    )
+    starts: Array = positions_w[first[cluster]]
+    return starts

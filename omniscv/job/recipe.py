@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.clusters import cluster_starts
+from omniscv.geometry.arrays import cluster_starts
 from omniscv.records import checked, mapping, read, record
 from omniscv.storage import bounded
 from omniscv.truth_options import Tolerance

@@ -31,7 +31,7 @@ from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
-from omniscv.sources.exposures import exposures_of
+from omniscv.sources.brackets import exposures_of
 from omniscv.sources.recording.rows import view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities

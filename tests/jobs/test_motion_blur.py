@@ -10,15 +10,14 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job.file import load
-from omniscv.make import motion_blur
-from omniscv.make.moments import images_of, moments
+from omniscv.make.moments import images_of, instants_for, moments, motion_px
 
 STILL = omniscv.Pose.from_angles((0, 0, 1.2))
 
 
 @pytest.mark.parametrize(("px", "count"), [(0, 3), (1, 9), (4, 17), (16, 33), (64, 129), (1e6, 999)])
 def test_twice_as_many_instants_as_pixels_of_motion(px, count):
-    assert motion_blur.instants(px) == count
+    assert instants_for(px) == count
 
 
 def error_of(count, px):
@@ -34,21 +33,19 @@ def error_of(count, px):
 
 @pytest.mark.parametrize("px", [0.5, 2, 7, 16, 40])
 def test_the_mean_of_so_many_is_within_two_levels_of_a_full_edge(px):
-    assert 255 * error_of(motion_blur.instants(px), px) < 2
+    assert 255 * error_of(instants_for(px), px) < 2
 
 
 def test_motion_is_measured_in_pixels():
     camera = create("fisheye-equidistant", width=200, height=200, focal=60.0)
     turned = omniscv.Pose.from_angles((0, 0, 1.2), yaw_deg=10)
-    assert motion_blur.motion_px(camera, (STILL, turned), (), (0, 1)) == pytest.approx(
-        60 * np.radians(10), rel=0.3
-    )
+    assert motion_px(camera, (STILL, turned), (), (0, 1)) == pytest.approx(60 * np.radians(10), rel=0.3)
     moved = omniscv.Pose.from_angles((0.1, 0, 1.2))
-    assert motion_blur.motion_px(camera, (STILL, moved), (), (0, 1)) == pytest.approx(6, rel=0.3)
+    assert motion_px(camera, (STILL, moved), (), (0, 1)) == pytest.approx(6, rel=0.3)
     slide = Motion(
         Trajectory((object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)), (0.0, 2.0)), "linear"
     )
-    assert motion_blur.motion_px(camera, (STILL, STILL), (slide,), (0, 1)) == pytest.approx(60 * 0.2, rel=0.3)
+    assert motion_px(camera, (STILL, STILL), (slide,), (0, 1)) == pytest.approx(60 * 0.2, rel=0.3)
 
 
 def job(out, instants, **more):

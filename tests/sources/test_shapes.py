@@ -19,7 +19,7 @@ from omniscv.sources import Request, View
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
-from omniscv.sources.unreal.boxes import boxes
+from omniscv.sources.unreal.objects import boxes
 from omniscv.sources.unreal.opening import open_connection
 
 SCENE = mock_server.load_scene("four-wall")

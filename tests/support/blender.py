@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from mock_server import load_scene, scene_file
-from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
+from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
 from mock_server.yaml_text import parse, read_text
 from omniscv.errors import OmniscvError
 from omniscv.sources.blender.settings import blender_command

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
 from mock_server.scene import Scene
+from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
 from omniscv import cameras
 from omniscv.sources import Capabilities
 from omniscv.sources.scene import SceneSource

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.kernel import BOX, CYLINDER, RECTANGLE, SPHERE
+from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
 from omniscv.chart.truth import traced
 from omniscv.compose.image import OmniImage
 

@@ -25,7 +25,7 @@ from omniscv.sources.base import (
     View,
     copy_with,
 )
-from omniscv.sources.exposures import Response, exposures_of, merge, response_of
+from omniscv.sources.brackets import Response, exposures_of, merge, response_of
 from omniscv.sources.recording.rows import Row, WorldState, object_from_json, sizes_of
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.views import NO_VIEWS, differences, in_words, states_in_words, views_by_state

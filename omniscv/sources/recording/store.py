@@ -30,10 +30,10 @@ from omniscv.sources.recording.files import (
     kind_of,
     publish_new,
     remove_leftovers,
+    settle_journal,
     target_of,
     written_for,
 )
-from omniscv.sources.recording.journals import settle_journal
 from omniscv.sources.recording.rows import (
     MOST_OBJECTS,
     Head,

@@ -12,7 +12,7 @@ from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal.client import Client, Connection
 from omniscv.sources.unreal.commands import EXPOSURE_METHOD, FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
-from omniscv.sources.unreal.masks import paint
+from omniscv.sources.unreal.objects import paint
 from omniscv.sources.unreal.replies import Reply, name, numbers, shows_light
 from omniscv.sources.world import CameraExposure, SharedExposure
 

@@ -24,14 +24,13 @@ from omniscv.sources.base import (
     closed_error,
 )
 from omniscv.sources.unreal import exposure
-from omniscv.sources.unreal.boxes import boxes
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.commands import checked
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
-from omniscv.sources.unreal.masks import colors, object_table
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.objects import boxes, colors, object_table
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, SharedExposure, World
 

@@ -19,8 +19,7 @@ from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
-from omniscv.sources.unreal.boxes import boxes
-from omniscv.sources.unreal.masks import colors, paint
+from omniscv.sources.unreal.objects import boxes, colors, paint
 from omniscv.sources.unreal.opening import open_connection
 
 EDGE = 64
