@@ -41,7 +41,8 @@ def blocks(function: Callable[[slice], R], count: int, elements: int | None = No
         count: number of rows.
         elements: number of elements in all rows; the count if not given.
     """
-    number = cores() if (elements or count) >= MIN_PARALLEL_ELEMENTS else 1
+    alone = cores() == 1 or (elements or count) < MIN_PARALLEL_ELEMENTS
+    number = 1 if alone else max(1, min(4 * cores(), count))  # several a core: not all take as long
     edges = [count * i // number for i in range(number + 1)]
     return side_by_side(function, [slice(a, b) for a, b in pairwise(edges)])
 

@@ -51,7 +51,7 @@ def test_cores_can_be_limited():
 def test_blocks_cover_all_rows(count, elements):
     rows = blocks(lambda part: list(range(count))[part], count, elements)
     assert [row for part in rows for row in part] == list(range(count))
-    assert len(rows) == (cores() if elements else 1)
+    assert len(rows) == (max(1, min(count, 4 * cores())) if elements and cores() > 1 else 1)
 
 
 def test_the_first_error_is_raised_and_the_rest_is_not_started():

@@ -18,6 +18,7 @@ from typer.exceptions import TyperException
 import omniscv
 from omniscv.cli import console, signals
 from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.memory import keep_freed_memory
 
 COMMANDS = (
     "demo",
@@ -114,6 +115,7 @@ def main() -> None:
 
 def _run_process() -> int:
     _print_log()
+    keep_freed_memory()
     return run(sys.argv[1:])
 
 

@@ -17,6 +17,7 @@ from omniscv.cluster.workers import RESOURCE
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.job import Job
 from omniscv.make import Part, opened, run_part
+from omniscv.memory import keep_freed_memory
 from omniscv.sources.base import Source
 from omniscv.sources.registry import SourceOptions, open_source
 
@@ -58,6 +59,7 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
         self._worker = worker
         self._source: Source | None = None
         self._failures, self._ending = 0, False
+        keep_freed_memory()
 
     async def teardown(self, worker: Any) -> None:
         """Close the source, and with it what it launched."""

@@ -14,12 +14,14 @@ import cv2
 from benches import Figure, Reference, best_ms
 from omniscv import Renderer, RenderOptions, cameras, parallel
 from omniscv.geometry import Pose
+from omniscv.memory import keep_freed_memory
 from omniscv.sources.scene import SceneSource, open_scene
 
 MODES = ("lit", "object_mask", "depth")
 
 
 def measure(quick: bool) -> Iterator[Figure]:
+    keep_freed_memory()
     works, alone = ways(64 if quick else 2048), dict[str, float]()
     for threads in takewhile(lambda n: n <= (os.cpu_count() or 1), (2**i for i in count())):
         parallel.limit(threads)
