@@ -2,7 +2,7 @@
 
 The first line on the standard output starts with the address, for scripts that take any free port. SIGINT,
 SIGTERM and SIGHUP stop the server, SIGINT also where it was ignored at the start: see
-:func:`mock_server.server`.
+:func:`mock_server.stop_signal`.
 """
 
 import argparse

@@ -1,6 +1,7 @@
-"""How an image is captured and composed: options that strategies and composition read."""
+"""How an image is captured and composed, and the options of truths that are keys of jobs; light to import."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, Literal, NamedTuple, TypedDict, get_args
 
 from omniscv.arguments import (
@@ -15,7 +16,7 @@ from omniscv.arguments import (
     whole_number,
 )
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, optional, record
+from omniscv.records import checked, nested, optional, record
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
@@ -198,3 +199,47 @@ class RenderKeywords(TypedDict, total=False):
     most_captures: int | None
     most_megapixels: float | None
     capture_ms: tuple[float, float]
+
+
+LayoutSource = Literal["scene", "fitted"]
+Visibility = Literal["room", "full", "all"]
+
+layout_source = partial(one_of, words=get_args(LayoutSource))
+_sigma = partial(number, above=0, most=1)
+
+
+@record
+class Tolerance:
+    """How far two depths along a ray may differ and still be taken for one; the larger of both limits counts.
+
+    It is the key ``tolerance`` under a job's ``truth:``.
+    """
+
+    abs_m: float = checked(number, least=0, default=0.02, help="metres within which depths are equal")
+    rel: float = checked(number, least=0, default=0.01, help="the same, as a share of the depth")
+
+
+@record
+class MapOptions:
+    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_labels.exact_maps`."""
+
+    edge_sigma: float | None = checked(
+        _sigma, default=None, help="width of edges, a share of a full turn; default 0.0054"
+    )
+    corner_sigma: float | None = checked(
+        _sigma, default=None, help="width of corners, a share of a full turn; default 0.0107"
+    )
+    visibility: Visibility | None = checked(
+        one_of,
+        words=get_args(Visibility),
+        default=None,
+        help="room (default): not hidden by walls; full: not hidden by anything; all",
+    )
+
+
+@record
+class LayoutKey:
+    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
+
+    source: LayoutSource | None = checked(layout_source, default=None, help="scene or fitted")
+    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument, BadParameter, Option, Typer
 
 from omniscv.cli import console
-from omniscv.cli.progress import StyleOption, display
+from omniscv.cli.console import StyleOption, display
 
 app = Typer(add_completion=False)
 

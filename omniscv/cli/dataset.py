@@ -7,10 +7,10 @@ from typing import Annotated
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
+from omniscv.cli.console import StyleOption, display
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
 from omniscv.cli.old_spellings import OF_FORMATS, OF_JOBS, accepting
 from omniscv.cli.options import AsJson, setting
-from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."

@@ -6,7 +6,7 @@ from typing import Annotated
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
-from omniscv.cli.progress import StyleOption, display
+from omniscv.cli.console import StyleOption, display
 
 app = Typer(add_completion=False)
 

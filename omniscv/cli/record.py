@@ -7,9 +7,9 @@ from typing import Annotated, Any
 from typer import Option, Typer
 
 from omniscv.cli import console, options
+from omniscv.cli.console import StyleOption, display
 from omniscv.cli.job_options import MODES, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
 from omniscv.cli.old_spellings import OF_JOBS, accepting
-from omniscv.cli.progress import StyleOption, display
 
 app = Typer(add_completion=False)
 

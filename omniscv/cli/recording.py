@@ -8,7 +8,7 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.arguments import one_of
 from omniscv.cli import console, options
-from omniscv.cli.progress import StyleOption, display
+from omniscv.cli.console import StyleOption, display
 
 _HELP = "Inspect recordings, check, join and divide them, convert them to folders and back."
 app = Typer(name="recording", help=_HELP, no_args_is_help=True, add_completion=False)

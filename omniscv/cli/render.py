@@ -6,9 +6,9 @@ from typing import Annotated
 from typer import Option, Typer
 
 from omniscv.cli import console
+from omniscv.cli.console import StyleOption, display
 from omniscv.cli.job_options import IMAGES, JobArguments, with_job
 from omniscv.cli.old_spellings import OF_JOBS, accepting
-from omniscv.cli.progress import StyleOption, display
 from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)

@@ -35,13 +35,13 @@ from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, help_of, key_of, listed, mapping, nested, optional, record
 from omniscv.records import read as read_record
+from omniscv.render_options import LayoutKey, MapOptions, Tolerance
 from omniscv.sensor import Sensor
 from omniscv.sensor.optics import NATURAL
 from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 from omniscv.storage import bounded, is_url, without_secrets
-from omniscv.truth_options import LayoutKey, MapOptions, Tolerance
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 """A job with every key, and a comment for each."""

@@ -19,8 +19,8 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import cluster_starts
 from omniscv.records import checked, mapping, read, record
+from omniscv.render_options import Tolerance
 from omniscv.storage import bounded
-from omniscv.truth_options import Tolerance
 
 _TOLERANCE = 1e-6
 """Largest difference of the sum of shares from 1."""

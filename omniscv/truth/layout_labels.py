@@ -21,9 +21,9 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
+from omniscv.render_options import Visibility
 from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_in_image import first_hits, inside, radians_per_pixel
-from omniscv.truth_options import Visibility
 
 Map = NDArray[np.uint8]
 

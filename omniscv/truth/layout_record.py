@@ -31,10 +31,10 @@ from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.records import checked, nested, record
+from omniscv.render_options import LayoutKey, LayoutSource, Tolerance, layout_source
 from omniscv.truth.registry import Observation, Truth, register
 from omniscv.truth.room_in_image import Flags, Samples, resolved, sample_edges, seen_in_depth, seen_in_room
 from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
-from omniscv.truth_options import LayoutKey, LayoutSource, Tolerance, layout_source
 
 VERSION = 1
 

@@ -16,8 +16,8 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.parallel import row_blocks
 from omniscv.records import checked, nested, record
+from omniscv.render_options import Tolerance
 from omniscv.truth.registry import Truth, register
-from omniscv.truth_options import Tolerance
 
 Mask = NDArray[np.bool_]
 Wrap = Literal["shortest", "classic"]

@@ -15,7 +15,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
-from omniscv.truth_options import Tolerance
+from omniscv.render_options import Tolerance
 
 Flags = NDArray[np.bool_]
 

@@ -9,7 +9,7 @@ from threading import Thread
 import pytest
 
 from omniscv.cli import run
-from omniscv.cli.progress import Display, Lines, display
+from omniscv.cli.console import Display, Lines, display
 from omniscv.jobs import load
 from omniscv.jobs import run as run_job
 from omniscv.progress import Meter, Progress, without_images

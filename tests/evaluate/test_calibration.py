@@ -7,8 +7,7 @@ import pytest
 import omniscv
 from omniscv.evaluate.calibration import evaluation as calibration
 from omniscv.evaluate.calibration.edges import find_edges, group_by_line
-from omniscv.evaluate.calibration.estimation import calibrate
-from omniscv.evaluate.calibration.line_images import models
+from omniscv.evaluate.calibration.estimation import calibrate, models
 from omniscv.evaluate.registry import Settings, run
 
 UNIT = 512

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omniscv.evaluate.calibration.line_images import models
+from omniscv.evaluate.calibration.estimation import models
 
 FOCAL = 512.0
 SIZE = 1024

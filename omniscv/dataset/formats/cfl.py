@@ -17,8 +17,8 @@ from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.records import checked, nested, record
+from omniscv.render_options import LayoutKey, MapOptions
 from omniscv.truth.layout_labels import exact_maps, original_maps
-from omniscv.truth_options import LayoutKey, MapOptions
 
 
 @record

@@ -25,9 +25,8 @@ from pathlib import Path
 
 from omniscv.arguments import one_of, within
 from omniscv.cameras import Camera
-from omniscv.dataset.depth_codes import PRESETS, Kind, encode
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import write_numbers
+from omniscv.dataset.pictures import PRESETS, Kind, encode, write_numbers
 from omniscv.frame import Frame
 from omniscv.records import checked, record
 

@@ -23,9 +23,8 @@ import numpy as np
 from omniscv.calibration.intrinsics import format_models, write_numbers
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.compose.files import write_json
-from omniscv.dataset.depth_codes import PRESETS, encode
 from omniscv.dataset.exporting import Format, PointOptions, register
-from omniscv.dataset.pictures import copy_lit, without_limit, write_mask, write_pixels
+from omniscv.dataset.pictures import PRESETS, copy_lit, encode, without_limit, write_mask, write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
-from omniscv.dataset.depth_codes import PRESETS, encode
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import write_color, write_pixels
+from omniscv.dataset.pictures import PRESETS, encode, write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry.pose import Array

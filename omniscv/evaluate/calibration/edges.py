@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from omniscv.evaluate.calibration.line_images import LineImages
+from omniscv.evaluate.calibration.estimation import LineImages
 from omniscv.geometry.pose import Array
 
 _SIGMA_PX = 1.0

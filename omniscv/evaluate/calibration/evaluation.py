@@ -15,8 +15,7 @@ import numpy as np
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
 from omniscv.evaluate.calibration.edges import find_edges, group_by_line
-from omniscv.evaluate.calibration.estimation import calibrate
-from omniscv.evaluate.calibration.line_images import LineImages, models
+from omniscv.evaluate.calibration.estimation import LineImages, calibrate, models
 from omniscv.evaluate.registry import (
     BLUE,
     GREEN,
