@@ -101,9 +101,9 @@ def faces_hit(directions: Array, R_w_d: Array) -> NDArray[np.bool_]:
     """
     axes_w = np.array([R_w_c[:, 2] for R_w_c in ROTATIONS])
     axes_d = np.ascontiguousarray(axes_w @ R_w_d)
-    along = directions[::_EVERY] @ axes_d.T
-    some = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=1, keepdims=True))
-    if some.any(axis=0).all():  # not by the kernel, which then need not be compiled
+    along = axes_d @ directions[::_EVERY].T
+    some = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=0))
+    if some.any(axis=1).all():  # not by the kernel, which then need not be compiled
         return ALL_FACES
     parts = blocks(lambda rows: _faces_hit(directions[rows], axes_d), len(directions))
     return np.asarray(np.any(parts, axis=0))
