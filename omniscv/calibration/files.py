@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -39,13 +40,15 @@ class _Format(NamedTuple):
     write: Callable[..., str]
 
 
-def read_json(text: str) -> dict[str, Camera]:
-    """Return the camera, named ``cam0``, that ``camera.to_dict()`` described; pixel centres are at .5."""
+def _opencv(model: str) -> _Format:
+    return _Format(None, partial(opencv.read, model), partial(opencv.write, model))
+
+
+def _read_json(text: str) -> dict[str, Camera]:
     return {"cam0": from_dict(intrinsics.parse_mapping(text))}
 
 
-def write_json(cameras: Mapping[str, Camera]) -> str:
-    """Return the JSON of one camera of any model; its name is not carried."""
+def _write_json(cameras: Mapping[str, Camera]) -> str:
     with intrinsics.only_camera(cameras, "our JSON") as camera:
         return json.dumps(camera.to_dict(), indent=1)
 
@@ -55,10 +58,10 @@ def _matches(pattern: str) -> Callable[[str], object]:
 
 
 _FORMATS: dict[str, _Format] = {
-    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), read_json, write_json),
-    "opencv": _Format(None, opencv.read_opencv, opencv.write_opencv),
-    "opencv-fisheye": _Format(None, opencv.read_opencv_fisheye, opencv.write_opencv_fisheye),
-    "opencv-omnidir": _Format(None, opencv.read_opencv_omnidir, opencv.write_opencv_omnidir),
+    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), _read_json, _write_json),
+    "opencv": _opencv("opencv"),
+    "opencv-fisheye": _opencv("opencv-fisheye"),
+    "opencv-omnidir": _opencv("opencv-omnidir"),
     "kalibr": _Format(_matches(r"^[ \t]*camera_model[ \t]*:"), kalibr.read_kalibr, kalibr.write_kalibr),
     "colmap": _Format(
         _matches(rf"^[ \t]*\d+[ \t]+({'|'.join(colmap.NAMES)})[ \t]"), colmap.read_colmap, colmap.write_colmap
@@ -101,13 +104,19 @@ def load(
             format; the message starts with the path.
     """
     with within(path):
-        text = read_text(Path(path))
-        known = _format_of(text) if format is None else one_of("format", format, _FORMATS)
-        if size is None:
-            return _FORMATS[known].read(text)
-        if not known.startswith("opencv"):
-            raise ArgumentError(f"size: expected none, a file of {known} holds it; got {size[0]} x {size[1]}")
-        return _FORMATS[known].read(text, size)
+        return loads(read_text(Path(path)), format, size)
+
+
+def loads(
+    text: str, format: FormatName | None = None, size: tuple[int, int] | None = None
+) -> dict[str, Camera]:
+    """Return the cameras of a calibration file's text, as :func:`load`; ArgumentError for other text."""
+    known = _format_of(text) if format is None else one_of("format", format, _FORMATS)
+    if size is None:
+        return _FORMATS[known].read(text)
+    if not known.startswith("opencv"):
+        raise ArgumentError(f"size: expected none, a file of {known} holds it; got {size[0]} x {size[1]}")
+    return _FORMATS[known].read(text, size)
 
 
 def _format_of(text: str) -> str:
@@ -147,12 +156,25 @@ def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: Forma
         ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry, or a
             file that cannot be written; an existing file is then unchanged.
     """
+    one_of("format", format, _FORMATS)
+    with within(path):
+        _write_text(Path(path), dumps(cameras, format, Path(path).suffix))
+
+
+def dumps(cameras: Mapping[str, Camera], format: FormatName, suffix: str = "") -> str:
+    """Return the text of a calibration file, as :func:`save` writes it.
+
+    Args:
+        cameras, format: as for :func:`save`.
+        suffix: of the file's name, for OpenCV's formats.
+
+    Raises:
+        ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry.
+    """
     write = _FORMATS[one_of("format", format, _FORMATS)].write
     if not cameras:
         raise ArgumentError("cameras: expected at least one, got none")
-    with within(path):
-        options = {"suffix": Path(path).suffix} if format.startswith("opencv") else {}
-        _write_text(Path(path), write(cameras, **options))
+    return write(cameras, suffix) if format.startswith("opencv") else write(cameras)
 
 
 def load_rig(path: str | PathLike[str]) -> Rig:

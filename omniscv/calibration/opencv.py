@@ -14,6 +14,11 @@ Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point i
 
 Not carried: every other model, a limit ``fov_deg``; the arrays do not hold the image size either.
 
+The keys of files are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
+``fisheye_model``, or ``xi`` of an omnidirectional camera. ``fisheye_model`` may be missing but not that of
+the other model: four coefficients of it describe another lens. The keys of ROS's ``camera_info`` and ``K``,
+``D``, ``width`` and ``height`` mean the same.
+
 Source: OpenCV 5, calib3d; opencv_contrib, ccalib (omnidir.cpp); the files' keys are those of OpenCV's
 calibration samples.
 """
@@ -157,65 +162,43 @@ def _matrix(values: list[float], skew: float = 0.0) -> Floats:
 # -- files ---------------------------------------------------------------------------------------------
 
 
-def read_opencv(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
-    """Return the camera, ``cam0``, of a file (YAML, XML, JSON) as OpenCV's calibration sample writes it.
-
-    The keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
-    ``fisheye_model``. The last may be missing but not 1: four coefficients of the fisheye model describe
-    another lens. The keys of ROS's ``camera_info`` and ``K``, ``D``, ``width`` and ``height`` mean the same.
+def read(model: str, text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
+    """Return the camera, ``cam0``, of a file of one of the three models.
 
     Args:
+        model: ``opencv``, ``opencv-fisheye`` or ``opencv-omnidir``.
         text: of the file.
         size: width and height, px, for a file that does not hold them.
     """
-    file = _parsed(text, size, fisheye=0)
-    return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
-
-
-def read_opencv_fisheye(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
-    """Return the camera, ``cam0``, of a file of the fisheye model; else as :func:`read_opencv`.
-
-    ``fisheye_model`` may be missing but not 0.
-    """
-    file = _parsed(text, size, fisheye=1)
-    return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
-
-
-def read_opencv_omnidir(text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
-    """Return the camera, ``cam0``, of a file with ``xi`` as ccalib's omnidirectional sample writes it.
-
-    That sample omits ``image_width`` and ``image_height``: add them, or give ``size``.
-    """
-    file = _parsed(text, size)
+    file = _parsed(text, size, {"opencv": 0, "opencv-fisheye": 1}.get(model))
+    if model == "opencv":
+        return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
+    if model == "opencv-fisheye":
+        return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
     if file.xi is None:
         raise ArgumentError("missing key 'xi'")
     return {"cam0": from_opencv_omnidir(file.camera_matrix, file.xi, file.four(), *file.size)}
 
 
-def write_opencv(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one ``pinhole`` camera, for ``cv2.FileStorage``; its name is not carried.
+def write(model: str, cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
+    """Return the file of one camera, for ``cv2.FileStorage``; its name is not carried.
 
     Args:
+        model: as for :func:`read`.
         cameras: one, by name.
         suffix: ``.yml``, ``.xml`` or ``.json``.
     """
     with only_camera(cameras, "OpenCV") as camera:
-        K, D = to_opencv(camera)
-    return _dump(camera, {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}, suffix)
-
-
-def write_opencv_fisheye(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one camera as :func:`write_opencv`, of the fisheye model."""
-    with only_camera(cameras, "OpenCV") as camera:
-        K, D = to_opencv_fisheye(camera)
-    return _dump(camera, {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}, suffix)
-
-
-def write_opencv_omnidir(cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one camera as :func:`write_opencv`, of the omnidirectional model."""
-    with only_camera(cameras, "OpenCV") as camera:
-        K, xi, D = to_opencv_omnidir(camera)
-    return _dump(camera, {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}, suffix)
+        if model == "opencv":
+            K, D = to_opencv(camera)
+            values = {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}
+        elif model == "opencv-fisheye":
+            K, D = to_opencv_fisheye(camera)
+            values = {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}
+        else:
+            K, xi, D = to_opencv_omnidir(camera)
+            values = {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}
+    return _dump(camera, values, suffix)
 
 
 def model_of(text: str) -> str | None:

@@ -7,6 +7,7 @@ from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.spoiling import scrambled, write
 from attack.words import ARGUMENTS, YAML
 from omniscv import Rig, RigCamera, calibration, cameras, jobs
+from omniscv.calibration import kalibr
 from omniscv.errors import ArgumentError
 
 SMALL = {"width": 8, "height": 8}
@@ -154,16 +155,16 @@ def _calibrations():
     theta = cameras.create("ftheta", 40, 30, polynomial=(0, 0.05, 0, 1e-6), reference="pixel-to-angle")
     rig = Rig({"cam0": RigCamera(lens), "cam1": RigCamera.turned(lens, (0.1, 0, 0), 20, time_offset=0.01)})
     return {
-        "json": calibration.write_json({"cam0": bent}),
-        "opencv": calibration.write_opencv({"cam0": plain}, ".xml"),
-        "opencv-fisheye": calibration.write_opencv_fisheye({"cam0": lens}),
-        "opencv-omnidir": calibration.write_opencv_omnidir({"cam0": mei}, ".json"),
-        "kalibr": calibration.rig_to_kalibr(rig),
-        "colmap": calibration.write_colmap({"1": lens}),
-        "ocamcalib": calibration.write_ocamcalib({"cam0": bent}),
-        "aria": calibration.write_aria({"camera-slam-left": aria}),
-        "isaac": calibration.write_isaac({"cam0": lens, "cam1": theta}),
-        "ncore": calibration.write_ncore({"cam0": theta}),
+        "json": calibration.dumps({"cam0": bent}, "json"),
+        "opencv": calibration.dumps({"cam0": plain}, "opencv", ".xml"),
+        "opencv-fisheye": calibration.dumps({"cam0": lens}, "opencv-fisheye"),
+        "opencv-omnidir": calibration.dumps({"cam0": mei}, "opencv-omnidir", ".json"),
+        "kalibr": kalibr.rig_to_kalibr(rig),
+        "colmap": calibration.dumps({"1": lens}, "colmap"),
+        "ocamcalib": calibration.dumps({"cam0": bent}, "ocamcalib"),
+        "aria": calibration.dumps({"camera-slam-left": aria}, "aria"),
+        "isaac": calibration.dumps({"cam0": lens, "cam1": theta}, "isaac"),
+        "ncore": calibration.dumps({"cam0": theta}, "ncore"),
     }
 
 

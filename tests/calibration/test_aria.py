@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from support.same_rays import assert_same_rays
 
 from omniscv import Rig, RigCamera, calibration, cameras
+from omniscv.calibration import aria
 from omniscv.errors import ArgumentError
 
 F624 = [240.0, 320.5, 239.25, 0.01, -0.002, 3e-4, 0, -1e-5, 0, 1e-4, 2e-4, 1e-5, -2e-6, 2e-5, 1e-6]
@@ -58,7 +59,7 @@ def document(name: str, params: list[float], **changes: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("name", GIVEN)
 def test_pixels_are_arias_plus_half_a_pixel(name: str) -> None:
     params, pixels = GIVEN[name]
-    camera = calibration.read_aria(json.dumps(document(name, params)))["camera-slam-left"]
+    camera = calibration.loads(json.dumps(document(name, params)), "aria")["camera-slam-left"]
     assert (camera.width, camera.height) == (640, 480)
     projected, valid = camera.project(POINTS)
     assert valid.all()
@@ -76,13 +77,13 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
             "camera-et-left": RigCamera.turned(wide, (0, 0.1, 0), 5, time_offset=0.002),
         }
     )
-    text = calibration.rig_to_aria(rig)
+    text = aria.rig_to_aria(rig)
     for entry in json.loads(text)["CameraCalibrations"]:  # by the definition of T_Device_Camera
         w, (x, y, z) = entry["T_Device_Camera"]["UnitQuaternion"]
         own = rig.cameras[entry["Label"]].pose
         p_device = Rotation.from_quat([x, y, z, w]).apply([1, 2, 3]) + entry["T_Device_Camera"]["Translation"]
         np.testing.assert_allclose(p_device, own.to_world([1, 2, 3]), atol=1e-12)
-    again = calibration.rig_from_aria(text)
+    again = aria.rig_from_aria(text)
     for label, mounted in rig.cameras.items():
         assert_same_rays(again.cameras[label].camera, mounted.camera)
         assert again.cameras[label].time_offset == mounted.time_offset
@@ -92,9 +93,9 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
 def test_models_and_sizes_that_aria_lacks_are_refused() -> None:
     lens = cameras.create("kannala-brandt", width=640, height=480, fx=240.0, fy=240.0)
     with pytest.raises(ArgumentError, match="camera-rgb: size: expected 2880x2880 px"):
-        calibration.write_aria({"camera-rgb": lens})
+        calibration.dumps({"camera-rgb": lens}, "aria")
     with pytest.raises(ArgumentError, match="left: label: expected one of"):
-        calibration.write_aria({"left": lens})
+        calibration.dumps({"left": lens}, "aria")
     stretched = cameras.create("fisheye624", width=640, height=480, fx=240.0, fy=241.0)
     with pytest.raises(ArgumentError, match="one focal length"):
-        calibration.write_aria({"camera-slam-left": stretched})
+        calibration.dumps({"camera-slam-left": stretched}, "aria")

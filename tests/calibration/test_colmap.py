@@ -23,7 +23,7 @@ TEXT = """# Camera list with one line of data per camera:
 
 
 def test_every_line_is_a_camera_named_by_its_id() -> None:
-    read = calibration.read_colmap(TEXT)
+    read = calibration.loads(TEXT, "colmap")
     assert {name: camera.name for name, camera in read.items()} == {
         "3": "pinhole",
         "1": "pinhole",
@@ -32,7 +32,7 @@ def test_every_line_is_a_camera_named_by_its_id() -> None:
         "12": "equirectangular",
     }
     assert read["7"] == read["3"]
-    again = calibration.read_colmap(calibration.write_colmap(read))
+    again = calibration.loads(calibration.dumps(read, "colmap"), "colmap")
     assert list(again.items()) == list(read.items())  # nothing is shifted, so nothing is lost
 
 
@@ -59,15 +59,15 @@ PARAMS = {
 @pytest.mark.parametrize("model", PARAMS)
 def test_projections_are_those_of_pycolmap(model: str) -> None:
     """Up to 80 degrees off the axis: COLMAP refuses what lies beyond 90."""
-    camera = calibration.read_colmap(f"1 {model} {IMAGE} {PARAMS[model]}")["1"]
+    camera = calibration.loads(f"1 {model} {IMAGE} {PARAMS[model]}", "colmap")["1"]
     params = list(map(float, PARAMS[model].split()))
     theirs = pycolmap.Camera(model=model, width=64, height=48, params=params)
     pixels, directions = seen_in_front(camera)
     assert len(pixels) > 1500
     projected = theirs.img_from_cam(directions)
     np.testing.assert_allclose(projected, pixels, rtol=0, atol=1e-9)
-    again = calibration.write_colmap({"1": camera})
-    assert_same_rays(camera, calibration.read_colmap(again)["1"])
+    again = calibration.dumps({"1": camera}, "colmap")
+    assert_same_rays(camera, calibration.loads(again, "colmap")["1"])
 
 
 def test_every_model_of_the_table_is_tested() -> None:
@@ -76,11 +76,11 @@ def test_every_model_of_the_table_is_tested() -> None:
 
 def test_lenses_wider_than_colmap_reads_get_a_comment() -> None:
     wide = cameras.create("extended-unified", width=64, height=64, fx=15.0, fy=15.0, alpha=0.6, beta=1.1)
-    text = calibration.write_colmap({"3": wide})
+    text = calibration.dumps({"3": wide}, "colmap")
     assert "# 3: COLMAP uses only the rays less than 90 degrees off the axis." in text.splitlines()
-    assert_same_rays(wide, calibration.read_colmap(text)["3"])
+    assert_same_rays(wide, calibration.loads(text, "colmap")["3"])
     narrow = cameras.from_dict({**wide.to_dict(), "fx": 60.0, "fy": 60.0})
-    assert "90 degrees" not in calibration.write_colmap({"3": narrow})
+    assert "90 degrees" not in calibration.dumps({"3": narrow}, "colmap")
 
 
 def test_refusing_is_one_line() -> None:
@@ -88,4 +88,4 @@ def test_refusing_is_one_line() -> None:
     assert "got catadioptric-planar" in str(colmap.refuses(mirror))
     assert colmap.refuses(cameras.model("equirectangular").example(32)) is None
     with pytest.raises(ArgumentError, match="left: name: expected a whole number >= 1, got 'left'"):
-        calibration.write_colmap({"left": cameras.create("equirectangular", width=64, height=32)})
+        calibration.dumps({"left": cameras.create("equirectangular", width=64, height=32)}, "colmap")

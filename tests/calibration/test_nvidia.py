@@ -24,7 +24,7 @@ THETA = cameras.create(
 
 def attributes(camera: cameras.Camera) -> dict[str, list[float]]:
     """The numbers of a layer by the last part of their names, by a parser that shares nothing with ours."""
-    text = calibration.write_isaac({"cam0": camera})
+    text = calibration.dumps({"cam0": camera}, "isaac")
     pairs = re.findall(r"omni:lensdistortion:\w+:(\w+) = \(?([^)\n]*)", text)
     return {name: [float(word) for word in words.split(",")] for name, words in pairs}
 
@@ -65,7 +65,7 @@ def test_ncores_reference_gives_the_pixel(c: tuple[float, ...], a: float, d: flo
     camera = cameras.create(
         "ftheta", **SIZE, cx=31.0, cy=25.0, polynomial=polynomial, linear=(a, d, e), max_angle_deg=80
     )
-    text = calibration.write_ncore({"cam0": camera})
+    text = calibration.dumps({"cam0": camera}, "ncore")
     given_ = json.loads(text)["camera_model_parameters"]
     rays = camera.unproject()
     x, y, z = rays.directions[rays.valid].T
@@ -76,13 +76,13 @@ def test_ncores_reference_gives_the_pixel(c: tuple[float, ...], a: float, d: flo
     theirs = (np.array([[c_, d_], [e_, 1]]) @ scaled).T + given_["principal_point"]
     np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
     assert np.degrees(given_["max_angle"]) == pytest.approx(80)
-    assert_same_rays(camera, calibration.read_ncore(text)["cam0"])
+    assert_same_rays(camera, calibration.loads(text, "ncore")["cam0"])
 
 
 @pytest.mark.parametrize("camera", [THETA, cameras.model("ftheta").example(64)], ids=["back", "forth"])
 def test_the_other_polynomial_is_near_the_inverse(camera: cameras.Camera) -> None:
     """What programs use that read both: within a tenth of a pixel over the image."""
-    given_ = json.loads(calibration.write_ncore({"cam0": camera}))["camera_model_parameters"]
+    given_ = json.loads(calibration.dumps({"cam0": camera}, "ncore"))["camera_model_parameters"]
     rays = camera.unproject()
     offset = camera.pixels()[rays.valid] - camera.center
     across = np.hypot(*rays.directions[rays.valid][:, :2].T)
@@ -98,16 +98,16 @@ def test_the_other_polynomial_is_near_the_inverse(camera: cameras.Camera) -> Non
 
 
 def test_ncores_parameters_are_read_without_their_wrapping() -> None:
-    parameters = json.loads(calibration.write_ncore({"cam0": THETA}))["camera_model_parameters"]
-    assert_same_rays(calibration.read_ncore(json.dumps(parameters))["cam0"], THETA)
+    parameters = json.loads(calibration.dumps({"cam0": THETA}, "ncore"))["camera_model_parameters"]
+    assert_same_rays(calibration.loads(json.dumps(parameters), "ncore")["cam0"], THETA)
 
 
 def test_models_and_names_that_isaac_lacks_are_refused() -> None:
     forth = cameras.model("ftheta").example(64)
     with pytest.raises(ArgumentError, match="cam0: Isaac: expected a polynomial from pixel to angle"):
-        calibration.write_isaac({"cam0": forth})
+        calibration.dumps({"cam0": forth}, "isaac")
     with pytest.raises(ArgumentError, match="name: expected letters"):
-        calibration.write_isaac({"front camera": THETA})
+        calibration.dumps({"front camera": THETA}, "isaac")
     longer = cameras.create("ftheta", **SIZE, polynomial=(0, 30, 0, 0, 0, 0, 0.1))
     with pytest.raises(ArgumentError, match="polynomial: expected degree 5 at most, got 6"):
-        calibration.write_ncore({"cam0": longer})
+        calibration.dumps({"cam0": longer}, "ncore")

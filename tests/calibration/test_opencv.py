@@ -51,8 +51,8 @@ def test_the_plain_model_is_opencvs(count: int, terms: list[float], fx: float, f
     assert len(seen) > 1000
     theirs, _ = cv2.projectPoints(seen[:, None], np.zeros(3), np.zeros(3), K, D)
     np.testing.assert_allclose(theirs[:, 0], camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
-    text = calibration.write_opencv({"cam0": camera})
-    assert_same_rays(camera, calibration.read_opencv(text)["cam0"])
+    text = calibration.dumps({"cam0": camera}, "opencv")
+    assert_same_rays(camera, calibration.loads(text, "opencv")["cam0"])
 
 
 def omnidir(K: np.ndarray, xi: float, D: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -119,9 +119,9 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
 
 def test_the_plain_model_is_distinguished_from_the_fisheye(tmp_path: Path) -> None:
     """Four coefficients are k1, k2, p1, p2 in the one file and k1 to k4 in the other, under the same keys."""
-    text = calibration.write_opencv_fisheye({"cam0": LENS})
+    text = calibration.dumps({"cam0": LENS}, "opencv-fisheye")
     with pytest.raises(ArgumentError, match="fisheye_model: expected 1"):
-        calibration.read_opencv_fisheye(text.replace("fisheye_model: 1", "fisheye_model: 0"))
+        calibration.loads(text.replace("fisheye_model: 1", "fisheye_model: 0"), "opencv-fisheye")
     path = tmp_path / "camera.yml"
     path.write_text(text.replace("fisheye_model: 1\n", ""), encoding="utf-8")
     with pytest.raises(ArgumentError, match="give format"):

@@ -6,7 +6,7 @@ import yaml
 from support.traced_frames import black_frame
 
 from omniscv import Pose, cameras
-from omniscv.calibration import read_kalibr
+from omniscv.calibration.kalibr import read_kalibr
 from omniscv.dataset import get
 
 CAMERAS = {

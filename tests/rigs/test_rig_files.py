@@ -11,6 +11,7 @@ from support.cases import cases
 from support.same_rays import assert_same_rays
 
 from omniscv import Pose, Rig, RigCamera, calibration, cameras
+from omniscv.calibration import colmap, kalibr
 from omniscv.errors import ArgumentError
 
 LENS = cameras.create("kannala-brandt", width=80, height=60, fx=25.0, fy=26.0, k=(0.01, -0.002, 0.0, 0.0))
@@ -40,8 +41,8 @@ def test_a_chain_has_the_rigs_points_and_comes_back(
     mounts: list[tuple[Pose, float]], p_0: list[float]
 ) -> None:
     rig = rig_of(mounts)
-    text = calibration.rig_to_kalibr(rig)
-    chain, again = yaml.safe_load(text), calibration.rig_from_kalibr(text)
+    text = kalibr.rig_to_kalibr(rig)
+    chain, again = yaml.safe_load(text), kalibr.rig_from_kalibr(text)
     assert list(chain) == list(rig.cameras) == list(again.cameras)
     assert "T_cn_cnm1" not in chain["cam0"]
     for name, mounted in rig.cameras.items():
@@ -84,17 +85,17 @@ ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"
 )
 def test_a_wrong_rigs_txt_is_refused(rigs: str, says: str) -> None:
     with pytest.raises(ArgumentError, match=says):
-        calibration.rig_from_colmap(ONE, rigs)
+        colmap.rig_from_colmap(ONE, rigs)
 
 
 def test_poses_and_times_that_a_format_lacks_are_refused() -> None:
     elsewhere = Rig({"cam0": RigCamera.turned(LENS, yaw_deg=10)})
     with pytest.raises(ArgumentError, match=r"save rig.seen_from\('cam0'\)"):
-        calibration.rig_to_kalibr(elsewhere)
+        kalibr.rig_to_kalibr(elsewhere)
     with pytest.raises(ArgumentError, match=r"expected cameras cam0, cam1, ... in order"):
-        calibration.rig_to_kalibr(Rig({"left": RigCamera(LENS)}))
+        kalibr.rig_to_kalibr(Rig({"left": RigCamera(LENS)}))
     with pytest.raises(ArgumentError, match="2: time_offset: expected 0"):
-        calibration.rig_to_colmap(Rig({"1": RigCamera(LENS), "2": RigCamera(LENS, time_offset=0.1)}))
+        colmap.rig_to_colmap(Rig({"1": RigCamera(LENS), "2": RigCamera(LENS, time_offset=0.1)}))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +109,7 @@ def test_poses_and_times_that_a_format_lacks_are_refused() -> None:
 )
 def test_a_wrong_chain_is_refused(old: str, new: str, says: str) -> None:
     rig = rig_of([(Pose.from_angles((0, 0, 0)), 0.0), (Pose.from_angles((0.1, 0, 0), 20), 0.01)])
-    text = calibration.rig_to_kalibr(rig)
+    text = kalibr.rig_to_kalibr(rig)
     assert old in text
     with pytest.raises(ArgumentError, match=says):
-        calibration.rig_from_kalibr(text.replace(old, new))
+        kalibr.rig_from_kalibr(text.replace(old, new))

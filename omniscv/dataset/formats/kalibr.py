@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from omniscv.calibration import rig_to_kalibr, write_kalibr
+from omniscv.calibration.kalibr import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.dataset.exporting import Format, register
