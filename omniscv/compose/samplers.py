@@ -19,7 +19,7 @@ from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels, reads_few, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.planning.rays import RayBlock
@@ -231,6 +231,7 @@ class _Block:
     def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:
         self.rays, self._R_w_d, self._views = rays, R_w_d, views
         self._coordinates: dict[str, tuple[Floats, Floats]] = {}
+        self._apart: tuple[tuple[int, Ints, Floats, Floats], ...] | None = None
 
     @cached_property
     def lookup(self) -> RayLookup:
@@ -253,12 +254,19 @@ class _Block:
 
     def sample_apart(self, atlas: Atlas, faces: Faces) -> Pixels:
         """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
+        if self._apart is None:
+            self._apart = tuple(self._in_faces(atlas))
+        out = np.zeros((len(self.lookup.view), *faces[0].shape[2:]), faces[0].dtype)
+        for k, rays, x, y in self._apart:
+            out[rays] = sample_bilinear(faces[k], x, y)
+        return out
+
+    def _in_faces(self, atlas: Atlas) -> Iterator[tuple[int, Ints, Floats, Floats]]:
+        """Yield each face that rays read, these rays, and their coordinates in it."""
         x, y = self._at("bilinear", atlas)
-        out = np.zeros((len(x), *faces[0].shape[2:]), faces[0].dtype)
         for k, rays in self.lookup.by_view():
             across, down = atlas.levels[0].corners[k].astype(np.float32)  # whole: differences are exact
-            out[rays] = sample_bilinear(faces[k], x[rays] - across, y[rays] - down)
-        return out
+            yield k, rays, x[rays] - across, y[rays] - down
 
     def _at(self, filter: str, atlas: Atlas) -> tuple[Floats, Floats]:
         """Return the rays' coordinates in an atlas."""
@@ -273,6 +281,7 @@ class _Block:
         """Bytes held in memory."""
         held: list[Any] = [self.__dict__[name] for name in ("lookup", "area") if name in self.__dict__]
         held += [array for both in list(self._coordinates.values()) for array in both]
+        held += [array for _, *arrays in self._apart or () for array in arrays]
         return sum(value.nbytes for value in held)
 
 
