@@ -18,25 +18,32 @@ Boxes and layouts are lines in the image, each a flat list ``[u0, v0, u1, v1, ..
 """
 
 import base64
+import itertools
 import zlib
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
+from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset import Frame
 from omniscv.geometry import Array
+from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox
 from omniscv.parallel import side_by_side
-from omniscv.viewing.overlays import BoxKind, box_lines
+from omniscv.truth.spherical import SphericalBox
 
 _PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 _LEVEL = 5
 
 _STEP = 6  # every so many samples of a curve, at most half a pixel apart, are kept
+_STEPS = 48  # of a box's edge
+_FAR_M = 1e4  # distance of directions: practically infinite for optical centres a metre apart
+
+BoxKind = Literal["boxes", "bfov", "rbfov", "boxes3d"]
 _KINDS: tuple[BoxKind, ...] = ("boxes", "boxes3d")
 
 
@@ -116,6 +123,32 @@ def _box(frame: Frame, kind: BoxKind, record: Mapping[str, Any]) -> dict[str, An
     lines = [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)]
     name, instance = record["name"], record["instance_id"]
     return {"id": instance, "name": name, "class": record.get("class"), "lines": lines}
+
+
+def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[Array]:
+    """Return the lines of a box in an image, (N, 2) px each, as the camera bends them.
+
+    NaN where the image does not show them.
+    """
+    if kind == "boxes":
+        return _rectangle(camera, record.get("bbox_wrap", record["bbox"]))
+    if kind == "boxes3d":
+        center, R_c_b, size = (np.array(record[key]) for key in ("center_camera", "R_camera_box", "size"))
+        corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()
+        return [camera.project(np.linspace(a, b, _STEPS))[0] for a, b in corners[np.array(BOX_EDGES)]]
+    box = SphericalBox.of(record[kind])
+    if box.kind == "lonlat":
+        return []
+    sides = itertools.pairwise([*box.corners(), box.corners()[0]])
+    return [camera.project(_FAR_M * np.linspace(a, b, _STEPS))[0] for a, b in sides]
+
+
+def _rectangle(camera: Camera, bbox: Sequence[float]) -> list[Array]:
+    """The four sides. Columns beyond the right border continue at the left."""
+    x, y, w, h = bbox
+    corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
+    sides = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
+    return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in sides]
 
 
 def layout(frame: Frame) -> dict[str, Any] | None:
