@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from omniscv.truth.optical_flow import Flow, flow, motion
     from omniscv.truth.point_cloud import Points, merged, points
     from omniscv.truth.room_layout import RoomLayout, layout
-    from omniscv.truth.spherical import SphericalBox
+    from omniscv.truth.spherical import SphericalBox, fov_iou, spherical_iou
     from omniscv.truth.spherical_fit import bfov
     from omniscv.truth.visibility import amodal
 
@@ -22,7 +22,7 @@ _NAMES = {
     "optical_flow": ("Flow", "flow", "motion"),
     "point_cloud": ("Points", "merged", "points"),
     "room_layout": ("RoomLayout", "layout"),
-    "spherical": ("SphericalBox",),
+    "spherical": ("SphericalBox", "fov_iou", "spherical_iou"),
     "spherical_fit": ("bfov",),
     "visibility": ("amodal",),
 }
@@ -40,12 +40,14 @@ __all__ = [
     "boxes",
     "boxes3d",
     "flow",
+    "fov_iou",
     "layout",
     "merged",
     "motion",
     "points",
     "project_layout",
     "room_of",
+    "spherical_iou",
 ]
 
 

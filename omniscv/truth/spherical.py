@@ -1,4 +1,4 @@
-"""Boxes on the sphere of directions (BFoV), upright and rotated.
+"""Boxes on the sphere of directions (BFoV), upright and rotated, their areas and overlaps.
 
 A box has a centre and two angles. In its tangent frame (x right, y down, z to the centre) it is the region
 ``|atan(x/z)| <= fov_h/2`` and ``|atan(y/z)| <= fov_v/2``, z > 0, inside four great circles. Longitude is
@@ -14,10 +14,13 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
 Kind = Literal["perspective", "lonlat"]
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+_FLAT = 1e-12
+"""Rounding error of products of unit vectors."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +89,81 @@ def lon_lat(directions: Array) -> tuple[Array, Array]:
     """Return longitude and latitude, radians, of directions (..., 3) in the camera frame."""
     x, y, z = np.moveaxis(directions, -1, 0)
     return np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
+
+
+def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
+    """Return the exact intersection over union of two boxes.
+
+    The intersection is the spherical polygon inside eight great circles.
+
+    Raises:
+        ArgumentError: a box of kind ``lonlat``, or a fov of 180 degrees or more.
+    """
+    first, second = _perspective("b1", b1), _perspective("b2", b2)
+    both = _polygon_area(_clipped(first.corners(), _sides(second)))
+    return both / (first.area + second.area - both)
+
+
+def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str, Any]) -> float:
+    """Return FoV-IoU: the intersection over union of the boxes' angles as if they lay in one plane.
+
+    It is exact side by side at the horizon, approximate elsewhere, and ignores ``rot``.
+
+    Source: Cao et al. 2022, Field-of-View IoU for object detection in 360 degree images.
+
+    Raises:
+        ArgumentError: as :func:`spherical_iou`.
+    """
+    g, p = _perspective("b1", b1), _perspective("b2", b2)
+    apart = (p.lon - g.lon + 180) % 360 - 180
+    shift = apart * np.cos(np.radians(g.lat + p.lat) / 2)
+    across = min(g.fov_h / 2, shift + p.fov_h / 2) - max(-g.fov_h / 2, shift - p.fov_h / 2)
+    down = min(g.lat + g.fov_v / 2, p.lat + p.fov_v / 2) - max(g.lat - g.fov_v / 2, p.lat - p.fov_v / 2)
+    both = max(0.0, across) * max(0.0, down)
+    return float(both / (g.fov_h * g.fov_v + p.fov_h * p.fov_v - both))
+
+
+def _perspective(name: str, box: SphericalBox | Mapping[str, Any]) -> SphericalBox:
+    checked = SphericalBox.of(box)
+    if checked.kind != "perspective" or not (0 < checked.fov_h < 180 and 0 < checked.fov_v < 180):
+        expected = "expected a box of kind perspective with angles between 0 and 180 degrees"
+        raise ArgumentError(f"{name}: {expected}, got {checked}")
+    return checked
+
+
+def _sides(box: SphericalBox) -> Array:
+    """(4, 3) inward normals of the great circles of a box's sides."""
+    corners = box.corners()
+    normals = np.cross(corners, np.roll(corners, -1, axis=0))
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def _clipped(polygon: Array, normals: Array) -> Array:
+    """Return the part (N, 3) of a convex spherical polygon inside great circles (Sutherland and Hodgman)."""
+    for normal in normals:
+        inside = polygon @ normal
+        clipped = []
+        for i in range(len(polygon)):
+            a, b, da, db = polygon[i - 1], polygon[i], inside[i - 1], inside[i]
+            if (da > _FLAT and db < -_FLAT) or (da < -_FLAT and db > _FLAT):
+                crossing = a * abs(db) + b * abs(da)
+                clipped.append(crossing / np.linalg.norm(crossing))
+            if db >= -_FLAT:
+                clipped.append(b)
+        polygon = np.array(clipped).reshape(-1, 3)
+    return polygon
+
+
+def _polygon_area(polygon: Array) -> float:
+    """Steradians of a convex spherical polygon (N, 3); 0 for fewer than three corners."""
+    if len(polygon) < 3:
+        return 0.0
+    apart = np.linalg.norm(polygon - np.roll(polygon, 1, axis=0), axis=1)
+    polygon = polygon[apart > _FLAT]
+    if len(polygon) < 3:
+        return 0.0
+    first, second, third = polygon[0], polygon[1:-1], polygon[2:]
+    # Van Oosterom and Strackee 1983: tan(area / 2) of triangles, exact for small ones.
+    volume = np.einsum("j,ij->i", first, np.cross(second, third))
+    edges = 1 + second @ first + third @ first + (second * third).sum(axis=1)
+    return float(2 * np.arctan2(np.abs(volume), edges).sum())

@@ -1,4 +1,4 @@
-"""Boxes on the sphere: areas counted on a lattice, balls of known angles in every camera."""
+"""Boxes on the sphere: known answers, areas counted on a lattice, balls of known angles in every camera."""
 
 import numpy as np
 import pytest
@@ -27,19 +27,57 @@ def test_known_areas():
         assert SphericalBox(20, -35, *fov, 12).area == pytest.approx(steradians, abs=1e-9)
 
 
-BOXES = [
-    SphericalBox(0, 40, 40, 40),
-    SphericalBox(175, 0, 40, 40),
-    SphericalBox(10, 70, 50, 30, 25),
-    SphericalBox(-60, -85, 150, 100, 40),
-    SphericalBox(120, -70, 90, 140, -70),
-    SphericalBox(0, 0, 90, 80, 45),
+OVERLAPS = [
+    ((0, 0, 60, 40), (0, 0, 60, 60), 0.6801273460, 1e-9),
+    ((0, 40, 40, 40), (20, 40, 40, 40), 0.4313, 1e-3),
+    ((175, 0, 40, 40), (-175, 0, 40, 40), 0.5948, 1e-3),
+    ((0, 0, 40, 40), (180, 0, 40, 40), 0, 0),
+    ((0, 0, 40, 40), (45, 0, 40, 40), 0, 0),
 ]
 
 
-@pytest.mark.parametrize("box", BOXES)
-def test_areas_agree_with_a_lattice(box):
-    assert 4 * np.pi * (box.contains(LATTICE) >= 0).mean() == pytest.approx(box.area, rel=6e-3)
+@pytest.mark.parametrize(("a", "b", "wanted", "within"), OVERLAPS)
+def test_known_overlaps(a, b, wanted, within):
+    assert truth.spherical_iou(SphericalBox(*a), SphericalBox(*b)) == pytest.approx(wanted, abs=within)
+
+
+def test_known_overlaps_as_in_a_plane():
+    assert truth.fov_iou(SphericalBox(0, 40, 40, 40), SphericalBox(20, 40, 40, 40)) == pytest.approx(
+        0.4461083624, abs=1e-9
+    )
+    assert truth.fov_iou(SphericalBox(175, 0, 40, 40), SphericalBox(-175, 0, 40, 40)) == pytest.approx(0.6)
+    assert truth.fov_iou(SphericalBox(0, 0, 40, 40), SphericalBox(90, 0, 40, 40)) == 0
+
+
+PAIRS = [
+    (SphericalBox(0, 40, 40, 40), SphericalBox(20, 40, 40, 40)),
+    (SphericalBox(175, 0, 40, 40), SphericalBox(-175, 0, 40, 40)),
+    (SphericalBox(10, 70, 50, 30, 25), SphericalBox(30, 80, 60, 20, -10)),
+    (SphericalBox(-60, -85, 150, 100, 40), SphericalBox(120, -70, 90, 140, -70)),
+    (SphericalBox(0, 0, 20, 20), SphericalBox(0, 0, 90, 80, 45)),
+]
+
+
+@pytest.mark.parametrize(("a", "b"), PAIRS)
+def test_areas_and_overlaps_agree_with_a_lattice(a, b):
+    in_a, in_b = (box.contains(LATTICE) >= 0 for box in (a, b))
+    assert 4 * np.pi * in_a.mean() == pytest.approx(a.area, rel=6e-3)
+    wanted = (in_a & in_b).sum() / (in_a | in_b).sum()
+    assert truth.spherical_iou(a, b) == pytest.approx(wanted, abs=3e-3)
+    assert truth.spherical_iou(b, a) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
+    assert truth.spherical_iou(a.to_dict(), b) == truth.spherical_iou(a, b)
+    assert truth.spherical_iou(a, a) == pytest.approx(1, abs=1e-12)
+    east = [
+        SphericalBox((each.lon + 137) % 360, each.lat, each.fov_h, each.fov_v, each.rot) for each in (a, b)
+    ]
+    assert truth.spherical_iou(*east) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
+
+
+def test_lonlat_boxes_have_no_overlap():
+    wide = SphericalBox(0, 0, 360, 90, kind="lonlat")
+    for iou in (truth.spherical_iou, truth.fov_iou):
+        with pytest.raises(ArgumentError, match="b2: expected a box of kind perspective"):
+            iou(SphericalBox(0, 0, 40, 40), wide)
 
 
 # -- around what is seen --------------------------------------------------------------------------------
@@ -123,8 +161,7 @@ def test_a_rotated_box_is_found_again(box):
     rays, box = camera.unproject(), SphericalBox(*box)
     mask = box.contains(rays.directions) >= 0
     found = SphericalBox.of(truth.bfov(mask, rays, rotated=True))
-    in_found, in_box = (each.contains(LATTICE) >= 0 for each in (found, box))
-    assert (in_found & in_box).sum() >= 0.95 * (in_found | in_box).sum()
+    assert truth.spherical_iou(found, box) >= 0.95
     assert found.area < 0.8 * SphericalBox.of(truth.bfov(mask, rays)).area
     quarter = (found.rot - box.rot + 45) % 90 - 45  # by a quarter turn, the two angles are exchanged
     assert quarter == pytest.approx(0, abs=1.5)
