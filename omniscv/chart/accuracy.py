@@ -37,8 +37,8 @@ _NONCENTRAL: _Ways = {
     "faces": [("faces", count, 1) for count in (4, 16, None)],
     "adaptive": [("adaptive", None, size) for size in _SIZES[:-1]],
 }
-_LEAST_NONCENTRAL = 0.01
-"""The least aim of cameras with several centres: smaller ones take hours."""
+_LEAST_NONCENTRAL = 0.001
+"""The least aim of cameras with several centres: smaller ones are not reached here."""
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
 _MODES = ("object_mask", "depth")
 _LEAST = 1e-4  # a share of 0 is drawn here
@@ -99,7 +99,7 @@ def measure(
 
     Args:
         width: of the panorama, px; the other images are a half or a quarter as wide.
-        asked: values of ``accuracy``; of cameras with several centres only those of 1 % and more.
+        asked: values of ``accuracy``; of cameras with several centres only those of 0.1 % and more.
         progress: called with (images done, images in total).
     """
     scene = open_scene("scene://four-wall").scene

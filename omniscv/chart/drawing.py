@@ -6,6 +6,7 @@ colour-blind readers; shapes differ as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise, product
@@ -27,6 +28,8 @@ MARKERS = ("o", "s", "^", "D", "v")
 
 _WIDTH_IN, _DPI = 8.0, 100
 _TITLE_CHARACTERS = 95
+_STEEP = 0.3
+"""Natural logarithm of the ratio of two dots' costs, under which the second's label would lie on the line."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +108,17 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
             x, y, ls=line, marker=look.marker, color=look.color, mfc=face, lw=1.2, ms=6, zorder=3,
             label=None if hollow or not group else series,
         )  # fmt: skip
-    for dot in ways:
+    for before, dot in zip((None, *ways), ways, strict=False):
         look = looks[dot.series]
-        below, gap = not look.line, 12 if dot.default else 8  # single dots apart from those of curves
+        gap, align = 12 if dot.default else 8, ("center", "baseline")
+        offset = 0, gap
+        if not look.line:  # single dots apart from those of curves
+            offset, align = (0, -gap), ("center", "top")
+        elif before is not None and before.series == dot.series and abs(math.log(dot.x / before.x)) < _STEEP:
+            offset, align = (-gap, 0), ("right", "center")
         axes.annotate(
-            dot.label, (dot.x, dot.y), (0, -gap if below else gap), textcoords="offset points", ha="center",
-            va="top" if below else "baseline", size=7.5, color=_dark(look.color),
+            dot.label, (dot.x, dot.y), offset, textcoords="offset points", ha=align[0], va=align[1],
+            size=7.5, color=_dark(look.color),
         )  # fmt: skip
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
