@@ -8,20 +8,22 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mock_server.__main__ import stop_signal
     from mock_server.render import ViewHits, render_view
     from mock_server.scene import Hits, Scene, load_scene, summary
     from mock_server.scene_file import Room
-    from mock_server.server import Server, serve, stop_signal
+    from mock_server.server import Server, serve
     from mock_server.settings import DIALECTS, Depth, DialectName, scene_names
 
 __all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server", "ViewHits",
            "load_scene", "render_view", "scene_names", "serve", "stop_signal", "summary"]  # fmt: skip
 
 _HOMES = {
+    "__main__": ("stop_signal",),
     "render": ("ViewHits", "render_view"),
     "scene": ("Hits", "Scene", "load_scene", "summary"),
     "scene_file": ("Room",),
-    "server": ("Server", "serve", "stop_signal"),
+    "server": ("Server", "serve"),
     "settings": ("DIALECTS", "Depth", "DialectName", "scene_names"),
 }
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mock_server import motion, scene_file, solids, textures, yaml_text
+from mock_server import scene_file, solids, textures, yaml_text
 from mock_server.scene_file import Room
 from mock_server.settings import SCENES, scene_names
 from mock_server.solids import COLUMNS, RECTANGLE, SPHERE, nearest_hits
@@ -216,7 +216,7 @@ class Scene:
             if name not in poses:
                 function, axis = self._moving[name]
                 offset, turn_deg = function.at(self.time)
-                R, center = motion.turned(turn_deg), self._center(name)
+                R, center = scene_file.turned(turn_deg), self._center(name)
                 pivot = center if axis is None else np.array([*axis, 0.0])
                 self._poses[name] = R, R @ (center - pivot) + pivot + offset
         for name, (R_w_o, target) in poses.items():

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compose.light_checks import entered
-from omniscv.diagnostics import Finding, light
-from omniscv.diagnostics.self_calibration import GREY, Picture, inside, sample
+from omniscv.diagnostics import Finding
+from omniscv.diagnostics.self_calibration import GREY, Picture, inside, light_findings, sample
 from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
@@ -190,7 +190,7 @@ def findings(
         [Picture(capture.lit @ GREY, capture.view.pose) for capture in captures]
         for captures in (faces, turned)
     ]
-    yield from light.findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
+    yield from light_findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
     turned_overlaps = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
     moved_overlaps = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
     yield from _agree("turned", turned_overlaps, np.abs)

@@ -20,7 +20,7 @@ from benches import Figure, Reference, best_ms, start
 from benches._faces import Noise, made_map
 from omniscv import Renderer, RenderOptions, cameras, jobs
 from omniscv.cameras import Camera
-from omniscv.chart.peers import peers
+from omniscv.chart.central import peers
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.planning import ImageRays
 from omniscv.sources import Request, View

@@ -11,7 +11,7 @@ from support.datasets import tree
 from support.traced_frames import channels
 
 import mock_server
-from mock_server.motion import turned
+from mock_server.scene_file import turned
 from omniscv import Pose, dataset, jobs, truth
 from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory

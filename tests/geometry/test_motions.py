@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mock_server.motion import turned
+from mock_server.scene_file import turned
 from omniscv import Pose
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion, object_pose

@@ -9,11 +9,11 @@ from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.job.file import load
 from omniscv.make import make
-from omniscv.sensor import optics, photometry
+from omniscv.sensor import optics
 
 
 def test_a_response_is_the_inverse_of_its_transfer(tmp_path):
-    path = photometry.write_response(tmp_path / "pcalib.txt", "srgb")
+    path = optics.write_response(tmp_path / "pcalib.txt", "srgb")
     words = path.read_text().split(" ")
     assert (len(words), float(words[0]), float(words[-1])) == (256, 0, 255)
     codes = np.arange(256) / 255  # IEC 61966-2-1
@@ -25,10 +25,10 @@ def test_a_response_is_the_inverse_of_its_transfer(tmp_path):
 def test_a_vignette_of_another_program_is_relative_to_its_largest_value(tmp_path, dtype):
     pixels = np.random.default_rng(1).integers(40, 200, (6, 9)).astype(dtype)
     cv2.imwrite(str(tmp_path / "vignette.png"), pixels)
-    shares = photometry.read_vignette(tmp_path / "vignette.png", (6, 9))
+    shares = optics.read_vignette(tmp_path / "vignette.png", (6, 9))
     np.testing.assert_allclose(shares, pixels / pixels.max(), atol=1e-6)
     with pytest.raises(ArgumentError, match="expected a vignette of the image's size, 9 x 5, got 9 x 6"):
-        photometry.read_vignette(tmp_path / "vignette.png", (5, 9))
+        optics.read_vignette(tmp_path / "vignette.png", (5, 9))
 
 
 def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
@@ -47,7 +47,7 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     assert (folder / "times.txt").read_text() == "00000 3.000000000 20\n00001 3.500000000 20\n"
     inverse, vignette = (
         np.loadtxt(folder / "pcalib.txt"),
-        photometry.read_vignette(folder / "vignette.png"),
+        optics.read_vignette(folder / "vignette.png"),
     )
     camera = create("fisheye-stereographic", width=32, height=32, fov_deg=170)
     shares = optics.shading(camera, "natural")

@@ -11,7 +11,7 @@ from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.job.file import load
 from omniscv.jobs import make, run
-from omniscv.sensor import PRESETS, Sensor, photometry
+from omniscv.sensor import PRESETS, Sensor, optics
 from omniscv.sources.scene import SceneSource
 
 JOB = {
@@ -147,8 +147,8 @@ def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
 
 def test_a_vignette_of_a_file_is_relative_to_the_job(recorded, tmp_path):
     share = np.linspace(0.2, 1, 48 * 48).reshape(48, 48)
-    photometry.write_vignette(tmp_path / "vignette.png", share)
-    np.testing.assert_allclose(photometry.read_vignette(tmp_path / "vignette.png"), share, atol=1e-5)
+    optics.write_vignette(tmp_path / "vignette.png", share)
+    np.testing.assert_allclose(optics.read_vignette(tmp_path / "vignette.png"), share, atol=1e-5)
     (tmp_path / "job.yaml").write_text(
         f"source: {recorded}\nposes: [{{position: [0, 0, 1.2]}}]\nface_size: 32\n"
         "cameras: {eye: {model: fisheye-equidistant, width: 48, height: 48, fov_deg: 180}}\n"

@@ -1,4 +1,4 @@
-"""Speaks as ``inside/main.py`` does, and shows a floor under the sky. It can misbehave.
+"""Speaks as ``inside.py`` does, and shows a floor under the sky. It can misbehave.
 
 The first argument is its version, the others are Blender's. A file NAME.blend.json has ``world``: whether
 there is one; ``missing``: files; ``refuse_scene``: why it does not open the scene; and numbers of renders,
@@ -21,7 +21,7 @@ OBJECTS = {"Floor": 1, "Roof": 2}
 
 def main():
     assert sys.argv[2] == "--background", sys.argv
-    assert sys.argv[-1].endswith("main.py"), sys.argv
+    assert sys.argv[-1].endswith("inside.py"), sys.argv
     path = os.path.join(os.path.dirname(os.path.abspath(os.environ["FAKE_BLENDER"])), "room.blend")
     with open(f"{path}.json") as file:
         faults = json.load(file)

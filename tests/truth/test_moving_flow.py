@@ -6,7 +6,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from support.traced_frames import traced
 
 import mock_server
-from mock_server.motion import turned
+from mock_server.scene_file import turned
 from omniscv import Pose, cameras, truth
 from omniscv.truth.optical_flow import OCCLUDED, VALID, motion
 

@@ -7,8 +7,7 @@ from PIL import Image
 import omniscv
 from omniscv import cameras
 from omniscv.compose.pictures import uint8_colors
-from omniscv.demo import demo_cameras
-from omniscv.viewing.contact_sheet import contact_sheet, tile, truths
+from omniscv.demo import contact_sheet, demo_cameras, tile, truths
 
 MODES = ("lit", "object_mask", "depth", "normals")
 POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)

@@ -7,7 +7,7 @@ Each camera has a folder of its pictures behind the sensor, in the order of thei
     CAMERA/pcalib.txt             light, 0 to 255, of each code: the inverse of sRGB
     CAMERA/vignette.png           16 bits: the sensor's shading, or white
 
-:mod:`omniscv.sensor.photometry` reads and writes these files.
+:mod:`omniscv.sensor.optics` reads and writes these files.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.records import checked, mapping, optional, record
-from omniscv.sensor import Sensor, optics, photometry
+from omniscv.sensor import Sensor, optics
 
 
 @record
@@ -66,9 +66,9 @@ class TumMono(Format):
             if sensor.shading is not None:
                 shares = np.asarray(optics.shading(camera, sensor.shading), np.float64)
             written += [
-                photometry.write_times(folder / photometry.TIMES, times),
-                photometry.write_response(folder / photometry.RESPONSE, "srgb"),
-                photometry.write_vignette(folder / photometry.VIGNETTE, shares),
+                optics.write_times(folder / optics.TIMES, times),
+                optics.write_response(folder / optics.RESPONSE, "srgb"),
+                optics.write_vignette(folder / optics.VIGNETTE, shares),
             ]
         return written
 

@@ -1,6 +1,6 @@
 """Blender with a scene open: a process that is started when first needed, and again after a fault.
 
-It speaks as ``inside/main.py`` describes, over its standard input and output.
+It speaks as ``inside.py`` describes, over its standard input and output.
 """
 
 import contextlib
@@ -41,7 +41,7 @@ TIMEOUT_S, RETRIES = 600.0, 3
 OLDEST = (5, 0)
 """Passes of EXR files and the settings of pictures have other names before Blender 5.0."""
 MARK = b"\n--omniscv-blender-1--\n"
-"""Comes before the first reply; as in ``inside/main.py``, which cannot import this."""
+"""Comes before the first reply; as in ``inside.py``, which cannot import this."""
 _MOST_NOISE = 1 << 20  # bytes before the mark
 _MOST_REPLY = 1 << 27  # bytes: the boxes of as many objects as there can be take a tenth
 _DRIFT = 1e-4  # of entries of rotations, which Blender has in single precision

@@ -19,7 +19,7 @@ Denoiser = Literal["none", "openimagedenoise", "optix"]
 Device = Literal["cpu", "cuda", "optix", "hip", "oneapi", "metal"]
 
 VARIABLE = "OMNISCV_BLENDER"
-INSIDE = Path(__file__).parent / "inside" / "main.py"
+INSIDE = Path(__file__).parent / "inside.py"
 _NOT_FOUND = (
     "Blender: expected the module bpy or the program blender, found neither; install Blender 5.0 or later "
     f"(pip install bpy), or name it: {VARIABLE}=PATH, or ?blender=PATH in the address"
@@ -102,7 +102,7 @@ _READERS: dict[str, Any] = {
 
 
 def blender_command(program: str | None = None) -> list[str]:
-    """Return the command that runs ``inside/main.py`` inside Blender.
+    """Return the command that runs ``inside.py`` inside Blender.
 
     Args:
         program: a Blender executable, or a Python that has ``bpy``, whose name begins with ``python``. If not

@@ -1,1 +1,0 @@
-"""Programs that run inside Blender, whose licence is the GNU GPL; omniscv imports nothing of this folder."""
