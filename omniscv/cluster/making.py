@@ -25,7 +25,7 @@ def make(
     warn: Callable[[str], None] | None = None,
     note: Callable[[str], None] | None = None,
 ) -> Made:
-    """Make the dataset of a job, the same bytes as :func:`omniscv.jobs.make`; continue one that exists.
+    """Make the dataset of a job, the same bytes as :func:`omniscv.make.make`; continue one that exists.
 
     Args:
         job: what to make; workers reach its addresses and its ``out``.
@@ -37,7 +37,7 @@ def make(
     Raises:
         ArgumentError: the dataset cannot be made of this job.
         ClusterError: the scheduler is gone, or a part failed at every attempt; frames that were made stay.
-        OmniscvError: as :func:`omniscv.jobs.make`.
+        OmniscvError: as :func:`omniscv.make.make`.
     """
     check_dataset(job)
     with workers.client(job.sources) as client:

@@ -119,7 +119,7 @@ class Done(NamedTuple):
     """The result of a task.
 
     Attributes:
-        written, kept: frames, as :func:`omniscv.jobs.run_part`.
+        written, kept: frames, as :func:`omniscv.make.run_part`.
         warnings: number of images with unsure or occluded pixels.
         refused: what is wrong with the job; another attempt would not help.
     """
