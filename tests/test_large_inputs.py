@@ -10,7 +10,7 @@ from omniscv.compose.labels import labels_of
 from omniscv.geometry.instant import Instant
 from omniscv.sources import ObjectTable
 from omniscv.sources.pool import SourcePool
-from omniscv.sources.recording import views
+from omniscv.sources.recording import replay
 from omniscv.sources.unreal import instants
 from omniscv.truth import Points, point_cloud
 
@@ -37,7 +37,7 @@ def counted(monkeypatch, module, name):
 
 
 def test_a_recording_is_opened_and_replayed_without_its_other_views(room, monkeypatch):
-    read = counted(monkeypatch, views, "view_from_json")
+    read = counted(monkeypatch, replay, "view_from_json")
     with omniscv.open_source(room) as source:
         list(source.capture(face_requests(8, ("depth",), CENTER)[:1]))
         assert read == []

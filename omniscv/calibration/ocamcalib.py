@@ -27,7 +27,7 @@ from numpy.polynomial.polynomial import polyval
 from omniscv.arguments import numbers, shown
 from omniscv.calibration.intrinsics import HALF_PIXEL, only_camera, refuse_limit, whole_number
 from omniscv.cameras import Camera, Scaramuzza
-from omniscv.cameras.arrays import Array
+from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError
 
 _INVERSE_ERROR_PX = 0.01

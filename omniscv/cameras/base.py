@@ -33,15 +33,58 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, whole_number
-from omniscv.cameras.arrays import Array, Mask
+from omniscv.arguments import numbers, shown, whole_number
 from omniscv.errors import ArgumentError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ROUNDING = 1e-12
+"""Relative rounding error of a radius, and of a pixel at the border."""
+
+
+def grid_axes(pixels: Array) -> tuple[Array, Array]:
+    """Return u and v of pixels (..., 2); of a grid (H, W, 2), a row (1, W) of u and a column (H, 1) of v."""
+    u, v = pixels[..., 0], pixels[..., 1]
+    if pixels.ndim == 3 and (u == u[:1]).all() and (v == v[:, :1]).all():
+        return u[:1], v[:, :1]
+    return u, v
+
+
+def vectors(x: Array, y: Array, z: Array) -> Array:
+    """Return vectors (..., 3) of coordinates that broadcast, such as rows and columns of a grid."""
+    xyz = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
+    xyz[..., 0], xyz[..., 1], xyz[..., 2] = x, y, z
+    return xyz
+
+
+def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
+    """Raise ArgumentError if both ways to give the focal length are used."""
+    if focal is not None and fov_deg is not None:
+        got = f"{shown(focal)} px and {shown(fov_deg)} deg"
+        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({got})")
+
+
+def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
+    """Return sine and cosine of ``angle_deg / 2``; exact to the last digits near 0, 90 and 180 degrees."""
+    half = angle_deg / 2
+    return np.sin(np.radians(min(half, 180 - half))), np.sin(np.radians(90 - half))
+
+
+def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Array]:
+    """Return radius r and azimuth (cos a, sin a) of (..., 2); (1, 0) at the centre."""
+    offset = xy - np.asarray(center)
+    x, y = offset[..., 0], offset[..., 1]
+    r = np.hypot(x, y)
+    at_center = r == 0
+    safe = np.where(at_center, 1.0, r)
+    return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)
+
 
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """The types of constructor arguments."""
 
 FARTHEST = 1e150  # metres: float64 cannot hold the square of more
-_ROUNDING = 1e-12  # relative rounding error of a pixel at the border
 _LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
 _SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
 
@@ -263,7 +306,7 @@ class Camera(ABC):
     def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
         """Return pixels (..., 2) clipped to the image, and which of them were in it but for rounding."""
         size = np.array([self.width, self.height])
-        slack = _ROUNDING * (size + np.abs(self.center))
+        slack = ROUNDING * (size + np.abs(self.center))
         near = np.asarray(((pixels >= -slack) & (pixels <= size + slack)).all(axis=-1))
         return np.clip(pixels, 0, size), near
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras.arrays import ROUNDING
+from omniscv.cameras.base import ROUNDING
 from omniscv.compiled import njit
 
 Array = NDArray[np.float64]

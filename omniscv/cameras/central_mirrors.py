@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number
-from omniscv.cameras.arrays import Array, sin_cos_of_half
+from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
 from omniscv.cameras.registry import register
 

@@ -5,8 +5,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.arrays import Array, Mask
-from omniscv.cameras.base import FARTHEST, Viewpoints, viewpoints_by_line
+from omniscv.cameras.base import FARTHEST, Array, Mask, Viewpoints, viewpoints_by_line
 from omniscv.cameras.panoramas import AngularGrid
 from omniscv.cameras.registry import register
 

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 import numpy as np
 
 from omniscv.arguments import one_of, whole_number
-from omniscv.cameras.arrays import Array, Mask
-from omniscv.cameras.base import CentralCamera
+from omniscv.cameras.base import Array, CentralCamera, Mask
 from omniscv.cameras.registry import register
 
 Layout = Literal["strip", "3x2", "cross", "dice"]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.cameras.arrays import Array
+from omniscv.cameras.base import Array
 from omniscv.cameras.monotone import first_positive_root
 
 _TABLE = 512  # cells of the table of undistorted radii

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from omniscv.arguments import number
-from omniscv.cameras.arrays import Array, sin_cos_of_half
+from omniscv.cameras.base import Array, sin_cos_of_half
 from omniscv.cameras.radial import Meridian, RadialCamera
 from omniscv.cameras.registry import register
 

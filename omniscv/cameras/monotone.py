@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.cameras.arrays import Array
+from omniscv.cameras.base import Array
 
 _CELLS = 1 << 11
 _MOST_STEPS = 100  # bisection alone needs 60

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
-from omniscv.cameras.arrays import ROUNDING, Array, polar
-from omniscv.cameras.base import FARTHEST, Viewpoints
+from omniscv.cameras.base import FARTHEST, ROUNDING, Array, Viewpoints, polar
 from omniscv.cameras.monotone import increasing_root
 from omniscv.cameras.radial import CircleCamera, Meridian
 from omniscv.cameras.registry import register

@@ -6,8 +6,7 @@ from typing import ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 
 from omniscv.arguments import number, one_of
-from omniscv.cameras.arrays import Array, Mask, grid_axes, sin_cos_of_half, vectors
-from omniscv.cameras.base import Camera, CentralCamera
+from omniscv.cameras.base import Array, Camera, CentralCamera, Mask, grid_axes, sin_cos_of_half, vectors
 from omniscv.cameras.registry import register
 
 Profile = Literal["angular", "perspective", "mercator", "miller", "equal-area"]

@@ -6,8 +6,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, whole_number
-from omniscv.cameras.arrays import Array, Mask, refuse_focal_and_fov, sin_cos_of_half
-from omniscv.cameras.base import FARTHEST, Camera, Viewpoints, viewpoints_by_line
+from omniscv.cameras.base import (
+    FARTHEST,
+    Array,
+    Camera,
+    Mask,
+    Viewpoints,
+    refuse_focal_and_fov,
+    sin_cos_of_half,
+    viewpoints_by_line,
+)
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 

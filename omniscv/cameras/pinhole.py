@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, shown
-from omniscv.cameras.arrays import Array, refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.base import Array, refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import FocalLens, Meridian
 from omniscv.cameras.registry import register

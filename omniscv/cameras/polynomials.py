@@ -7,7 +7,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
-from omniscv.cameras.arrays import Array
+from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.monotone import Increasing, first_positive_root, increasing_root
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Lens, Meridian

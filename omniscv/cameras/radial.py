@@ -13,8 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, optional_number
-from omniscv.cameras.arrays import ROUNDING, Array, Mask, polar, refuse_focal_and_fov, sin_cos_of_half
-from omniscv.cameras.base import Camera, CentralCamera
+from omniscv.cameras.base import (
+    ROUNDING,
+    Array,
+    Camera,
+    CentralCamera,
+    Mask,
+    polar,
+    refuse_focal_and_fov,
+    sin_cos_of_half,
+)
 from omniscv.cameras.distortion import Distortion
 
 BEFORE_TURN = 1 - 1e-7

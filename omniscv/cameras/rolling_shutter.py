@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.cameras.arrays import Array, Mask
-from omniscv.cameras.base import Camera, Viewpoints, viewpoints_by_line
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, viewpoints_by_line
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose

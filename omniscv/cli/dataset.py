@@ -8,9 +8,8 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.job_options import IMAGES, JobArguments, with_job
 from omniscv.cli.old_spellings import OF_FORMATS, OF_JOBS, accepting
-from omniscv.cli.options import AsJson, setting
+from omniscv.cli.options import IMAGES, AsJson, JobArguments, setting, with_job
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -196,7 +195,7 @@ def video(
     """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
     from omniscv.arguments import one_of
     from omniscv.dataset import open
-    from omniscv.dataset.video import write_video
+    from omniscv.dataset.media import write_video
     from omniscv.storage import without_secrets
 
     every = open(folder)

@@ -1,15 +1,25 @@
-"""Options that several commands have, and how their texts become values."""
+"""Options that several commands have, and those that describe a job.
+
+Beside a job's file these override its keys; without a file they are the job.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from typer import Option
+from typer import Argument, Context, Option
 
+from omniscv.cli import console
 from omniscv.errors import ArgumentError
 
 if TYPE_CHECKING:
+    from omniscv.job import Job
     from omniscv.sources.registry import Deadlines
 
 AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
@@ -74,3 +84,237 @@ def wrong(option: str, expected: str, text: str) -> ArgumentError:
     from omniscv.arguments import shown  # loads NumPy, which help does without
 
     return ArgumentError(f"{option}: expected {expected}, got {shown(text)}")
+
+
+Keys = dict[str, Any]
+"""Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
+
+_PATHS = ("source", "out", "record")
+_CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
+
+
+class JobOption(NamedTuple):
+    """An option that stands for keys of a job.
+
+    Attributes:
+        keys: function from the option's value to the keys that it sets.
+        type: of the value.
+        default: where there is no file; None and empty lists set nothing.
+        help: in the command's help.
+        panel: group of options in the help.
+        complete: yields words for the shell's completion.
+    """
+
+    keys: Callable[[Any], Keys]
+    type: Any
+    default: Any
+    help: str
+    panel: str = ""
+    complete: Callable[[], Iterable[str]] | None = None
+
+    def parameter(self, name: str, shows_default: bool) -> Parameter:
+        """Return the parameter of a command for typer."""
+        option = Option(
+            self.default,
+            f"--{name.replace('_', '-')}",
+            help=self.help,
+            show_default=shows_default,
+            rich_help_panel=self.panel or None,
+            autocompletion=self.complete,
+        )
+        return Parameter(name, Parameter.KEYWORD_ONLY, default=option, annotation=self.type)
+
+
+def key(name: str, value_of: Callable[[Any], Any] = lambda value: value) -> Callable[[Any], Keys]:
+    """Return the ``keys`` of an option that stands for one key."""
+    return lambda value: {name: value_of(value)}
+
+
+def _models() -> Iterator[str]:
+    from omniscv.cameras import names
+
+    yield from names()
+
+
+def _key_names() -> Iterator[str]:
+    from omniscv.job import keys
+
+    yield from (f"{key.name}=" for key in keys())
+
+
+def is_calibration(camera: str) -> bool:
+    """Return whether the text of ``--camera`` is a file's name: models have neither dots nor folders."""
+    return "." in camera or len(Path(camera).parts) > 1
+
+
+def _camera(text: str) -> Keys:
+    if is_calibration(text):
+        return {"cameras": {Path(text).stem.replace(".", "-"): {"file": text}}, "rig": None}
+    return {"cameras": {text: {"model": text}}, "rig": None}
+
+
+def _settings(texts: list[str]) -> Keys:
+    return dict(map(setting, texts))
+
+
+MODES = JobOption(
+    key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
+)
+SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
+_SET_HELP = (
+    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
+    "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
+)
+
+SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_HELP, _ANY, _key_names)}
+
+VIEW: Mapping[str, JobOption] = {
+    "source": JobOption(key("source"), str, "mock://four-wall", SOURCE_HELP, _OUTPUT),
+    "camera": JobOption(
+        _camera,
+        str,
+        "equirectangular",
+        "A camera model; see 'omniscv cameras'. Or a calibration file, which has the size.",
+        _CAMERA,
+        _models,
+    ),
+    "size": JobOption(
+        lambda text: dict(zip(("cameras.*.width", "cameras.*.height"), size(text), strict=True)),
+        str,
+        "1024x512",
+        "Width x height of the image, px.",
+        _CAMERA,
+    ),
+    "position": JobOption(
+        lambda text: {"poses": [{"position": numbers("--position", text)}]},
+        str,
+        "0,0,1.5",
+        "X,Y,Z in metres: X forward, Y left, Z up.",
+        _POSE,
+    ),
+    "yaw": JobOption(key("poses.*.yaw_deg"), float, 0.0, "Degrees, to the left +.", _POSE),
+    "pitch": JobOption(key("poses.*.pitch_deg"), float, 0.0, "Degrees, nose up +.", _POSE),
+    "roll": JobOption(key("poses.*.roll_deg"), float, 0.0, "Degrees, right side down +.", _POSE),
+    "modes": MODES,
+    "accuracy": JobOption(
+        key("accuracy"), str | None, None, "Share of the pixels that may be doubtful, such as 0.1%.", _OUTPUT
+    ),
+    "most_captures": JobOption(
+        key("most_captures"), int | None, None, "Captures of an image at which --accuracy stops.", _OUTPUT
+    ),
+    "most_megapixels": JobOption(
+        key("most_megapixels"), float | None, None, "Megapixels at which --accuracy stops.", _OUTPUT
+    ),
+    **SET,
+}
+"""One camera at one pose."""
+
+IMAGES: Mapping[str, JobOption] = {
+    **VIEW,
+    # A text: as a path, a URL would lose a slash.
+    "out": JobOption(key("out"), str, "out", "Folder for the images.", _OUTPUT),
+    **SET,
+}
+"""One camera at one pose, and where its images are written."""
+
+
+@dataclass(frozen=True)
+class JobArguments:
+    """The job of a command line.
+
+    Attributes:
+        file: of the job; None without one.
+        options: by name.
+        values: of the options, by name.
+        given: names of the options on the command line.
+        described: the keys of a job without a file, before its options.
+    """
+
+    file: Path | None
+    options: Mapping[str, JobOption]
+    values: Mapping[str, Any]
+    given: frozenset[str]
+    described: Keys = field(default_factory=dict)
+
+    def load(self) -> Job:
+        """Return the job of the file, changed by the given options; without a file, the job of all options.
+
+        A line on standard error says which options override keys of a file.
+        """
+        from omniscv.job import address, load, overridden, read
+
+        unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
+        if self.file is None:
+            names = self.options.keys() - ({"size"} - self.given if unsized else set())
+            return _print_assumptions(read(overridden(self.described, self._keys(names)), Path()))
+        keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
+        if self.file.resolve().parent != Path.cwd():
+            keys |= {name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None}
+            for camera in keys.get("cameras", {}).values() if unsized else ():
+                camera["file"] = str(Path.cwd() / camera["file"])
+        job = _print_assumptions(load(self.file, keys))
+        if self.given:
+            console.error(f"{self.file}: {'; '.join(map(self._overriding, self._ordered(self.given)))}")
+        return job
+
+    def _keys(self, names: Iterable[str]) -> Keys:
+        keys: Keys = {}
+        for name in self._ordered(names):
+            if self.values[name] not in (None, []):
+                keys |= self.options[name].keys(self.values[name])
+        return keys
+
+    def _ordered(self, names: Iterable[str]) -> list[str]:
+        """Return names in the order of the options: a camera before its size, ``--set`` last."""
+        return sorted(names, key=[*(name for name in self.options if name != "set"), "set"].index)
+
+    def _overriding(self, name: str) -> str:
+        keys = self.options[name].keys(self.values[name])
+        listed = " and ".join(key for key, value in keys.items() if value is not None or name == "set")
+        return f"--{name.replace('_', '-')} overrides {listed}"
+
+
+def _print_assumptions(job: Job) -> Job:
+    """Print what was assumed of a job on standard error, and return the job."""
+    if job.assumed:
+        console.error(job.assumed)
+    return job
+
+
+def with_job(
+    options: Mapping[str, JobOption], *, needs_file: bool = False
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that gives a command the options of a job; ``job`` is its :class:`JobArguments`.
+
+    Args:
+        options: by name.
+        needs_file: the job's file must be given.
+    """
+    file = Argument(
+        ... if needs_file else None, metavar="JOB.yaml", help="A job; options beside it override its keys."
+    )
+
+    def decorate(body: Callable[..., None]) -> Callable[..., None]:
+        @wraps(body)
+        def command(context: Context, job: Path | None, **values: Any) -> None:
+            origins = {name: context.get_parameter_source(name) for name in options}
+            given = frozenset(
+                name for name, origin in origins.items() if origin and origin.name == "COMMANDLINE"
+            )
+            of_job = {name: values.pop(name) for name in options}
+            body(job=JobArguments(job, options, of_job, given), **values)
+
+        parameters = signature(body, eval_str=True).parameters.values()
+        others = [parameter for parameter in parameters if parameter.name != "job"]
+        command.__signature__ = Signature(  # type: ignore[attr-defined]
+            [
+                Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context),
+                Parameter("job", Parameter.KEYWORD_ONLY, default=file, annotation=Path | None),
+                *(option.parameter(name, not needs_file) for name, option in options.items()),
+                *(parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in others),
+            ]
+        )
+        command.__annotations__ = {}
+        return command
+
+    return decorate

@@ -6,8 +6,8 @@ from typing import Annotated
 from typer import Option, Typer
 
 from omniscv.cli import console, options
-from omniscv.cli.job_options import VIEW, JobArguments, with_job
 from omniscv.cli.old_spellings import OF_JOBS, accepting
+from omniscv.cli.options import VIEW, JobArguments, with_job
 
 app = Typer(add_completion=False)
 

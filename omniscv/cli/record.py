@@ -8,8 +8,8 @@ from typer import Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.job_options import MODES, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
 from omniscv.cli.old_spellings import OF_JOBS, accepting
+from omniscv.cli.options import MODES, SET, SOURCE_HELP, JobArguments, JobOption, Keys, key, with_job
 
 app = Typer(add_completion=False)
 

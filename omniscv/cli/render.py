@@ -7,8 +7,8 @@ from typer import Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.job_options import IMAGES, JobArguments, with_job
 from omniscv.cli.old_spellings import OF_JOBS, accepting
+from omniscv.cli.options import IMAGES, JobArguments, with_job
 from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)

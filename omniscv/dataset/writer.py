@@ -20,8 +20,9 @@ from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
-from omniscv.dataset import manifest, spherical_metadata
+from omniscv.dataset import manifest
 from omniscv.dataset.manifest import MOST_IDS, Manifest
+from omniscv.dataset.media import PICTURE_SUFFIXES, refuses, tag_picture
 from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.geometry import Pose
@@ -71,8 +72,8 @@ class Writer:
     ) -> None:
         check_format(image_format)
         self._media = {"xmp": False, "north": 0.0, **(media or {})}
-        if self._media["xmp"] and image_format not in spherical_metadata.PICTURE_SUFFIXES:
-            suffixes = " or ".join(spherical_metadata.PICTURE_SUFFIXES)
+        if self._media["xmp"] and image_format not in PICTURE_SUFFIXES:
+            suffixes = " or ".join(PICTURE_SUFFIXES)
             raise ArgumentError(f"media.xmp: expected image_format {suffixes}, got {image_format}")
         self._folder, self._image_format, self._closed = storage.folder(out), image_format, closed
         self._lock = Lock()
@@ -193,8 +194,8 @@ class Writer:
         with ExitStack() as stack:
             folder = stack.enter_context(scratch(self._folder))
             files = write_layers(image.layers, folder, frame.key, self._image_format, image.transfer)
-            if self._media["xmp"] and "lit" in files and spherical_metadata.refuses(frame.camera) is None:
-                spherical_metadata.tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
+            if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
+                tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(folder / f"{frame.key}.{kind}.json", record, indent=None)

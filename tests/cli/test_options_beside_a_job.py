@@ -10,8 +10,8 @@ import pytest
 
 from omniscv.arguments import shown
 from omniscv.cli import run
-from omniscv.cli.job_options import IMAGES, JobArguments
 from omniscv.cli.old_spellings import OF_FIT, OF_FORMATS, OF_JOBS, as_settings
+from omniscv.cli.options import IMAGES, JobArguments
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read

@@ -9,7 +9,7 @@ from PIL import Image
 
 import omniscv
 from omniscv import dataset
-from omniscv.dataset.spherical_metadata import photo_sphere_fields, with_photo_sphere
+from omniscv.dataset.media import photo_sphere_fields, with_photo_sphere
 from omniscv.errors import ArgumentError
 
 CAMERA = omniscv.cameras.create("equirectangular", width=64, height=32)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import omniscv
-from omniscv.dataset import Frame, spherical_metadata
-from omniscv.dataset.spherical_metadata import video_boxes, with_video_boxes
-from omniscv.dataset.video import write_video
+from omniscv.dataset import Frame, media
+from omniscv.dataset.media import video_boxes, with_video_boxes, write_video
 from omniscv.errors import ArgumentError
 
 POSE = omniscv.Pose.from_angles((0, 0, 1.5))
@@ -65,7 +64,7 @@ def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
 def test_tags_do_not_touch_the_pictures(tmp_path, monkeypatch):
     plain = []
     monkeypatch.setattr(
-        spherical_metadata, "with_video_boxes", lambda video: plain.append(video) or with_video_boxes(video)
+        media, "with_video_boxes", lambda video: plain.append(video) or with_video_boxes(video)
     )
     tagged = write_video(frames(tmp_path), tmp_path / "tagged.mp4").read_bytes()
     for (one, before), (other, after) in zip(decoded(plain[0]), decoded(tagged), strict=True):

@@ -10,8 +10,8 @@ from support.faces import CENTER, face_requests
 
 import omniscv
 from omniscv.sources.recording.inspection import verify
+from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.store import Store
-from omniscv.sources.recording.views import in_words
 
 MODES = ("depth", "object_mask")
 REQUESTS = [each for center in (CENTER, (-0.9, 0.4, 1.2)) for each in face_requests(64, MODES, center)]

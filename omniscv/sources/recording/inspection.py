@@ -16,6 +16,7 @@ from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
 from omniscv.sources.base import View
+from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import (
     Row,
     WorldState,
@@ -26,7 +27,6 @@ from omniscv.sources.recording.rows import (
 )
 from omniscv.sources.recording.schema import SCHEMA_VERSION
 from omniscv.sources.recording.store import Store
-from omniscv.sources.recording.views import in_words
 
 T = TypeVar("T")
 

@@ -16,6 +16,7 @@ from omniscv.geometry.arrays import cluster_starts
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording.files import kind_of, publish_new, target_of, written_for
+from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import (
     Row,
     object_from_json,
@@ -23,7 +24,6 @@ from omniscv.sources.recording.rows import (
     view_from_json,
 )
 from omniscv.sources.recording.store import Store
-from omniscv.sources.recording.views import in_words
 
 Address = TypeVar("Address", str, Path)
 Progress = Callable[[int, int], None]
