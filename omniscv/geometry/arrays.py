@@ -1,4 +1,4 @@
-"""Short names for types of arrays, kernels on blocks of rows, on all cores, and groups of near directions."""
+"""Short names for types of arrays, kernels on blocks of rows, on all cores, and clusters of positions."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
