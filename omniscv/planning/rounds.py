@@ -190,13 +190,6 @@ def pixels_of(views: Iterable[View]) -> int:
     return sum(view.width * view.height for view in views)
 
 
-def planned_requests(rounds: Rounds, modes: Sequence[str]) -> list[Request]:
-    """Return the captures of a plan in some modes, without making any."""
-    planned: list[Round] = []
-    drive(rounds, planned.append)
-    return [request for round_ in planned for request in round_.requests(modes)]
-
-
 def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
     """Return the progress that the captures of a viewpoint, by mode, are."""
     flat = list(chain.from_iterable(captures.values()))
