@@ -7,12 +7,16 @@ POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
 
 
 def main() -> None:
-    """Renders a tiny image of every model, and some with every filter, of colours in bytes and in floats."""
+    """Renders a tiny image of every model, some with every filter, of colours in bytes and in floats, and some
+    with finer views."""
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
             for strategy in ("auto",) if camera.central else ("auto", "adaptive"):
                 omniscv.render(camera, POSE, source, MODES, strategy=strategy, face_size=16)
+        ring = omniscv.cameras.create("noncentral-panorama", width=16, height=8, radius=1.0)
+        for camera in (omniscv.cameras.model("equirectangular").example(32), ring):
+            omniscv.render(camera, POSE, source, MODES, accuracy=0.001, most_captures=60)
     for address in ("scene://four-wall", "scene://four-wall?lit=float32", "mock://four-wall"):
         with omniscv.open_source(address) as source:
             for filter in ("nearest", "bilinear", "bicubic", "area"):
