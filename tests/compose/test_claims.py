@@ -49,7 +49,7 @@ def drawn_pose(seed):
     return Pose.from_angles(position, *rng.uniform(-20, 20, 3))
 
 
-FACE_PX = 320
+FACE_PX = 240
 
 CASES = [
     *(
