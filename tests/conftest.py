@@ -10,7 +10,7 @@ _HERE = Path(__file__).parent
 
 # Machines are shared: a slow example is no failure. Draws are the same every run, so that a red
 # suite is red for everybody; the soak runs draw anew.
-settings.register_profile("suite", deadline=None, derandomize=True, print_blob=True, max_examples=40)
+settings.register_profile("suite", deadline=None, derandomize=True, print_blob=True, max_examples=25)
 settings.register_profile("soak", deadline=None, max_examples=10_000)
 
 

@@ -14,10 +14,10 @@ from omniscv.sources.scene import SceneSource
 
 POSE = Pose.from_angles((0.1, 0, 1.5), yaw_deg=15.0, pitch_deg=20.0, roll_deg=10.0)
 CAMERAS = {
-    "equirectangular": create("equirectangular", width=128, height=64),
-    "fisheye-equidistant": create("fisheye-equidistant", width=128, height=128, fov_deg=180),
+    "equirectangular": create("equirectangular", width=96, height=48),
+    "fisheye-equidistant": create("fisheye-equidistant", width=96, height=96, fov_deg=180),
 }
-PIXEL = {"equirectangular": 2 * np.pi / 128, "fisheye-equidistant": np.pi / 128}
+PIXEL = {"equirectangular": 2 * np.pi / 96, "fisheye-equidistant": np.pi / 96}
 NONCENTRAL = create("noncentral-panorama", width=32, height=16, radius=0.5)
 SUBRAYS = 8
 
@@ -76,10 +76,10 @@ def kept(values, scene, camera):
 @pytest.mark.parametrize(
     ("name", "period_px", "face_size"),
     [
-        ("equirectangular", 2.5, 160),
-        ("equirectangular", 4.0, 512),
-        ("fisheye-equidistant", 2.5, 512),
-        ("fisheye-equidistant", 4.0, 160),
+        ("equirectangular", 2.5, 120),
+        ("equirectangular", 4.0, 384),
+        ("fisheye-equidistant", 2.5, 384),
+        ("fisheye-equidistant", 4.0, 120),
     ],
 )
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
@@ -102,7 +102,7 @@ def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, p
     """A bilinear image shows others in their place, that are not there."""
     camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
     wanted = means(scene, camera)
-    image, bilinear = (shown(scene, camera, 512, filter) for filter in ("area", "bilinear"))
+    image, bilinear = (shown(scene, camera, 384, filter) for filter in ("area", "bilinear"))
     assert abs(kept(image.lit, scene, camera)) <= abs(kept(wanted, scene, camera)) + 0.05
     assert rms(image, wanted) < 0.12 * rms(bilinear, wanted)
 
@@ -119,7 +119,7 @@ def test_a_floor_fades_towards_the_horizon():
     """Near it tiles are smaller than a face's pixels: the faces pass over some, and so do 64 rays. Where
     these are as good as 144, on more than nine pixels in ten, so is the image."""
     camera = CAMERAS["equirectangular"]
-    image, wanted = shown(FLOOR, camera, 512), means(FLOOR, camera)
+    image, wanted = shown(FLOOR, camera, 384), means(FLOOR, camera)
     known = np.abs(wanted - means(FLOOR, camera, subrays=12)).max(axis=-1) < 2 / 255
     assert known[image.valid].mean() > 0.9
     assert rms(image, wanted, known) <= 2
@@ -129,7 +129,7 @@ def test_a_floor_fades_towards_the_horizon():
 def test_at_the_rim_only_what_is_inside_the_field_of_view_counts(fov_deg):
     camera = create("fisheye-equidistant", width=96, height=96, fov_deg=fov_deg)
     scene = waves(3 * np.radians(fov_deg) / 96)
-    image = shown(scene, camera, 512)
+    image = shown(scene, camera, 384)
     assert (image.lit[~image.valid] == 0).all()
     rim = np.hypot(*(np.indices((96, 96)) - 47.5)) > 46.5
     assert (image.valid & rim).sum() > 200
@@ -155,7 +155,7 @@ def test_what_depth_marching_finds_is_averaged_over_the_step_of_a_pixel():
 
 def test_auto_averages_where_the_image_is_coarser():
     camera, scene = CAMERAS["equirectangular"], waves(3 * PIXEL["equirectangular"])
-    area, auto, bilinear = (shown(scene, camera, 512, filter).lit for filter in ("area", "auto", "bilinear"))
+    area, auto, bilinear = (shown(scene, camera, 384, filter).lit for filter in ("area", "auto", "bilinear"))
     assert np.array_equal(area, auto)
     assert not np.array_equal(area, bilinear)
 

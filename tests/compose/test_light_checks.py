@@ -23,7 +23,7 @@ MODES = ("lit", "object_mask", "depth")
 
 
 def examined(source, **options):
-    return omniscv.render(CAMERA, POSE, source, MODES, **{"checks": "light", "face_size": 192, **options})
+    return omniscv.render(CAMERA, POSE, source, MODES, **{"checks": "light", "face_size": 128, **options})
 
 
 def served(scene, *faults, drawn_only="", **options):
@@ -81,7 +81,7 @@ def test_glass_is_translucent_and_an_object_without_annotation_a_mismatch(sofa):
 
 
 def test_depth_outside_the_box_of_its_object_is_a_mismatch():
-    image = served("four-wall", "depth-scale=0.1")
+    image = served("four-wall", "depth-scale=0.1", face_size=192)
     assert set(objects(image)) == {"mismatch"}
     assert ((image["light"] & BITS["mismatch"]) > 0).mean() > 0.9
 

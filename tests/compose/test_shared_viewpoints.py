@@ -14,7 +14,7 @@ UNMARKED = 0.0005  # of the valid pixels of an image
 ALONG = create("push-broom", width=101, height=79, travel=(3, 0, 0), fov_deg=95)
 CIRCLE = create("noncentral-panorama", width=120, height=60, radius=1.0)
 FAST = create(
-    "rolling-shutter", width=48, height=42, base={"model": "pinhole", "fov_deg": 100},
+    "rolling-shutter", width=32, height=28, base={"model": "pinhole", "fov_deg": 100},
     readout=0.1, velocity=(20, 0, 0),
 )  # fmt: skip
 BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
@@ -41,7 +41,7 @@ CASES = {
         "four-wall",
         FAST,
         Pose.from_angles((0.4, 2.013, 1.4), yaw_deg=180),
-        {"strategy": "adaptive", "face_size": 256},
+        {"strategy": "adaptive", "face_size": 192},
     ),
 }
 
