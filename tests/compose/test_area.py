@@ -14,10 +14,10 @@ from omniscv.sources.scene import SceneSource
 
 POSE = Pose.from_angles((0.1, 0, 1.5), yaw_deg=15.0, pitch_deg=20.0, roll_deg=10.0)
 CAMERAS = {
-    "equirectangular": create("equirectangular", width=96, height=48),
+    "equirectangular": create("equirectangular", width=128, height=64),
     "fisheye-equidistant": create("fisheye-equidistant", width=96, height=96, fov_deg=180),
 }
-PIXEL = {"equirectangular": 2 * np.pi / 96, "fisheye-equidistant": np.pi / 96}
+PIXEL = {"equirectangular": 2 * np.pi / 128, "fisheye-equidistant": np.pi / 96}
 NONCENTRAL = create("noncentral-panorama", width=32, height=16, radius=0.5)
 SUBRAYS = 8
 
@@ -76,7 +76,7 @@ def kept(values, scene, camera):
 @pytest.mark.parametrize(
     ("name", "period_px", "face_size"),
     [
-        ("equirectangular", 2.5, 120),
+        ("equirectangular", 2.5, 160),
         ("equirectangular", 4.0, 384),
         ("fisheye-equidistant", 2.5, 384),
         ("fisheye-equidistant", 4.0, 120),
