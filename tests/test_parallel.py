@@ -96,7 +96,7 @@ def test_several_threads_may_use_it():
     assert found == dict.fromkeys(range(6), True)
 
 
-@pytest.mark.parametrize(("method", "children"), [("fork", 4), ("spawn", 1)])
+@pytest.mark.parametrize(("method", "children"), [("fork", 2), ("spawn", 1)])
 def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
     """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work.
 

@@ -19,9 +19,14 @@ CAMERAS = {
 SOURCES = {"overscan": float_source(WAVES), "fixed 90 degrees": float_source(WAVES, FIXED)}
 
 
-@pytest.mark.parametrize("filter", ["bilinear", "bicubic"])
-@pytest.mark.parametrize("kind", SOURCES)
-@pytest.mark.parametrize("name", CAMERAS)
+PAIRS = [
+    (name, kind, ("bilinear", "bicubic")[(i + j) % 2])
+    for i, name in enumerate(CAMERAS)
+    for j, kind in enumerate(SOURCES)
+]
+
+
+@pytest.mark.parametrize(("name", "kind", "filter"), PAIRS)
 def test_edges_and_corners_are_as_good_as_the_middle(name, kind, filter):
     camera = CAMERAS[name]
     image = omniscv.render(camera, POSE, SOURCES[kind], filter=filter, face_size=512)

@@ -7,8 +7,8 @@ POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
 
 
 def main() -> None:
-    """Renders a tiny image of every model, some with every filter, of colours in bytes and in floats, and some
-    with finer views."""
+    """Renders a tiny image of every model, some with every filter, with colours in bytes and in floats, and
+    some with finer views."""
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
