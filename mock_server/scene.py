@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Any
@@ -328,6 +328,17 @@ def load_scene(name_or_path: str | Path) -> Scene:
         ValueError: an unknown name, a file that cannot be read, or a wrong key or value in it.
     """
     path = _path(name_or_path)
+    return _packaged(path) if path.parent == SCENES else _read(path)
+
+
+@cache
+def _packaged(path: Path) -> Scene:
+    """Return a scene of this package, whose file does not change."""
+    return _read(path)
+
+
+def _read(path: Path) -> Scene:
+    """Return the scene of a file."""
     try:
         description = yaml_text.parse(yaml_text.read_text(path))
     except ValueError as cause:

@@ -57,6 +57,15 @@ _CACHED_COMMANDS, _CACHED_LENGTH = 512, 200
 """Most commands whose handlers are cached, and their length at most: clients repeat few, short ones."""
 
 
+@functools.cache
+def _pattern_of(template: str) -> tuple[re.Pattern[str], list[Callable[[str], Any]], list[str]]:
+    """Return a template's pattern, the converters of its placeholders, and the texts between them."""
+    parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
+    patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
+    pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
+    return pattern, [_PLACEHOLDERS[part][1] for part in parts[1::2]], [part for part in parts[::2] if part]
+
+
 class Command:
     """A template such as ``vset /camera/[uint]/fov [float]`` and its handler.
 
@@ -67,11 +76,7 @@ class Command:
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
         self.template, self.description, self.handler = template, description, handler
         self.verb = template.partition(" ")[0]
-        parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
-        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
-        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
-        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
-        self._literals = [part for part in parts[::2] if part]
+        self._pattern, self._converters, self._literals = _pattern_of(template)
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
