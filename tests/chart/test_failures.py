@@ -21,7 +21,7 @@ COLUMNS = ("panorama", "8 viewpoints")
 def rows():
     """Depth that is radial in full."""
     with pytest.MonkeyPatch.context() as patch:
-        small = "size=160x120"
+        small = "size=96x72"
         radial = Cause("radial depth", "of the way", (1,), f"{small}&fault=radial-depth={{}}", sound=small)
         patch.setattr(failures, "CAUSES", (radial,))
         patch.setattr(failures, "COLUMNS", COLUMNS)

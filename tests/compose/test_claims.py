@@ -22,11 +22,11 @@ TURNING = {"velocity": (10, 3, 2), "angular_velocity_deg": (100, -200, 300), "re
 SMALL = {
     name: create(name, width, height, **parameters)
     for name, width, height, parameters in (
-        ("noncentral-panorama", 128, 64, {"radius": 1.0}),
-        ("noncentral-spherical-mirror", 80, 80, {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}),
-        ("noncentral-conical-mirror", 128, 128, {"half_angle_deg": 55.0, "distance": 0.3}),
+        ("noncentral-panorama", 96, 48, {"radius": 1.0}),
+        ("noncentral-spherical-mirror", 64, 64, {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}),
+        ("noncentral-conical-mirror", 96, 96, {"half_angle_deg": 55.0, "distance": 0.3}),
         ("ods", 160, 80, {"interpupillary": 0.1}),
-        ("rolling-shutter", 128, 96, {"base": {"model": "fisheye-equidistant", "fov_deg": 150}, **TURNING}),
+        ("rolling-shutter", 96, 72, {"base": {"model": "fisheye-equidistant", "fov_deg": 150}, **TURNING}),
         ("push-broom", 80, 60, {"travel": (1.5, 0.1, -0.2)}),
         ("orthographic", 80, 60, {"width_m": 1.2}),
     )

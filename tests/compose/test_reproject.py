@@ -115,7 +115,7 @@ RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
 def test_places_where_it_can_fail(what, solids, sure):
     """What it is sure of is right but for rims, and what it lost it says."""
     source = float_source(plain_room({"Thing": {"texture": RED, "solids": solids}}))
-    camera = create("noncentral-panorama", width=128, height=32, radius=1.0)
+    camera = create("noncentral-panorama", width=96, height=24, radius=1.0)
     image = omniscv.render(camera, POSE, source, ("object_mask", "depth"), strategy="adaptive", face_size=336)
     rightly = right(image, traced(source.scene, camera, POSE))
     assert rightly[~image.unsure].mean() >= sure, what

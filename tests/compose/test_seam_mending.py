@@ -125,7 +125,7 @@ def drawn(edge=256):
     return np.repeat(np.uint8(shade + 0.5)[..., None], 3, axis=-1), masks.astype(np.uint16)
 
 
-@pytest.mark.parametrize("scene", ["drawn", (0.5, 0, 1.4), (1, 0.5, 1.2)])
+@pytest.mark.parametrize("scene", ["drawn", (1, 0.5, 1.2)])
 def test_an_outline_along_an_edge_is_no_seam(scene):
     """Corners of walls lie on edges of these cubes: with masks they stay, and what light adds is closed."""
     if scene == "drawn":
@@ -133,8 +133,7 @@ def test_an_outline_along_an_edge_is_no_seam(scene):
         shown = true.copy()
         shown[0] += 8
     else:
-        name = "four-wall" if scene[1] == 0 else "six-wall"
-        true, masks = (faces(scene=name, center=scene, mode=mode) for mode in ("lit", "object_mask"))
+        true, masks = (faces(scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask"))
         halo = [gaussian_filter(face.astype(float), (32, 32, 0), mode="nearest") for face in true]
         shown = np.uint8(0.95 * true + 0.05 * np.stack(halo) + 0.5)
     blind, closed = (
