@@ -1,10 +1,14 @@
 """Options and settings that all tests share."""
 
 import gc
+import os
+import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from omniscv import parallel
 
 _HERE = Path(__file__).parent
 
@@ -21,6 +25,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("soak" if config.getoption("--soak") else "suite")
     gc.set_threshold(20_000, 10, 20)  # by default it takes 5 % of the suite
+    _share_cores()
+
+
+def _share_cores() -> None:
+    """Leave each worker of pytest-xdist its share of the cores: more threads only wait for each other."""
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    parallel.limit(sys.maxsize)
+    if workers > 1:
+        parallel.limit(max(1, parallel.cores() // workers))
 
 
 def pytest_collection_finish() -> None:
@@ -47,6 +60,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def _turn(item: pytest.Item) -> int:
     folder = item.path.relative_to(_HERE).parts[0]
     return _FIRST.index(folder) if folder in _FIRST else len(_FIRST)
+
+
+@pytest.fixture(scope="module")
+def all_cores():
+    """Every core, for tests of what threads share."""
+    parallel.limit(sys.maxsize)
+    yield
+    _share_cores()
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,8 @@ from support.processes import sent_by_child
 
 from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, limit, side_by_side
 
+pytestmark = pytest.mark.usefixtures("all_cores")
+
 
 def squares(count=40):
     return side_by_side(lambda n: n * n, range(count))

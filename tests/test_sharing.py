@@ -29,6 +29,8 @@ RENDERERS = ("renderer of a scene", "renderer of a recording", "renderer of a se
 LIVE = ("live", "live pool", "renderer of a server")
 CANNOT_BE_PICKLED = (*LIVE, "recorder", "pool")
 
+pytestmark = pytest.mark.usefixtures("all_cores")
+
 
 def digest(*arrays):
     return zlib.crc32(b"".join(np.ascontiguousarray(each).tobytes() for each in arrays))

@@ -26,6 +26,8 @@ CAMERAS = {
 MODES = ("lit", "object_mask", "depth", "normals")
 SMALL = omniscv.RenderOptions(face_size=64)
 
+pytestmark = pytest.mark.usefixtures("all_cores")
+
 
 def same(a, b):
     return a.layers.keys() == b.layers.keys() and all(np.array_equal(a[name], b[name]) for name in a.layers)

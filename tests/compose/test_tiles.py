@@ -23,6 +23,8 @@ POSE = Pose.from_angles((0.3, -0.2, 1.4), yaw_deg=20.0, pitch_deg=5.0)
 CAMERAS = example_cameras()
 CENTRAL = [camera for camera in CAMERAS.values() if camera.central]
 
+pytestmark = pytest.mark.usefixtures("all_cores")
+
 
 def same_in_tiles(camera, rows, options, modes=MODES):
     """Compose an image in tiles of so many rows, and whole: every layer to the byte."""
