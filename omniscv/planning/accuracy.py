@@ -11,25 +11,16 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 
-import numpy as np
-
 from omniscv.geometry.arrays import Ints
 from omniscv.planning import strategy
-from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.densities import SMALLEST
-from omniscv.planning.refinement import ROOM, Choice, Doubt, Refinement, first_view
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
+from omniscv.planning.refinement import ROOM, Choice, Doubt, Refinement
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategy import Task
 
-_LARGEST = 8 * SMALLEST
-"""px of the first faces of ground truth, at most."""
-_PROBED = 2
-"""Views in which an image of more views is measured first."""
-_CAPS, _STEEP = 0.2, 0.7
-"""Density of edges in faces that look up or down, relative to others, and the least sine of their pitch."""
-
-_Probed = Generator[Round, Kept | None, int]
+_FINER_FACES = 1.2
+"""How much more finely faces sample on the mean than patches of their focal length."""
 
 
 def rounds(task: Task) -> Rounds:
@@ -81,44 +72,17 @@ class OneCenter(Refinement):
         )
 
     def _first(self) -> Generator[Round, Kept | None, Kept | None]:
-        """Yield captures of all that the image shows: ground truth as coarse as the aim allows."""
+        """Yield captures of all that the image shows: ground truth in the smallest faces."""
         task = self.task
         base = self._faces(task.edge)
         if base is None or not self._sizes_free() or not self.truth:
             return (yield from pass_on(strategy.rounds(task)))
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
-        small = self._faces(SMALLEST) or base
-        face_of = first_view(task.directions_w(base.pixels), small.views, FACE_BORDER_PX)
-        probed = _PROBED if len(small.views) > _PROBED else 0
-        if probed:
-            edge = yield from self._probe(base, small, face_of)
-        else:
-            edge = self._best_edge(ROOM, base)
-        self.expected_ms = self.local_ms(ROOM, edge)
-        faces, pixels = self._faces(edge) or base, base.pixels
-        if edge == SMALLEST:
-            faces, pixels = replace(small, views=small.views[probed:]), pixels[face_of >= probed]
-        self.focal_px[:] = faces.views[0].focal_px
-        return (yield Round((replace(faces, pixels=pixels, modes=self.truth),)))
-
-    def _probe(self, base: Viewpoint, small: Viewpoint, face_of: Ints) -> _Probed:
-        """Yield the first small faces, and return the size of faces that promises to reach the aim for least.
-
-        Args:
-            base, small: the views of colours, and those of the smallest faces.
-            face_of: (N,) the small view that shows each pixel.
-        """
-        probed = face_of < _PROBED
-        first = replace(small, views=small.views[:_PROBED], pixels=base.pixels[probed], modes=self.truth)
-        kept = yield Round((first,))
-        if kept is None or kept.doubt is None:
-            return self._best_edge(ROOM, base)
-        dense = np.array([_CAPS if abs(view.pose.R_w_c[2, 2]) > _STEEP else 1.0 for view in small.views])[
-            face_of
-        ]
-        share = np.count_nonzero(kept.doubt()) / max(1.0, dense[probed].sum()) * dense.mean()
-        return self._best_edge(share, base)
+        first = self._faces(SMALLEST) or base
+        self.expected_ms = self.local_ms(ROOM)
+        self.focal_px[:] = _FINER_FACES * first.views[0].focal_px
+        return (yield Round((replace(first, modes=self.truth),)))
 
     def _sizes_free(self) -> bool:
         """Return whether ground truth may be captured in another size than colours."""
@@ -133,23 +97,3 @@ class OneCenter(Refinement):
         with closing(planned):
             viewpoints = next(planned).viewpoints
         return viewpoints[0] if len(viewpoints) == 1 else None
-
-    def _best_edge(self, share: float, base: Viewpoint) -> int:
-        """Return the size of the first faces of ground truth that promises to reach the aim for least.
-
-        Args:
-            share: of the pixels that the smallest faces leave in doubt.
-            base: the views of colours.
-        """
-        count, area = len(base.views), pixels_of(base.views)
-        modes = len(self.truth)
-
-        def pixels(edge: int) -> float:
-            return modes * area * (edge / self.task.edge) ** 2
-
-        def ms(edge: int) -> float:
-            return float(self.price.of(modes * count, pixels(edge))) + self.local_ms(share, edge)
-
-        edges = range(SMALLEST, _LARGEST + 1, SMALLEST // 4)
-        within = [edge for edge in edges if not self.full(pixels(edge), modes * count)]
-        return min(within or edges[:1], key=ms)

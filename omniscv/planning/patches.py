@@ -23,11 +23,11 @@ from omniscv.sources.base import Capabilities, View
 
 _POINTS = 2000  # rays among which views are chosen
 _CIRCLES = 400  # great circles that are tried
-_NEARLY = 0.9  # of the best ratio: good enough
+_NEARLY = 0.97  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
 _SPANS = np.radians((3.0, 6.0, 12.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0))
 _NOTHING = 1e-9  # worth at a price, ms: rounding
-_HEIGHTS = (1.0, 2.0, 4.0, 8.0, 16.0)  # of the narrowest views
+_HEIGHTS = (1.0, 2.0, 4.0, 10.0, 25.0, 64.0)  # of the narrowest views
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
-from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Patch, Precision, held, patches
+from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.rounds import Kept, Round, Rounds, pass_on, pixels_of
 from omniscv.planning.strategy import Task
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
@@ -31,19 +31,20 @@ AIM = "aim"
 ROOM = 0.029
 """Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
 SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
-_LOCAL_MS = 180.0
-"""What patches in two modes take that leave 1 / e of the doubt of a room, by measurement; 1 / e^n takes n^1.5
-times as much."""
+_LOCAL_MS = 550.0
+"""Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
+_PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
 _PATCH_PX = 200_000  # of a typical patch
 _FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
 """How many times finer patches may be than what is in doubt."""
+_COARSE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
 _BAND_PX = 4.0  # of a capture: the width of a band of doubt
 _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
-_AGAIN = 0.85  # factor of the chance that a patch resolves a pixel, per patch that it was in before
 _FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
 _RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
 _MOST_ROUNDS = 12
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
+RECORDED = "the recording holds no finer views"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,12 @@ class Choice:
     ms: float
     rate: float
 
+    def more_held(self, other: Choice | None, recorded: RecordedViews) -> Choice | None:
+        """Return this choice or another one, of whose patches a recording holds more; only with these."""
+        held_ones = [each for each in self.patches if recorded.hold([each.patch.view])]
+        more = len(held_ones) > (0 if other is None else len(other.patches))
+        return replace(self, patches=held_ones) if more else other
+
 
 class Refinement(ABC):
     """The captures of one image whose accuracy is given.
@@ -114,7 +121,6 @@ class Refinement(ABC):
         self.aim = options.accuracy * task.rays.valid_count
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
-        self._tries = np.zeros(task.rays.valid.size, np.uint8)  # patches that a pixel was in
         self.reserved = 0, 0
         self._resolve = 1.0  # part of their worth that patches are expected to resolve
         self._requests, self._pixels, self._limited = 0, 0, False
@@ -175,7 +181,7 @@ class Refinement(ABC):
             sent = yield from self.capture(choice)
             assert sent is not None
             kept = sent
-        yield Round((), SPENT if self._limited else STUCK)
+        yield Round((), SPENT if self._limited else STUCK if self.task.recorded is None else RECORDED)
 
     def choice(self, pixels: Ints) -> Choice | str:
         """Return the patches that promise to reach the aim for least, or why there are none."""
@@ -185,23 +191,27 @@ class Refinement(ABC):
         doubts = self.doubts(pixels)
         if not doubts:
             return STUCK
-        coarse = float(np.median(np.concatenate([doubt.focal_px for doubt in doubts])))
-        best: Choice | None = None
+        coarse = float(np.quantile(np.concatenate([doubt.focal_px for doubt in doubts]), _COARSE))
+        best, recorded = None, task.recorded
         self._limited = False
         for finer in _FINER:
-            choice = self._patched(len(pixels), doubts, finer * coarse, best.ms if best else np.inf)
-            if choice.patches and (best is None or choice.ms < best.ms):
+            most_ms = np.inf if best is None or recorded is not None else best.ms
+            choice = self._patched(len(pixels), doubts, finer * coarse, most_ms)
+            if not choice.patches:
+                continue
+            if recorded is not None:
+                best = choice.more_held(best, recorded)
+                if best is not None and len(best.patches) == len(choice.patches):
+                    break
+            elif best is None or choice.ms < best.ms:
                 best = choice
-        if best is None:
-            return SPENT if self._limited else "no finer view fits"
-        if task.recorded is not None:
-            held_ones = [each for each in best.patches if task.recorded.hold([each.patch.view])]
-            if not held_ones:
-                return "the recording holds no finer views"
-            best = replace(best, patches=held_ones)
-        for each in best.patches:
-            self._tries[np.unique(each.pixels)] += 1
-        return best
+            else:
+                break  # finer ones are dearer still
+        if best is not None:
+            return best
+        if recorded is not None:
+            return RECORDED
+        return SPENT if self._limited else "no finer view fits"
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
@@ -218,16 +228,14 @@ class Refinement(ABC):
             ms, left = ms + patch.price, left - self._resolve * patch.worth
             if left <= target or ms > most_ms:
                 break
-        if left > target and batch:  # bands are then thinner, views longer
-            more, views = left / target, [each.patch.view for each in batch]
-            thin = sum(view.width * more * (2 * FACE_BORDER_PX + _BAND_PX * more) for view in views)
-            ms += (1 - target / left) * modes * self.price.of(len(batch), thin)
+        if left > target:
+            ms *= left / target
         return Choice(batch, focal_px, ms, ms / max(1.0, count - target))
 
     def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Selected]:
         """Yield patches of a centre, those first that resolve the most doubt at their price."""
         task, coarse, pixels = self.task, doubt.focal_px, doubt.pixels
-        worth = np.maximum(0, 1 - _LEFT * coarse / focal_px) * _AGAIN ** self._tries[pixels]
+        worth = np.maximum(0, 1 - _LEFT * coarse / focal_px)
         _, where, repeated = np.unique(pixels, return_inverse=True, return_counts=True)
         worth /= repeated[where]
         if task.capabilities.can_set_fov:
@@ -255,17 +263,13 @@ class Refinement(ABC):
         worthy = (patch for patch in faces if patch.worth > 0)
         return sorted(worthy, key=lambda patch: -patch.worth / patch.price)
 
-    def local_ms(self, share: float, edge: int) -> float:
-        """Return what patches are expected to take after faces of a size.
-
-        Args:
-            share: of the pixels that the smallest faces leave in doubt.
-            edge: px of the faces.
-        """
-        aim, left = self.aim / max(1, self.task.rays.valid_count), share * SMALLEST / edge
-        steps = math.log(max(1.0, left / aim))
-        dearer = (self.price.request / PRICE[0] + self.price.megapixel / PRICE[1]) / 2
-        return float(dearer * len(self.truth) / 2 * share / ROOM * _LOCAL_MS * steps**1.5)
+    def local_ms(self, share: float) -> float:
+        """Return what patches are expected to take after faces that leave a share of the pixels in doubt."""
+        rays, price = self.task.rays, self.price
+        edges = share / ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
+        dearer = (price.request / PRICE[0] + price.megapixel / PRICE[1]) / 2 * len(self.truth) / 2
+        further = math.sqrt(share * rays.valid_count / max(1.0, self.aim)) - 1
+        return float(dearer * _LOCAL_MS * edges * max(0.0, further))
 
     def full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""

@@ -24,23 +24,18 @@ from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
     AIM,
     ROOM,
-    SAFE,
-    SPENT,
-    STUCK,
     Choice,
     Doubt,
     Refinement,
     inside,
 )
 from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, change_viewpoints, pass_on, pixels_of
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Task
-from omniscv.render_options import FINEST_TRUTH
 from omniscv.sources.base import Capture, View
 
 _NONE = np.zeros(0, np.int64)
-_STILL = 0.9  # of the doubt: finer captures of everything must leave less
 _HIDDEN = 0.4  # of the aim: as many rays may stay hidden
 _WORTH = 0.05  # of the aim: rays that a further centre must promise
 _MOST_ADDED = 1  # centres that a round adds at most
@@ -53,6 +48,8 @@ _READY = 3.0
 """How much more masks are worth where finer depth has just been captured for them."""
 _ROOMS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
+
+_AS_GIVEN = "its strategy captures nothing finer"
 
 _Sent = Generator[Round, Kept | None, Kept | None]
 
@@ -73,7 +70,9 @@ class SeveralCenters(Refinement):
     def _rounds(self) -> Rounds:
         groups = self._groups()
         if groups is None:
-            yield from self._as_given()
+            kept = yield from pass_on(strategy.rounds(self.task))
+            if kept is not None and kept.doubt is not None:
+                yield Round((), AIM if np.count_nonzero(kept.doubt()) <= self.aim else _AS_GIVEN)
             return
         around = (yield from capture_around(self.task, groups)) if len(groups) > 1 else None
         self._search = search = Search(self.task, groups)
@@ -107,8 +106,7 @@ class SeveralCenters(Refinement):
         None where another strategy is given, or a recording has no depth there.
         """
         task = self.task
-        several = len(task.rays.own_viewpoints.centers) > 1
-        if task.options.strategy not in ("auto", "adaptive") or not several:
+        if task.options.strategy not in ("auto", "adaptive"):
             return None
         pixels = np.flatnonzero(task.rays.valid)
         first: Groups = (RayGroup(np.zeros(3), pixels, task.rays),)
@@ -136,7 +134,7 @@ class SeveralCenters(Refinement):
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
                 yield Round(tuple(map(_serving_all, viewpoints)))
-                self.expected_ms = self.local_ms(_ROOMS * ROOM, task.edge)
+                self.expected_ms = self.local_ms(_ROOMS * ROOM)
                 return False
             search.march([captures["depth"] for captures in kept])
             before, hidden = hidden, float(np.count_nonzero(~search.hits.sure))
@@ -267,40 +265,6 @@ class SeveralCenters(Refinement):
         self._search.march_again(rows, {number: self._finer[number] for number in views})
         self._search.adopt_lost()
         return rows, kept
-
-    def _as_given(self) -> Rounds:
-        """Yield the rounds of the strategy that is given, with ground truth as fine as the aim takes."""
-        options, scale, doubtful = self.task.options, self.task.options.truth_scale, np.inf
-        while True:
-            changed = replace(options, accuracy=None, truth_scale=scale)
-            planned = strategy.rounds(replace(self.task, options=changed))
-            if doubtful < np.inf:  # colours are there
-                planned = change_viewpoints(planned, self._without_colors)
-            kept = yield from pass_on(planned)
-            if kept is None or kept.doubt is None:
-                return
-            before, doubtful = doubtful, int(np.count_nonzero(kept.doubt()))
-            finer = min(FINEST_TRUTH, math.ceil(scale * doubtful / (SAFE * self.aim)))
-            stopped = ""
-            if doubtful <= self.aim:
-                stopped = AIM
-            elif not self.task.capabilities.can_set_size:
-                stopped = "the source captures one size"
-            elif self.task.recorded is not None:
-                stopped = "the recording holds no finer views"
-            elif doubtful > _STILL * before:
-                stopped = STUCK
-            elif finer == scale:
-                stopped = "no finer view fits"
-            elif self.full(self._pixels * (finer / scale) ** 2, self._requests):
-                stopped = SPENT
-            if stopped:
-                yield Round((), stopped)
-                return
-            scale = finer
-
-    def _without_colors(self, viewpoint: Viewpoint) -> Viewpoint:
-        return replace(viewpoint, modes=self.truth) if viewpoint.modes is None else viewpoint
 
 
 def _serving_all(viewpoint: Viewpoint) -> Viewpoint:
