@@ -81,13 +81,13 @@ part = st.one_of(st.floats(0, 1), hair, hair.map(lambda x: 1 - x))
 place_in_image = st.lists(st.tuples(part, part, st.floats(-4, 4)), min_size=1, max_size=30).map(np.array)
 
 
-@cases(40)
+@cases(20)
 @given(st.one_of(central, noncentral), points)
 def test_no_point_gets_a_wrong_pixel(camera, points):
     check_projection(camera, points)
 
 
-@cases(40)
+@cases(20)
 @given(central, place_in_image, st.floats(-9, 9))
 def test_every_pixel_comes_back(camera, places, exponent):
     """Pixels next to the edges of the image, and next to the rim and the centre of the image circle."""

@@ -77,7 +77,7 @@ STARTS = st.builds(
 )
 
 
-@cases(120)
+@cases(60)
 @given(
     spoiled() | ARRAYS | STARTS | st.binary(max_size=60), st.sampled_from(encodings()), st.sampled_from(MODES)
 )
