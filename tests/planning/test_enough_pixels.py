@@ -26,7 +26,7 @@ def check(camera, pose, scene):
 
 @pytest.mark.parametrize("name", CENTRAL[::3])
 def test_labels_and_points_of_a_drawn_camera(name):
-    """Of another room for every other model; the ball below is a non-central one. ``scripts/judge`` draws of
+    """Of another room for every third model; the ball below is a non-central one. ``scripts/judge`` draws of
     all models."""
     rng = np.random.default_rng([0, *name.encode()])
     check(drawn_camera(name, rng), drawn_pose(rng), load_scene(ROOMS[names().index(name) % 2]))
