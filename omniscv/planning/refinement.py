@@ -35,8 +35,7 @@ _LOCAL_MS = 550.0
 """Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
 _PATCH_PX = 200_000  # of a typical patch
-_FINER = (2.0, 3.0, 4.5, 7.0, 11.0, 18.0, 30.0)
-"""How many times finer patches may be than what is in doubt."""
+FINER = (2.0, 3.0, 4.5, 7.0, 11.0)
 _COARSE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
 _BAND_PX = 4.0  # of a capture: the width of a band of doubt
 _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
@@ -137,6 +136,10 @@ class Refinement(ABC):
     def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
         """Yield the rounds of patches, and return what was sent for the last one."""
 
+    def steps(self, doubtful: int) -> tuple[float, ...]:
+        """Return how many times finer patches may be than what is in doubt, of so many pixels."""
+        return FINER
+
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
         planned: list[Round] = []
@@ -194,7 +197,7 @@ class Refinement(ABC):
         coarse = float(np.quantile(np.concatenate([doubt.focal_px for doubt in doubts]), _COARSE))
         best, recorded = None, task.recorded
         self._limited = False
-        for finer in _FINER:
+        for finer in self.steps(len(pixels)):
             most_ms = np.inf if best is None or recorded is not None else best.ms
             choice = self._patched(len(pixels), doubts, finer * coarse, most_ms)
             if not choice.patches:

@@ -23,6 +23,7 @@ from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
     AIM,
+    FINER,
     ROOM,
     Choice,
     Doubt,
@@ -49,6 +50,7 @@ _READY = 3.0
 _ROOMS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
 
+_FAR = 4.0  # times the aim: of so much doubt little is known
 _AS_GIVEN = "its strategy captures nothing finer"
 
 _Sent = Generator[Round, Kept | None, Kept | None]
@@ -66,6 +68,11 @@ class SeveralCenters(Refinement):
 
     def rounds(self) -> Rounds:
         yield from self.counted(self._rounds())
+
+    def steps(self, doubtful: int) -> tuple[float, ...]:
+        """Small ones at first: marched rays are known as precisely as depth, and miss patches that are much
+        finer."""
+        return FINER[:2] if doubtful > _FAR * self.aim else FINER
 
     def _rounds(self) -> Rounds:
         groups = self._groups()

@@ -1,7 +1,6 @@
 """The figures of docs/performance.md in one run: composition, maps, a sequence, starts, a large recording.
 
-``scripts/bench speed --before 9bf8d27`` measures an older commit first, and prints both. It uses nothing of
-the package but what that commit has, too.
+``scripts/bench speed --before COMMIT`` measures an older commit first, and prints both.
 """
 
 import importlib
