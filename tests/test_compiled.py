@@ -93,7 +93,7 @@ def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
     assert run(tmp_path, TWO_SIGNATURES, **cache).stdout == "0\n"
     first, second = sorted((tmp_path / "cache").rglob("*.nbc"))
     second.write_bytes(first.read_bytes())
-    assert run(tmp_path, TWO_SIGNATURES, **cache).stdout == "1\n"
+    assert [run(tmp_path, TWO_SIGNATURES, **cache).stdout for _ in "12"] == ["1\n", "2\n"]
 
 
 def test_kernels_are_compiled_where_compiling_is_switched_off_and_no_folder_keeps_them(tmp_path):
