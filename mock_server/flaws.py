@@ -25,6 +25,13 @@ Bytes = NDArray[np.uint8]
 _STEEP_DEG = 45.0
 _DEPTH_RANGE_M = 100.0
 
+Array = NDArray[np.float64]
+TONES = ("srgb", "film", "linear")
+_MIDDLE_GREY = {"": 0.5, "srgb": 0.18, "film": 0.18, "linear": 0.18}
+_BLOOM = 1 / 8  # standard deviation, of the picture's width
+_MIRRORED = 0.5
+_TOE, _SHOULDER, _LINE = -0.390277, -0.606186, 0.901641  # log10 of light; film curve
+
 
 def turned(rotation: Triple, degrees: float) -> Triple:
     """Return a rotator, turned about the vertical axis where it looks steeply up or down."""
@@ -127,16 +134,6 @@ DEPTHS: tuple[tuple[str, Callable[[Depth, float, ViewHits], Depth]], ...] = (
     ("depth-mantissa", lambda depth, bits, _: in_bits(depth, bits)),
 )
 """The faults of depth in their order: name, and what they do."""
-
-
-Array = NDArray[np.float64]
-
-TONES = ("srgb", "film", "linear")
-
-_MIDDLE_GREY = {"": 0.5, "srgb": 0.18, "film": 0.18, "linear": 0.18}
-_BLOOM = 1 / 8  # standard deviation, of the picture's width
-_MIRRORED = 0.5
-_TOE, _SHOULDER, _LINE = -0.390277, -0.606186, 0.901641  # log10 of light; film curve
 
 
 class Film:

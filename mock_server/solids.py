@@ -36,6 +36,19 @@ _BUNDLE = 128
 _SLACK_RAD = 1e-6
 """More than the rounding of an arc cosine near 1, which is 1.5e-8."""
 
+_THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+_CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
+_RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
+_GLOBE = np.array(
+    [
+        (np.cos(t) * x, np.cos(t) * y, np.sin(t))
+        for t in np.linspace(-np.pi / 2, np.pi / 2, 9)
+        for x, y in _CIRCLE
+    ]
+)
+_MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
+
 
 @njit(cache=True, nogil=True)
 def _rectangle(p: Vector, d: Vector, half_x: float, half_y: float) -> Hit:
@@ -233,23 +246,7 @@ def _world(solids: Floats, s: int, v: Vector) -> Vector:
     )
 
 
-Array = NDArray[np.float64]
-
-_THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
-_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-_CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
-_RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
-_GLOBE = np.array(
-    [
-        (np.cos(t) * x, np.cos(t) * y, np.sin(t))
-        for t in np.linspace(-np.pi / 2, np.pi / 2, 9)
-        for x, y in _CIRCLE
-    ]
-)
-_MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
-
-
-def extent(rows: Array, frame: Array) -> tuple[Array, Array]:
+def extent(rows: Floats, frame: Floats) -> tuple[Floats, Floats]:
     """Return the least and the greatest coordinates of solids along the rows of ``frame``."""
     kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3) @ frame.T, rows[:, 14:17]
     reach = np.abs(axes * half[:, :, None]).sum(axis=1)
@@ -260,13 +257,13 @@ def extent(rows: Array, frame: Array) -> tuple[Array, Array]:
     return (centers - reach).min(axis=0), (centers + reach).max(axis=0)
 
 
-def center(rows: Array) -> Array:
+def center(rows: Floats) -> Floats:
     """Return the centre (3,) of the box around solids."""
     low, high = extent(rows, np.eye(3))
     return np.asarray((low + high) / 2)
 
 
-def points(rows: Array) -> Array:
+def points(rows: Floats) -> Floats:
     """Return (N, 3) mesh points: corners of boxes and rectangles, 64 on each rim of a cylinder or circle of a
     sphere."""
     meshes = []
@@ -277,7 +274,7 @@ def points(rows: Array) -> Array:
     return np.concatenate(meshes)
 
 
-def moved(rows: Array, R: Array, pivot: Array, target: Array) -> Array:
+def moved(rows: Floats, R: Floats, pivot: Floats, target: Floats) -> Floats:
     """Return solids rotated about a point that moves to ``target``."""
     result = rows.copy()
     result[:, 2:5] = (rows[:, 2:5] - pivot) @ R.T + target
@@ -285,7 +282,7 @@ def moved(rows: Array, R: Array, pivot: Array, target: Array) -> Array:
     return result
 
 
-def scaled(rows: Array, factors: Array, pivot: Array) -> Array:
+def scaled(rows: Floats, factors: Floats, pivot: Floats) -> Floats:
     """Return solids scaled along the world's axes about a fixed point.
 
     Boxes and rectangles take the factors of the nearest axes. Round solids stay round, by the least factor

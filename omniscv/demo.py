@@ -50,6 +50,16 @@ _SQUARE_PX, _WIDE_PX = 256, 512
 _FACE_PX = {True: 256, False: 128}
 """Width of a 90 degree face for central cameras, and for others, which have many viewpoints."""
 
+_PAPER = (255, 255, 255)
+_LINE_PX = 2  # between pictures of one image
+_WIDE = 1.8  # width by height of wide images
+_SECTIONS = {
+    "Panoramas": 2,
+    "One optical centre: lenses, cube maps, mirrors seen from below": 4,
+    "Many optical centres": 4,
+}
+"""Heading to the number of images in a row."""
+
 
 def demo_cameras(scale: int = 1) -> dict[str, tuple[Camera, Pose]]:
     """Return an example of every registered model and its pose, by name.
@@ -149,17 +159,6 @@ def _compare(captured: OmniImage, replayed: OmniImage, name: str) -> int:
                 f"{name}: expected {layer} to be the same when recomposed, but its bytes differ"
             )
     return len(captured.layers)
-
-
-_PAPER = (255, 255, 255)
-_LINE_PX = 2  # between pictures of one image
-_WIDE = 1.8  # width by height of wide images
-_SECTIONS = {
-    "Panoramas": 2,
-    "One optical centre: lenses, cube maps, mirrors seen from below": 4,
-    "Many optical centres": 4,
-}
-"""Heading to the number of images in a row."""
 
 
 def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: Path, title: str) -> Path:

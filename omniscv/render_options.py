@@ -30,6 +30,11 @@ LARGEST_FACE_PX = 8192
 MOST_VIEWPOINTS = 1_000_000
 """As an image has columns, at most."""
 
+LayoutSource = Literal["scene", "fitted"]
+Visibility = Literal["room", "full", "all"]
+layout_source = partial(one_of, words=get_args(LayoutSource))
+_sigma = partial(number, above=0, most=1)
+
 
 class Price(NamedTuple):
     """What captures cost a source, ms.
@@ -199,13 +204,6 @@ class RenderKeywords(TypedDict, total=False):
     most_captures: int | None
     most_megapixels: float | None
     capture_ms: tuple[float, float]
-
-
-LayoutSource = Literal["scene", "fitted"]
-Visibility = Literal["room", "full", "all"]
-
-layout_source = partial(one_of, words=get_args(LayoutSource))
-_sigma = partial(number, above=0, most=1)
 
 
 @record

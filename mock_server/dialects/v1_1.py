@@ -28,6 +28,9 @@ _SHARED = {mode: mode for mode in MODES} | {"seg": "object_mask"}
 _NO_WINDOWS = "error Windows shared memory transport is only available on Windows"
 _LIFETIME = "until the game exits; the next capture of this camera and modality overwrites it"
 
+_BONES = (" [str]", " [str] [str]")
+_MOST_PIXELS = 1 << 22
+
 
 class Plugin11(Branch52):
     """Plugin 1.1.0: the commands of branch 5.2, and those that the reference calls new since N2."""
@@ -111,9 +114,6 @@ class Plugin11(Branch52):
         }, indent="\t")  # fmt: skip
 
 
-_BONES = (" [str]", " [str] [str]")
-
-
 def _bones(_: SceneObject, names: str = "", space: str = "component") -> Reply:
     if space not in ("component", "world"):
         return "error Bone space must be component or world"
@@ -130,9 +130,6 @@ def _switch_cine(camera: Camera, on: int) -> None:
 
 def _set_cine(command: str, camera: Camera, *values: float) -> Reply:
     return camera.cine.set(command, *values)
-
-
-_MOST_PIXELS = 1 << 22
 
 
 class PluginDev(Plugin11):

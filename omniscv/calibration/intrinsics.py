@@ -38,6 +38,8 @@ MODELS = tuple(_ARGUMENTS)
 
 Numbers = dict[str, float]
 
+T = TypeVar("T")
+
 
 class Intrinsics(NamedTuple):
     """A model's name, and its numbers: fx, fy, cx, cy (px, our pixel rule) and those of ``_ARGUMENTS``."""
@@ -180,9 +182,6 @@ def refuse_limit(camera: Camera) -> None:
             f"fov_deg: expected a camera without this limit, which the format cannot carry, got "
             f"{limit:.15g}; save the same camera made without fov_deg"
         )
-
-
-T = TypeVar("T")
 
 
 def parse_mapping(text: str) -> dict[str, Any]:

@@ -42,6 +42,14 @@ Mask = NDArray[np.bool_]
 ROUNDING = 1e-12
 """Relative rounding error of a radius, and of a pixel at the border."""
 
+Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
+"""The types of constructor arguments."""
+FARTHEST = 1e150  # metres: float64 cannot hold the square of more
+_LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
+_SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
+LARGEST_IMAGE = 1 << 27
+"""Pixels, 16384 x 8192: the rays of such an image take 7 GB."""
+
 
 def grid_axes(pixels: Array) -> tuple[Array, Array]:
     """Return u and v of pixels (..., 2); of a grid (H, W, 2), a row (1, W) of u and a column (H, 1) of v."""
@@ -79,17 +87,6 @@ def polar(xy: Array, center: ArrayLike = (0.0, 0.0)) -> tuple[Array, Array, Arra
     at_center = r == 0
     safe = np.where(at_center, 1.0, r)
     return r, np.where(at_center, 1.0, x / safe), np.where(at_center, 0.0, y / safe)
-
-
-Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
-"""The types of constructor arguments."""
-
-FARTHEST = 1e150  # metres: float64 cannot hold the square of more
-_LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
-_SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
-
-LARGEST_IMAGE = 1 << 27
-"""Pixels, 16384 x 8192: the rays of such an image take 7 GB."""
 
 
 @dataclass(frozen=True, eq=False)

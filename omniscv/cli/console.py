@@ -17,6 +17,12 @@ from omniscv.errors import one_line, printable
 if TYPE_CHECKING:
     from omniscv.progress import Progress
 
+Style = Literal["bar", "plain", "none"]
+_HELP = "bar, plain (lines for a log) or none; else bar on a terminal."
+StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
+"""The option of every command that runs long."""
+_LINES_EVERY_S = 5.0
+
 
 def line(text: object) -> None:
     """Print a text in one line on standard output, with escapes for unprintable characters."""
@@ -57,14 +63,6 @@ def table(
     for row in rows:
         drawn.add_row(*(Text(printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
     Console(highlight=False, soft_wrap=True).print(drawn)
-
-
-Style = Literal["bar", "plain", "none"]
-_HELP = "bar, plain (lines for a log) or none; else bar on a terminal."
-StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
-"""The option of every command that runs long."""
-
-_LINES_EVERY_S = 5.0
 
 
 class Display:

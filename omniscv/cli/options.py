@@ -26,6 +26,16 @@ AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
 Timeout = Annotated[float | None, Option(help="Seconds for connecting, and for each reply of a server; 15.")]
 Patience = Annotated[float | None, Option(help="Seconds of retries after a fault; 10.")]
 
+Keys = dict[str, Any]
+"""Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
+_PATHS = ("source", "out", "record")
+_CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
+SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
+_SET_HELP = (
+    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
+    "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
+)
+
 
 def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
     """Return ``--timeout`` and ``--patience``, where given, as options of a source."""
@@ -84,13 +94,6 @@ def wrong(option: str, expected: str, text: str) -> ArgumentError:
     from omniscv.arguments import shown  # loads NumPy, which help does without
 
     return ArgumentError(f"{option}: expected {expected}, got {shown(text)}")
-
-
-Keys = dict[str, Any]
-"""Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
-
-_PATHS = ("source", "out", "record")
-_CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
 
 
 class JobOption(NamedTuple):
@@ -159,11 +162,6 @@ def _settings(texts: list[str]) -> Keys:
 
 MODES = JobOption(
     key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
-)
-SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
-_SET_HELP = (
-    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
-    "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
 )
 
 SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_HELP, _ANY, _key_names)}

@@ -35,6 +35,11 @@ _JPEG_START = b"\xff\xd8"
 _JPEG_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _JPEG_JFIF = b"\xff\xe0"
 
+_MONO = 0
+_TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
+"""The boxes around the sample entry of a track, outermost first."""
+_BOX_HEADER, _LIST_HEADER = 8, 16
+
 
 def refuses(camera: Camera) -> str | None:
     """Return why a camera's pictures cannot be spheres, in one line; None where they can."""
@@ -119,11 +124,6 @@ def _degrees(value: float) -> str:
 
 
 # -- videos ----------------------------------------------------------------------------------------------
-
-_MONO = 0
-_TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
-"""The boxes around the sample entry of a track, outermost first."""
-_BOX_HEADER, _LIST_HEADER = 8, 16
 
 
 def video_boxes() -> bytes:

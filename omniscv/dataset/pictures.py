@@ -24,6 +24,8 @@ from omniscv.storage.local import whole_file
 _READABLE = (".png", ".jpg", ".jpeg")
 _MASK = Modality("mask", ("bool",))
 
+Kind = Literal["planar", "ray"]
+
 
 def copy_lit(frame: Frame, folder: Path) -> Path:
     """Write a frame's colours into a folder as ``KEY.png``, or as the JPEG they are, and return the file.
@@ -100,9 +102,6 @@ def write_numbers(
     replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
     content = {**description, "replaced": replaced}
     return [*(path for path, _ in written), write_json(folder / f"{folder.name}.json", content)]
-
-
-Kind = Literal["planar", "ray"]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,11 @@ _COARSE = 4  # stride of rows and columns for the approximate field of view
 _FLAT = 1e-3  # relative contrast below which a picture has nothing to align
 _OVERLAP = 0.1  # the least share of the picture that both must see
 
+_LEAST_PIXELS = 64
+_DARK, _BRIGHT = 16, 240  # grey levels between which rounding and clipping do not matter
+_SHARE = 0.02  # of the light, below which a difference may come from textures
+_FIX = "--set source_options.fix_exposure=true"
+
 
 class Picture(NamedTuple):
     """Pixels and the pose they were taken from."""
@@ -119,12 +124,6 @@ def _invariant(picture: Picture, view: View, kind: str) -> Array:
     distance = depth * view.ray_lengths() if kind == "planar" else depth
     surface = (depth < SKY) & (depth > 0)
     return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=surface))
-
-
-_LEAST_PIXELS = 64
-_DARK, _BRIGHT = 16, 240  # grey levels between which rounding and clipping do not matter
-_SHARE = 0.02  # of the light, below which a difference may come from textures
-_FIX = "--set source_options.fix_exposure=true"
 
 
 def light_findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> list[Finding]:

@@ -27,6 +27,12 @@ from omniscv.planning import densities
 from omniscv.progress import Meter, Report, without_images
 from omniscv.sources.base import Color, Source
 
+SURFACE_M = 1.0
+"""Distance at which surfaces are taken to be, for what a moving camera sees of them."""
+_NEAREST_M = 0.25  # to an object that moves
+_OBJECT_M = 0.5  # from an object's middle to what of it is seen
+_FEWEST, _MOST = 3, 999
+
 
 @dataclass(frozen=True)
 class Take:
@@ -269,13 +275,6 @@ def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:
     return replace(
         first, camera=camera, valid=valid, layers=layers, centers_w=centers_w, unknown_colors=dict(unknown)
     )
-
-
-SURFACE_M = 1.0
-"""Distance at which surfaces are taken to be, for what a moving camera sees of them."""
-_NEAREST_M = 0.25  # to an object that moves
-_OBJECT_M = 0.5  # from an object's middle to what of it is seen
-_FEWEST, _MOST = 3, 999
 
 
 def instants_for(moved_px: float) -> int:

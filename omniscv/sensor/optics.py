@@ -36,6 +36,8 @@ Shading = str | tuple[tuple[float, float], ...]
 NATURAL = "natural"
 _STEP_PX = 1e-3
 
+RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
+
 
 @lru_cache(8)
 def shading(camera: Camera, by: Shading) -> Floats:
@@ -156,9 +158,6 @@ def magnified(camera: Camera, share: float) -> Camera:
         wanted = "expected a lens with a focal length for lateral colour"
         raise ArgumentError(f"lateral: {wanted}, got {shown(camera.name)}; leave it out")
     return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})
-
-
-RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
 
 
 def write_response(path: Path, transfer: str) -> Path:

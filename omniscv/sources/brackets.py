@@ -31,6 +31,9 @@ _FEWEST = 100
 _OFF = 0.02
 """Largest relative error of the factor 2 between two stops."""
 
+Response = str | NDArray[np.float64]
+"""What codes mean: a transfer, or the light (256,) of each code."""
+
 
 def bracketed(source: Source, stops: Sequence[float], path: Path | str | None = None) -> Source:
     """Return a source whose colours are light, float32, merged from several exposures.
@@ -170,10 +173,6 @@ def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[
             known, got = (", ".join(f"{stop:g}" for stop in some) for some in (held.stops, stops))
             raise ArgumentError(f"brackets: expected {known}, the stops of {path}; got {got}")
         return [held.response()] if held.stops else []
-
-
-Response = str | NDArray[np.float64]
-"""What codes mean: a transfer, or the light (256,) of each code."""
 
 
 def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:

@@ -42,6 +42,14 @@ _HALVINGS = 24
 Formula = Callable[[Array, Array], Array]
 """Of s and r_vl, px."""
 
+_CANDIDATES = 60
+_CAP_PX = 3.0  # bound of the distances: a point farther off is an outlier
+_REWEIGHTINGS = 2
+_LEAST_NZ = 0.15  # radial lines, whose planes contain the axis, do not depend on r_vl
+_MOST_PX = 1.0  # rms distance of the points of a line
+_PASSES = 3
+_ROBUST_PX = 0.5
+
 
 @dataclass(frozen=True)
 class LineImages:
@@ -148,15 +156,6 @@ def models(focal: float) -> Mapping[str, LineImages]:
         ),
     )
     return {model.name: model for model in all_models}
-
-
-_CANDIDATES = 60
-_CAP_PX = 3.0  # bound of the distances: a point farther off is an outlier
-_REWEIGHTINGS = 2
-_LEAST_NZ = 0.15  # radial lines, whose planes contain the axis, do not depend on r_vl
-_MOST_PX = 1.0  # rms distance of the points of a line
-_PASSES = 3
-_ROBUST_PX = 0.5
 
 
 class PointsOnLines:

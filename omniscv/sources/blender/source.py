@@ -48,6 +48,14 @@ _TO_BLENDER = np.diag([1.0, -1.0, -1.0])
 
 _log = logging.getLogger("omniscv")
 
+_SKY = 0.99e10
+"""Blender's depth where there is no surface is 1e10, in units of the scene."""
+_MOST_ID = 0xFFFF
+_MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
+_MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file
+Pixels = dict[str, NDArray[Any]]
+"""Pixels by modality."""
+
 
 class BlenderSource(Source):
     """Captures of one scene. Threads take turns, one picture at a time.
@@ -235,17 +243,6 @@ def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
 
 
 open_blender.capabilities = lambda address: CAPABILITIES  # type: ignore[attr-defined]  # for the registry
-
-
-_SKY = 0.99e10
-"""Blender's depth where there is no surface is 1e10, in units of the scene."""
-
-_MOST_ID = 0xFFFF
-_MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
-_MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file
-
-Pixels = dict[str, NDArray[Any]]
-"""Pixels by modality."""
 
 
 def read_colors(path: Path, view: View) -> Pixels:

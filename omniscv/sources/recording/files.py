@@ -23,6 +23,10 @@ from omniscv.errors import ArgumentError, NotARecordingError, RecordingNotWritab
 from omniscv.sources.recording.schema import check_schema, connect, errors_of
 from omniscv.storage.local import move_new, remove_scratch, scratch_folder
 
+_MAGIC, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # of a journal, of a page of rows
+_HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
+_log = logging.getLogger("omniscv")
+
 
 def target_of(path: Path | str) -> Path:
     """Return where a recording is, or will be written: links are followed.
@@ -111,11 +115,6 @@ def _sync_folder(path: Path) -> None:
             os.fsync(folder)
         finally:
             os.close(folder)
-
-
-_MAGIC, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # of a journal, of a page of rows
-_HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
-_log = logging.getLogger("omniscv")
 
 
 def settle_journal(path: Path) -> None:

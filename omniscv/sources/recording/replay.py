@@ -36,6 +36,9 @@ from omniscv.sources.requests import ViewKey
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
 _MOST_SHOWN = 5  # states
 
+_TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
+_READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
+
 
 class RecordedViews:
     """The requested views of a state of the world, parsed on first use.
@@ -164,10 +167,6 @@ def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
         if a != b:
             return f": ({a}) recorded, ({b}) requested"
     return ""
-
-
-_TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
-_READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
 
 
 class RecordedSource(Source):

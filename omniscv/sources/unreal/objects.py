@@ -24,6 +24,17 @@ _EXACT = (0, *(value for value in range(122, 256) if value != 145))
 """Channel values that every dialect shows as they are set (protocol reference, section 5.2)."""
 _FAR_APART = (135, 151, 167, 183, 199, 215, 231)  # the values that are used first
 
+_QUERIES = {"vertex_location": VERTICES, "bounds": BOUNDS}
+_BATCH = 8  # objects that are queried together
+MOST_VERTICES = 2_000_000
+"""Of all objects, about 80 MB; of one object, five times as many are read."""
+_MAX_CM = 1e9
+_TIGHTER = 0.99
+"""A box that is turned in the object's own frame replaces one along its axes if its volume is below this
+share."""
+_SAME_AREA = 1 + 1e-6
+"""Boxes of one shape differ by so much as the object moves, because vertices are rounded."""
+
 
 def paint(connection: Connection, vertex_colors: bool) -> None:
     """Set the mask colour of every object, to its own or, where that is ambiguous, to an unused one.
@@ -102,18 +113,6 @@ def vertex_color_roundtrip(color: Color) -> Color:
     """
     r, g, b = (round((math.floor((c / 255) ** 2.2 * 255.999) / 255) ** (1 / 2.2) * 255) for c in color)
     return r, g, b
-
-
-_QUERIES = {"vertex_location": VERTICES, "bounds": BOUNDS}
-_BATCH = 8  # objects that are queried together
-MOST_VERTICES = 2_000_000
-"""Of all objects, about 80 MB; of one object, five times as many are read."""
-_MAX_CM = 1e9
-_TIGHTER = 0.99
-"""A box that is turned in the object's own frame replaces one along its axes if its volume is below this
-share."""
-_SAME_AREA = 1 + 1e-6
-"""Boxes of one shape differ by so much as the object moves, because vertices are rounded."""
 
 
 def boxes(
