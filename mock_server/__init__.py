@@ -7,8 +7,9 @@ Scenes are traced exactly, so they are also the reference for composed images; t
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from mock_server.stop_signal import stop_signal  # at once: its module has the same name
+
 if TYPE_CHECKING:
-    from mock_server.__main__ import stop_signal
     from mock_server.render import ViewHits, render_view
     from mock_server.scene import Hits, Scene, load_scene, summary
     from mock_server.scene_file import Room
@@ -19,7 +20,6 @@ __all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server"
            "load_scene", "render_view", "scene_names", "serve", "stop_signal", "summary"]  # fmt: skip
 
 _HOMES = {
-    "__main__": ("stop_signal",),
     "render": ("ViewHits", "render_view"),
     "scene": ("Hits", "Scene", "load_scene", "summary"),
     "scene_file": ("Room",),

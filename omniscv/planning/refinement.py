@@ -30,7 +30,7 @@ from omniscv.sources.base import View
 AIM = "aim"
 ROOM = 0.029
 """Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
-SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
+_SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
 _LOCAL_MS = 550.0
 """Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
@@ -218,7 +218,7 @@ class Refinement(ABC):
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
-        modes, left, target, ms, area = self._modes, float(count), SAFE * self.aim, 0.0, 0.0
+        modes, left, target, ms, area = self._modes, float(count), _SAFE * self.aim, 0.0, 0.0
         batch: list[Selected] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.patch.worth / each.patch.price):
