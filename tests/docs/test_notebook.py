@@ -6,7 +6,7 @@ import sys
 from support.command_line import ROOT
 
 
-def test_the_notebook_runs(tmp_path, monkeypatch):
+def test_the_notebook_runs(tmp_path, monkeypatch, request):
     from IPython.core.interactiveshell import InteractiveShell  # here: each worker imports all test files
     from IPython.core.pylabtools import select_figure_formats
     from IPython.display import display
@@ -19,6 +19,7 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])  # which the shell replaces
     notebook = json.loads((ROOT / "docs/tutorials/notebook.ipynb").read_text(encoding="utf-8"))
     shell = InteractiveShell.instance(config=Config({"HistoryManager": {"hist_file": ":memory:"}}))
+    request.addfinalizer(InteractiveShell.clear_instance)  # else images of later tests are shown in it
     pictures = 0
     select_figure_formats(shell, {"png"})
     for cell in notebook["cells"]:
