@@ -48,8 +48,8 @@ def run(tmp_path, source=KERNEL, **environment):
 COMMAND = """
 import sys
 from omniscv import cli
-from omniscv.cli import scenes
-scenes._list = lambda as_json: __import__("kernel")
+from omniscv.cli import servers
+servers._list_scenes = lambda as_json: __import__("kernel")
 sys.argv[1:] = ["scenes"]
 cli.main()
 """

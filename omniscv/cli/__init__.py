@@ -1,4 +1,4 @@
-"""The command line: one module per command, imported when the command is used.
+"""The command line, whose modules are imported when one of their commands is used.
 
 Exit codes: 0 done; 1 failed; 2 wrong usage; 128 + the number of the signal that stopped it, 130 by Ctrl-C.
 """
@@ -6,10 +6,9 @@ Exit codes: 0 done; 1 failed; 2 wrong usage; 128 + the number of the signal that
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
 from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -20,49 +19,43 @@ from omniscv.cli import console, signals
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.memory import keep_freed_memory
 
-COMMANDS = (
-    "demo",
-    "render",
-    "record",
-    "plan",
-    "job",
-    "look",
-    "serve",
-    "scenes",
-    "cameras",
-    "recording",
-    "dataset",
-    "chart",
-    "evaluate",
-    "doctor",
-    "send",
-)
-"""Modules of this package, each with an ``app``."""
+COMMANDS = {
+    "demo": "reports",
+    "render": "images",
+    "record": "images",
+    "plan": "images",
+    "job": "images",
+    "look": "reports",
+    "serve": "servers",
+    "scenes": "servers",
+    "cameras": "cameras",
+    "recording": "recording",
+    "dataset": "dataset",
+    "chart": "reports",
+    "evaluate": "reports",
+    "doctor": "servers",
+    "send": "servers",
+}
+"""The commands, and the modules of this package in whose ``app`` they are."""
 
 _OLD = {"captures": "recording", "ask": "send"}
 """Former names of commands, which work in this version and are not in the help."""
 
 
-class _Modules(Mapping[str, Any]):
-    """The commands by name, imported when looked up."""
-
-    def __getitem__(self, name: str) -> Any:
-        name = _OLD.get(name, name)
-        if name not in COMMANDS:
-            raise KeyError(name)
-        return typer.main.get_command(import_module(f"omniscv.cli.{name}").app)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(COMMANDS)
-
-    def __len__(self) -> int:
-        return len(COMMANDS)
-
-
 class _Commands(TyperGroup):
+    """Imports the module of a command when the command is looked up."""
+
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
-        self.commands = cast(Any, _Modules())
+        names: dict[str, Any] = dict.fromkeys(COMMANDS)
+        self.commands = names  # for lists and suggestions
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        name = _OLD.get(cmd_name, cmd_name)
+        if name not in COMMANDS:
+            return None
+        group = typer.main.get_group(import_module(f"omniscv.cli.{COMMANDS[name]}").app)
+        return group.commands.get(name, group)  # such as cameras, which is a group itself
 
 
 def _version(is_given: bool) -> None:
@@ -88,19 +81,15 @@ app = typer.Typer(
 )
 
 
-def _position_with_blanks(arguments: list[str]) -> str:
-    """Return an error for ``--position 0 0 1.5``; empty if the position is written otherwise."""
-    match = re.search(r"--position[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", "\0".join(arguments))
-    if match is None:
-        return ""
-    return f"--position: expected numbers with commas: --position {','.join(match.groups())}"
-
-
 def _usage_text(usage: TyperException, arguments: list[str]) -> str:
-    """Return the message of wrong usage, with the value of the option that it names."""
-    text = usage.format_message().replace("Value error, ", "")
+    """Return the message of wrong usage, with the value of the option that it names; empty if help was
+    printed."""
+    text, words = usage.format_message().replace("Value error, ", ""), "\0".join(arguments)
+    position = re.search(r"--position[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", words)
+    if text and position:  # written with blanks
+        return f"--position: expected numbers with commas: --position {','.join(position.groups())}"
     for name in getattr(getattr(usage, "param", None), "opts", ()):
-        match = re.search(rf"(?:^|\0){name}[\0=]([^\0]*)", "\0".join(arguments))
+        match = re.search(rf"(?:^|\0){name}[\0=]([^\0]*)", words)
         if match and text.startswith("Invalid value") and repr(match[1]) not in text:
             return f"{text}, got {match[1]!r}"
     return text
@@ -148,8 +137,7 @@ def run(arguments: list[str]) -> int:
     except TyperException as usage:
         code, text = usage.exit_code, _usage_text(usage, arguments)
         command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
-        text = text and (_position_with_blanks(arguments) or text)
-        message = text and f"{text} (see {command} --help)"  # no text: help was printed
+        message = text and f"{text} (see {command} --help)"
     except OmniscvError as error:
         code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
     except OSError as error:

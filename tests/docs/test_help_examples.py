@@ -19,8 +19,8 @@ def leaves(command, words=("omniscv",)):
         return {" ".join(words): command}
     return {
         name: leaf
-        for word, each in below.items()
-        if not each.hidden
+        for word in below
+        if not (each := command.get_command(None, word)).hidden
         for name, leaf in leaves(each, (*words, word)).items()
     }
 

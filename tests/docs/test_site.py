@@ -10,9 +10,8 @@ from support.command_line import ROOT
 
 import omniscv
 from omniscv.cli import COMMANDS
-from omniscv.cli.job import key_rows
+from omniscv.cli.images import RECORD, key_rows
 from omniscv.cli.options import IMAGES
-from omniscv.cli.record import OPTIONS as RECORD
 from omniscv.dataset import exporting, truths
 from omniscv.records import key_of
 

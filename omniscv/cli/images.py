@@ -1,0 +1,273 @@
+"""``omniscv render``, ``record``, ``plan`` and ``job``: images, their captures, and jobs of them."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING, asdict, is_dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option, Typer
+
+from omniscv.cli import console, options
+from omniscv.cli.console import StyleOption, display
+from omniscv.cli.old_spellings import OF_JOBS, accepting
+from omniscv.cli.options import IMAGES, MODES, SET, SOURCE_HELP, VIEW, JobArguments, JobOption, key, with_job
+from omniscv.errors import ArgumentError
+
+app = Typer(add_completion=False)
+
+_COMMENT_COLUMN = 38  # of the example of a job
+_OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube map, 1/16 of its faces]"
+
+
+@app.command(
+    cls=accepting(OF_JOBS),
+    no_args_is_help=True,
+    epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
+    "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
+    "Example: omniscv render job.yaml --modes lit --set face_size=512 --out draft/",
+)
+@with_job(IMAGES)
+def render(
+    job: JobArguments,
+    stem: Annotated[str | None, Option(help="Start of the file names; else the camera's name.")] = None,
+    progress: StyleOption = None,
+) -> None:
+    """Compose images and their ground truth."""
+    from omniscv.make import run
+
+    loaded = job.load()
+    if stem is not None:
+        if loaded.rig is not None or len(loaded.cameras) != 1:
+            raise ArgumentError(f"--stem: expected a job with one camera, got {len(loaded.cameras)}")
+        loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
+    with display("images", progress) as show:
+        files = run(loaded, show, warn=console.error)
+    for path in dict.fromkeys(files):  # objects.json is one file for all images
+        console.line(path)
+
+
+# -- record ----------------------------------------------------------------------------------------------
+
+
+def _exposure(text: str) -> float | str:
+    """Return ``auto``, ``game`` or a bias in stops."""
+    if text in ("auto", "game"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise options.wrong("--exposure", "auto, game or a bias in stops such as 0.5", text) from None
+
+
+RECORD = {
+    "source": JobOption(
+        key("source"), list[str], [], f"{SOURCE_HELP} Repeatable: replicas of a game share the captures."
+    ),
+    "position": JobOption(
+        lambda texts: {"poses": [{"position": options.numbers("--position", text)} for text in texts]},
+        list[str],
+        ["0,0,1.5"],
+        "X,Y,Z in metres: X forward, Y left, Z up; repeatable.",
+    ),
+    "modes": MODES._replace(default="lit,object_mask,depth", panel=""),
+    "fix_exposure": JobOption(
+        lambda fix: {"source_options.fix_exposure": True} if fix else {},
+        bool,
+        False,
+        "Switch off vignette and auto exposure.",
+    ),
+    "brackets": JobOption(
+        lambda text: dict([options.setting(f"brackets=[{text}]")]),
+        str | None,
+        None,
+        "Stops of exposure, such as -2,0,2: colours are captured at each, and merged to light.",
+    ),
+    "exposure": JobOption(
+        key("source_options.exposure", _exposure),
+        str | None,
+        None,
+        "Of the camera: auto, manual and as bright as the game (default if the plugin can); a bias in stops; "
+        "or game, the game's own.",
+    ),
+    "out": JobOption(key("record"), str | None, None, "The recording; else the job's, or capture.sqlite."),
+    **SET,
+}
+"""Cube maps at positions, and the recording that they are captured into."""
+
+
+@app.command(
+    cls=accepting(OF_JOBS),
+    no_args_is_help=True,
+    epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
+    "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
+)
+@with_job(RECORD)
+def record(
+    job: JobArguments,
+    launch: Annotated[
+        list[Path] | None, Option(help="A packaged game to start, and to stop at the end; repeatable.")
+    ] = None,
+    overscan: Annotated[int | None, Option(min=0, max=8192, help=_OVERSCAN_HELP)] = None,
+    progress: StyleOption = None,
+) -> None:
+    """Capture cube maps at positions, or all that a job needs, into a recording; rerun to resume."""
+    from omniscv.make import capture
+    from omniscv.sources.recording.files import target_of
+
+    loaded = _described(job, launch or []).load()
+    path = loaded.record or Path("capture.sqlite")
+    target_of(path)  # refuses what is no file, before a game is launched
+    before = _captures_in(path)
+    cube_map = overscan is None and job.file is None
+    with display("images", progress) as show:
+        count = capture(loaded, path, show, border_px="overscan" if cube_map else overscan)
+    new = _captures_in(path) - before
+    console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
+
+
+def _captures_in(path: Path) -> int:
+    """Return how many captures a recording holds; 0 without one."""
+    from omniscv.sources.recording.inspection import info
+
+    return sum(info(path).captures.values()) if path.exists() and path.stat().st_size else 0
+
+
+def _described(job: JobArguments, games: list[Path]) -> JobArguments:
+    """Add what a job without a file captures, a cube map, and the games that are launched."""
+    from omniscv.sources.registry import scheme_of
+
+    values = dict(job.values)
+    recorded = values["source"] and not any(map(scheme_of, values["source"]))
+    edge = dict(map(options.setting, values["set"])).get("face_size", "auto" if recorded else 1024)
+    width = 2 * edge if isinstance(edge, int) else 2048
+    cube = {"model": "equirectangular", "width": width, "height": width // 2}
+    described: dict[str, Any] = {
+        "source": "mock://four-wall",
+        "cameras": {"cube": cube},
+        "strategy": "cube",
+        "face_size": edge,
+    }
+    # The size is for a game that cannot set another one.
+    size = f"?size={edge}x{edge}" if isinstance(edge, int) else ""
+    values["source"] = [*values["source"], *(f"launch:{game}{size}" for game in games)]
+    given = job.given | ({"source"} if games else set())
+    return replace(job, values=values, given=given, described=described)
+
+
+# -- plan ------------------------------------------------------------------------------------------------
+
+
+@app.command(
+    cls=accepting(OF_JOBS),
+    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth",
+)
+@with_job(VIEW)
+def plan(
+    job: JobArguments,
+    measure: Annotated[bool, Option("--measure", help="Open the source, and time captures.")] = False,
+    as_json: options.AsJson = False,
+) -> None:
+    """List what each strategy would capture for a job, and how long that takes, without capturing it.
+
+    The last columns are the largest distance from a pixel's own optical centre to that of its captures, and
+    the share of pixels that are expected to be marked as inexact or unsure: the price of fewer viewpoints.
+    """
+    from omniscv.make import aims, costs, measured_price
+
+    loaded = job.load()
+    if measure:
+        price = measured_price(loaded)
+        console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
+        loaded = replace(loaded, options=replace(loaded.options, capture_ms=(price.request, price.megapixel)))
+    strategies, accuracies = costs(loaded, measure=measure), aims(loaded)
+    if as_json:
+        console.as_json([asdict(cost) for cost in (*strategies, *accuracies)])
+        return
+    rows = []
+    for cost in strategies:
+        counts = (cost.views, cost.requests, cost.most_requests)
+        sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
+        rows.append(
+            (cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.0f}")
+        )
+    heads = ("strategy", "views", "requests", "at most", "Mpx", "MB", "seconds", "shift m", "marked %")
+    console.table(heads, rows)
+    aimed = [
+        (cost.strategy, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}")
+        for cost in accuracies
+    ]
+    console.table(("accuracy", "requests", "Mpx", "seconds"), aimed)
+
+
+# -- job -------------------------------------------------------------------------------------------------
+
+
+@app.command(
+    epilog="Example: omniscv job job.yaml\n\nExample: omniscv job --example\n\nExample: omniscv job --keys"
+)
+def job(
+    job: Annotated[Path | None, Argument(metavar="JOB.yaml", help="A job to check.")] = None,
+    example: Annotated[bool, Option("--example", help="Print a job with every key, as a start.")] = False,
+    keys: Annotated[bool, Option("--keys", help="List the keys, for job files and --set.")] = False,
+) -> None:
+    """Check a job without opening its source, and print what it makes; list its keys, or print an example."""
+    if (job is not None) + example + keys != 1:
+        raise ArgumentError("job: expected one of JOB.yaml, --example and --keys")
+    if job is not None:
+        _check(job)
+    elif keys:
+        console.table(("key", "default", "meaning"), key_rows())
+    else:
+        console.document(example_text())
+
+
+def key_rows() -> Iterator[tuple[str, str, str]]:
+    """Yield dotted key, default and help of every key: the table of ``--keys`` and of docs/job.md."""
+    from omniscv.job import keys
+
+    for row in keys():
+        yield row.name, _shown_default(row.default), row.help
+
+
+def _shown_default(value: Any) -> str:
+    if value is MISSING:
+        return "required"
+    if value is None or value == () or is_dataclass(value):
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else str(value)
+
+
+def example_text() -> str:
+    """Return the example job, with the help of its keys as comments."""
+    from omniscv.job import EXAMPLE, keys
+
+    help_of = {row.name: row.help for row in keys()}
+    lines = []
+    for line in EXAMPLE.read_text(encoding="utf-8").splitlines():
+        name = re.match(r"(\w+):", line)
+        if name is None:
+            lines.append(line)
+        elif len(line) < _COMMENT_COLUMN:
+            lines.append(f"{line:{_COMMENT_COLUMN}}# {help_of[name[1]]}")
+        else:
+            lines += [f"# {help_of[name[1]]}", line]
+    return "\n".join(lines)
+
+
+def _check(file: Path) -> None:
+    """Print what a job makes; ArgumentError for anything that ``render`` or ``dataset make`` would refuse."""
+    from omniscv.arguments import within
+    from omniscv.job import Recipe, load
+    from omniscv.make import check, check_dataset
+
+    job = load(file)
+    with within(file):
+        check(job) if job.recipe == Recipe() else check_dataset(job)
+    cameras, poses = len(job.cameras), len(job.poses)
+    at = "poses sampled in the source" if job.sampling else f"{poses} pose{'s' * (poses != 1)}"
+    console.line(f"{file}: {cameras} camera{'s' * (cameras != 1)} at {at}, of {', '.join(job.sources)}")
+    for name, camera in job.cameras.items():
+        console.line(f"{name}: {camera}")

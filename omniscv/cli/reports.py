@@ -1,0 +1,120 @@
+"""``omniscv demo``, ``look``, ``chart`` and ``evaluate``: sheets, pages and charts for people to look at."""
+
+from importlib import import_module
+from inspect import signature
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from typer import Argument, BadParameter, Option, Typer
+
+from omniscv.cli import console, options
+from omniscv.cli.console import StyleOption, display
+
+app = Typer(add_completion=False)
+
+
+@app.command(epilog="Example: omniscv demo out/")
+def demo(
+    out: Annotated[Path, Argument(help="Folder for images, recordings, contact sheets.")] = Path("out/demo"),
+    progress: StyleOption = None,
+) -> None:
+    """Record scenes from the mock server over TCP, compose every camera, and compare with the replay."""
+    from omniscv.demo import run_demo
+
+    with display("images", progress) as shown:
+        report = run_demo(out, shown)
+    for line in report.lines():
+        console.line(line)
+
+
+@app.command(epilog="Example: omniscv look images/ --out look.html")
+def look(
+    what: Annotated[
+        str,  # as a path, a URL would lose a slash
+        Argument(
+            metavar="DIR|FILE|RECORDING",
+            help="Images, a STEM.json, a picture; or a dataset or recording, by path or URL.",
+        ),
+    ],
+    out: Annotated[Path, Option(help="The page; many frames lie beside it, in NAME.frames/.")] = Path(
+        "look.html"
+    ),
+    size: Annotated[str, Option(help="Of the panoramas of a recording, px.")] = "1024x512",
+    rerun: Annotated[Path | None, Option(help="Also write NAME.rrd, for the Rerun viewer.")] = None,
+    open: Annotated[bool, Option("--open", help="Show the page in the browser.")] = False,
+    progress: StyleOption = None,
+) -> None:
+    """Write a page to look around in: every layer as a sphere or flat, names and metres under the cursor.
+
+    It is one HTML file that works without a server or a network.
+    """
+    from omniscv.viewing.look import look
+
+    with display("frames", progress) as shown:
+        page, *rest = look(
+            what, out, size=options.size(size), rerun=rerun, progress=shown.steps, warn=console.error
+        )
+    console.line(page)
+    if rerun is not None:
+        console.line(rest[-1])
+    if open:
+        import webbrowser
+
+        if not webbrowser.open(page.resolve().as_uri()):
+            console.error(f"expected a browser to show {page}, found none; open it yourself")
+
+
+@app.command(epilog="Example: omniscv chart central --width 128 --out charts")
+def chart(
+    kind: Annotated[
+        Literal["accuracy", "central", "failures", "stability", "sensor"], Argument(help="What is drawn.")
+    ],
+    out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
+    width: Annotated[int | None, Option(min=16, help="Of the (largest) images, px.")] = None,
+    quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
+    progress: StyleOption = None,
+) -> None:
+    """Draw cost against error; what makes images fail; models at their limits; noise of sensors."""
+    module = import_module(f"omniscv.chart.{kind}")
+    options: dict[str, Any] = dict(module.QUICK) if quick else {}
+    if width is not None:
+        if "width" not in signature(module.measure).parameters:
+            raise BadParameter(f"expected none: images of {kind} have one size", param_hint="--width")
+        options["width"] = width
+    with display("rounds", progress) as shown:
+        rows = module.measure(**options, progress=shown.steps)
+    for path in module.write(rows, out):
+        console.line(path)
+
+
+@app.command(epilog="Example: omniscv evaluate lines --quick --out evaluations")
+def evaluate(
+    name: Annotated[
+        Literal["layout", "calibration", "lines", "odometry"], Argument(help="What is evaluated.")
+    ],
+    out: Annotated[Path, Option(help="Folder for NAME.json, NAME.csv and the chart.")] = Path("evaluations"),
+    quick: Annotated[bool, Option("--quick", help="Few small images: within a minute.")] = False,
+    source: Annotated[str | None, Option(help="A source in place of the mock's scenes.")] = None,
+    predictions: Annotated[
+        Path | None, Option(help="layout: a folder of predictions, CFL maps or HorizonNet's txt or json.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, Option(help="odometry: a file of poses, TUM, KITTI or EuRoC, in place of the loop.")
+    ] = None,
+    progress: StyleOption = None,
+) -> None:
+    """Run an algorithm on images with known truth, score it, and print the scores beside the paper's."""
+    from omniscv.evaluate.registry import Settings, run
+
+    out.mkdir(parents=True, exist_ok=True)
+    files = {"predictions": predictions, "trajectory": trajectory}
+    options = {key: path for key, path in files.items() if path is not None}
+    with display(name, progress) as shown:
+        report = run(name, Settings(out, quick, source, options, shown.steps))
+    rows = [
+        (row.name, f"{row.value:.4g} {row.unit}", "" if row.paper is None else f"{row.paper:g}", row.n)
+        for row in report.figures
+    ]
+    console.table((name, "ours", "paper", "n"), rows)
+    for path in report.write(name, out):
+        console.line(path)

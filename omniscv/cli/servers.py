@@ -1,0 +1,145 @@
+"""``omniscv serve``, ``scenes``, ``send`` and ``doctor``: the mock server, and what any server answers."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Exit, Option, Typer
+
+from omniscv.cli import console, options, signals
+from omniscv.errors import ArgumentError
+
+app = Typer(add_completion=False)
+
+_VERBS = ("vget", "vset", "vbp", "vrun", "vexec")
+_STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
+
+
+@app.command(
+    context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []},
+    epilog="Example: omniscv serve four-wall --port 9000 --dialect 0.3.10 --size 512x512",
+)
+def serve(context: typer.Context) -> None:
+    """Serve a scene over the UnrealCV protocol, for any client, until Ctrl-C."""
+    from mock_server.__main__ import main
+
+    signals.check()
+    raise Exit(main(context.args, "omniscv serve"))  # it reads the options, as 'python -m mock_server' does
+
+
+@app.command(epilog="Example: omniscv scenes\n\nExample: omniscv scenes four-wall")
+def scenes(
+    name: Annotated[str | None, Argument(metavar="SCENE", help="A scene's name, or a YAML file.")] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """List the mock server's scenes; or the objects of one, with their boxes in metres."""
+    if name is None:
+        _list_scenes(as_json)
+    else:
+        _describe_scene(name, as_json)
+
+
+def _list_scenes(as_json: bool) -> None:
+    import mock_server
+
+    columns = ("scene", "objects", "moving", "description")
+    loaded = {name: mock_server.load_scene(name) for name in mock_server.scene_names()}
+    rows = [(name, len(s.objects), len(s.moving), mock_server.summary(name)) for name, s in loaded.items()]
+    if as_json:
+        console.as_json([dict(zip(columns, row, strict=True)) for row in rows])
+    else:
+        console.table(columns, rows)
+
+
+def _describe_scene(name: str, as_json: bool) -> None:
+    import mock_server
+
+    try:
+        scene = mock_server.load_scene(name)
+    except ValueError as wrong:
+        raise ArgumentError(str(wrong)) from wrong
+    boxes = {key: [corner.tolist() for corner in scene.bounds(key)] for key in scene.objects}
+    if as_json:
+        objects = {key: {"box_m": box, "moves": key in scene.moving} for key, box in boxes.items()}
+        console.as_json({"scene": scene.name, "description": mock_server.summary(name), "objects": objects})
+        return
+    console.line(f"{scene.name}: {mock_server.summary(name)}")
+    rows = []
+    for key, box in boxes.items():
+        least, greatest = (" ".join(f"{x:.4g}" for x in corner) for corner in box)
+        rows.append((key, least, greatest, "yes" if key in scene.moving else ""))
+    console.table(("object", "least corner m", "greatest corner m", "moves"), rows)
+
+
+@app.command(
+    epilog="Example: omniscv send mock://four-wall 'vget /unrealcv/status' 'vget /object/Table/location'"
+)
+def send(
+    uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
+    commands: Annotated[list[str], Argument(metavar="COMMAND...", help="Of UnrealCV: 'vget /objects'.")],
+    timeout: options.Timeout = None,
+    patience: options.Patience = None,
+) -> None:
+    """Send commands to a server, and print its replies; of a binary one, what it is and its size.
+
+    The first command that is refused ends it, with exit code 1. What a command changes stays changed.
+    """
+    from omniscv.diagnostics.server import replies_to
+
+    if commands[0] in _VERBS:
+        raise ArgumentError(f"COMMAND: expected it in quotes, such as '{' '.join(commands)}', got words")
+    for reply in replies_to(uri, commands, **options.deadlines(timeout, patience)):
+        console.document(reply)
+
+
+@app.command(epilog="Example: omniscv doctor mock://four-wall\n\nExample: omniscv doctor --self")
+def doctor(
+    uri: Annotated[
+        str | None,
+        Argument(
+            help="unreal://host:port, mock://SCENE, blender://FILE; a recording, or a folder of captures."
+        ),
+    ] = None,
+    self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
+    quick: Annotated[
+        bool, Option("--quick", help="Leave out the unit of depth, agreement of captures, and motion.")
+    ] = False,
+    position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
+    picture: Annotated[
+        Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
+    ] = None,
+    as_json: options.AsJson = False,
+    timeout: options.Timeout = None,
+    patience: options.Patience = None,
+) -> None:
+    """Measure what a server is, and what would spoil captures there; or check this installation.
+
+    Exit code 1 if something is bad.
+    """
+    if (uri is None) != self:
+        raise ArgumentError(
+            "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
+        )
+    if uri is None:
+        from omniscv.diagnostics.installation import examine_installation
+
+        findings = examine_installation()
+    else:
+        import numpy as np
+
+        from omniscv.diagnostics.doctor import examine_address
+
+        where = None if position is None else np.array(options.numbers("--position", position))
+        deadlines = options.deadlines(timeout, patience)
+        findings = examine_address(uri, where, quick, picture=picture, **deadlines)
+    if as_json:
+        console.as_json([asdict(finding) for finding in findings])
+    elif self:
+        for finding in findings:
+            remedy = f": {finding.remedy}" if finding.remedy else ""
+            console.line(f"{finding.verdict:<8} {finding.name}: {finding.value}{remedy}")
+    else:
+        rows = [(finding.verdict, finding.name, finding.value, finding.remedy) for finding in findings]
+        console.table(("", "measured", "found", "remedy"), rows, _STYLES)
+    raise Exit(1 if any(finding.verdict == "bad" for finding in findings) else 0)
