@@ -22,7 +22,7 @@ from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Color, View
-from omniscv.sources.unreal.replies import SKY
+from omniscv.sources.codecs import UNREAL_SKY
 
 Mask = NDArray[np.bool_]
 
@@ -163,7 +163,7 @@ def capture_views(
         usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
         codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else None
         captures.append(
-            ViewCapture(view, lit.astype(np.float32), np.where(depth < SKY, planar, _FAR_M), codes)
+            ViewCapture(view, lit.astype(np.float32), np.where(depth < UNREAL_SKY, planar, _FAR_M), codes)
         )
     camera.position = start
     return captures

@@ -28,6 +28,7 @@ from omniscv.diagnostics.server import (
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array, Pose
 from omniscv.sources.base import Color
+from omniscv.sources.codecs import UNREAL_SKY, show_light
 from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import exposure, replies
@@ -36,7 +37,6 @@ from omniscv.sources.unreal.commands import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.replies import SKY, are_light
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
@@ -146,7 +146,7 @@ def settle(camera: RawCamera) -> Finding:
     name = "pose settles"
     if max(counts) >= NEVER:
         return Finding(name, "never: the world moves", "bad", "pause the game, stop animations")
-    if (depths[0] < SKY).any() and all(alike(depth, depths[0]) for depth in depths[1:]):
+    if (depths[0] < UNREAL_SKY).any() and all(alike(depth, depths[0]) for depth in depths[1:]):
         return Finding(name, "never: the camera does not turn", "bad", "vset /action/game/resume")
     camera.lag = stale = max(counts[1:])  # the first frames of a camera may be garbage
     milliseconds = 1000 * float(np.median(seconds[1:]))
@@ -195,7 +195,7 @@ def normals(camera: RawCamera) -> Finding:
     """Report whether pictures of normals hold directions."""
     camera.go(0)
     try:
-        lit = are_light(camera.pixels("normals"))
+        lit = show_light(camera.pixels("normals"))
     except ServerRefusedError as refused:
         return Finding("normals", str(refused), "warning", "none: they are left out")
     value = "the lit image" if lit else "directions"
@@ -265,7 +265,7 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
             camera.go(yaw, pitch, forward_m)
             depth = camera.pixels("depth")
             ahead.append(float(depth[depth.shape[0] // 2, depth.shape[1] // 2]))
-        if ahead[1] < ahead[0] < SKY:
+        if ahead[1] < ahead[0] < UNREAL_SKY:
             decreases.append((ahead[0] - ahead[1]) / _FORWARD_M)
     if not decreases:
         return expected, _unmeasured("depth unit", "nothing but sky")
@@ -280,7 +280,7 @@ def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
 def half_floats(pairs: Pairs, unit: str) -> Finding:
     """Report how coarse depth is."""
     depth = np.concatenate([picture.pixels.ravel() for pair in pairs["depth"] for picture in pair])
-    depth = depth[depth < SKY]
+    depth = depth[depth < UNREAL_SKY]
     if depth.size == 0:
         return _unmeasured("depth steps", "nothing but sky")
     median = float(np.median(depth))

@@ -16,8 +16,9 @@ from omniscv.diagnostics.self_calibration import GREY, Picture, sample
 from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array
+from omniscv.sources.codecs import UNREAL_SKY
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.replies import SKY, Reply, bmp_colors
+from omniscv.sources.unreal.replies import Reply, bmp_colors
 from omniscv.sources.unreal.shared_memory import SharedPictures, npy_of, region_reader
 
 COLORS = "vget /camera/[uint]/panoramic [str] [uint] [uint]"
@@ -149,7 +150,9 @@ def _depth(connection: Connection, camera: RawCamera, fit: _Fit) -> list[Finding
     for yaw, pitch in FACES.values():
         face = _face(camera, yaw, pitch, "depth")
         lengths = face.view(camera.fov_deg).ray_lengths() if kind == "planar" else 1.0
-        metres = np.where(face.pixels < SKY, face.pixels * lengths * (0.01 if unit == "cm" else 1.0), np.nan)
+        metres = np.where(
+            face.pixels < UNREAL_SKY, face.pixels * lengths * (0.01 if unit == "cm" else 1.0), np.nan
+        )
         faces.append(Picture(metres, face.pose))
     camera.go(0)
     command = "vget /camera/{}/panoramic/depth_shared {} {}".format(camera.driver.camera, *_SIZE)
@@ -157,7 +160,7 @@ def _depth(connection: Connection, camera: RawCamera, fit: _Fit) -> list[Finding
     directions = _directions(fit)
     planar = np.abs(directions).max(axis=-1)  # of a cube along the world's axes; the camera looks along one
     ratio = np.log(np.maximum(theirs, 1e-6) / _seen(faces, camera, directions))
-    known = np.isfinite(ratio) & (theirs < SKY)
+    known = np.isfinite(ratio) & (theirs < UNREAL_SKY)
     spread = {"ray": _spread(ratio[known]), "planar": _spread((ratio - np.log(planar))[known])}
     best = min(spread, key=spread.__getitem__)
     scale = float(np.exp(np.median((ratio - (np.log(planar) if best == "planar" else 0))[known])))

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from omniscv.diagnostics import Finding
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import View
-from omniscv.sources.unreal.replies import SKY
+from omniscv.sources.codecs import UNREAL_SKY
 
 GREY = np.array((0.5, 0.3, 0.2))  # weights that make grey levels of RGB
 _UNALIGNED = 0.3  # a misfit above which pictures cannot be aligned
@@ -122,7 +122,7 @@ def _invariant(picture: Picture, view: View, kind: str) -> Array:
         return np.asarray(picture.pixels @ GREY)
     depth = np.asarray(picture.pixels, np.float64)
     distance = depth * view.ray_lengths() if kind == "planar" else depth
-    surface = (depth < SKY) & (depth > 0)
+    surface = (depth < UNREAL_SKY) & (depth > 0)
     return np.asarray(np.divide(1.0, distance, out=np.zeros_like(distance), where=surface))
 
 

@@ -12,9 +12,13 @@
 ``pfm planar``      depth of AirSim: float32 metres, the first row of the file at the top
 ``pfm ray``         the same, along the ray
 ``png ids``         masks: ids of objects or classes, grey, 8 or 16 bits
+``png normal``      normals of Unreal: 8 bits of ``0.5 n + 0.5``, n in Unreal's world axes
+``npy normal``      the same as NPY, of shared memory
+``npy planar cm``   depth of UnrealCV 1.x: floats along the optical axis, centimetres
+``npy ray m``       depth of UnrealCV 0.3.10: floats to the optical centre, metres
 =================== ==================================================================================
 
-Sources register other encodings; those of Unreal are in :mod:`omniscv.sources.unreal.replies`.
+Sources of other packages register other encodings.
 """
 
 import io
@@ -22,7 +26,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +35,7 @@ from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry.surfaces import Precision
+from omniscv.geometry.unreal_frame import direction_from_unreal
 from omniscv.sources.base import Capture, View
 from omniscv.storage import png
 
@@ -52,6 +56,10 @@ _NPY_HEADER = re.compile(
 """The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
 _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
 _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
+
+UNREAL_SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
+_HALF_DIGITS = 11  # significant binary digits of the half floats through which the engine passes depth
+_UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; the sky's grey is near 0
 
 
 class _Codec(NamedTuple):
@@ -78,7 +86,7 @@ def register(
 
 def encodings() -> tuple[str, ...]:
     """Return the names of all encodings."""
-    return tuple(dict.fromkeys((*_codecs, *_UNREAL)))
+    return tuple(_codecs)
 
 
 def precision(encoding: str | None) -> Precision:
@@ -98,8 +106,6 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
     Raises:
         BadReplyError: the bytes are not what the encoding, the mode and the view say.
     """
-    if encoding in _UNREAL and encoding not in _codecs:
-        import_module("omniscv.sources.unreal.replies")
     codec = _codecs.get(encoding)
     if codec is None or not (codec.modes is None or mode in codec.modes):
         known = ", ".join(encodings())
@@ -277,6 +283,45 @@ def _pfm(ray: bool, payload: bytes, mode: str, view: View) -> NDArray[Any]:
     return np.asarray(depth / (view.ray_lengths() if ray else 1), np.float32)
 
 
+def show_light(codes: NDArray[np.uint8]) -> bool:
+    """Return whether colours (H, W, 3) of normals are the lit image's, as of branch 5.2 before 2026-03-11.
+
+    Most of them are no directions, and not the grey of the sky either.
+    """
+    n = codes * (2 / 255) - 1
+    length = np.sqrt(np.einsum("...k,...k->...", n, n))
+    return bool(((np.abs(length - 1) >= _UNIT_TOLERANCE) & (length >= _UNIT_TOLERANCE)).mean() > 0.5)
+
+
+def normal_codes(payload: bytes, view: View) -> NDArray[np.uint8]:
+    """Return the colours (H, W, 3) of Unreal's normals, PNG or NPY."""
+    if payload.startswith(_PNG):
+        return decode_png(payload, view)
+    codes = decode_npy(payload, view)
+    if codes.dtype != np.uint8 or codes.shape[2:] != (3,):
+        raise BadReplyError(f"expected NPY of 8-bit colours, got {codes.dtype} {codes.shape}")
+    return codes
+
+
+def _unreal_normals(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    n = normal_codes(payload, view).astype(np.float32)
+    n *= np.float32(2 / 255)
+    n -= 1
+    direction_from_unreal(n)
+    length = np.sqrt(np.einsum("...k,...k->...", n, n))
+    known = np.abs(length - 1) < _UNIT_TOLERANCE
+    n *= np.divide(1, length, out=np.zeros_like(length), where=known)[..., None]
+    return np.asarray(n)
+
+
+def _unreal_depth(ray: bool, payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    array = decode_npy(payload, view)
+    check_depth(array)
+    depth = np.asarray(array / (view.ray_lengths() if ray else 100), dtype=np.float32)
+    np.copyto(depth, np.inf, where=array >= UNREAL_SKY)
+    return depth
+
+
 _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
@@ -288,6 +333,9 @@ register("pfm planar", partial(_pfm, False), ("depth",))
 register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
 for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
     register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
-
-_UNREAL = ("png normal", "npy normal", "npy planar cm", "npy ray m")
-"""Registered by ``omniscv.sources.unreal.replies``, which is imported when one is decoded first."""
+register("png normal", _unreal_normals, ("normals",))
+register("npy normal", _unreal_normals, ("normals",))
+_PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
+_RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)
+register("npy planar cm", partial(_unreal_depth, False), ("depth",), _PLANAR_CM)
+register("npy ray m", partial(_unreal_depth, True), ("depth",), _RAY_M)

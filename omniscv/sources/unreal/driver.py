@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
-from omniscv.sources.codecs import decode
+from omniscv.sources.codecs import decode, normal_codes, show_light
 from omniscv.sources.unreal.client import Client, Connection
 from omniscv.sources.unreal.commands import EXPOSURE_METHOD, FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
 from omniscv.sources.unreal.objects import paint
-from omniscv.sources.unreal.replies import Reply, name, numbers, shows_light
+from omniscv.sources.unreal.replies import Reply, name, numbers
 from omniscv.sources.world import CameraExposure, SharedExposure
 
 Requests = Sequence[Request]
@@ -241,7 +241,7 @@ class CameraDriver(ABC):
         }
         pixels = decode(reply, encoding, request.mode, view)
         if request.mode == "normals" and not self._has_normals:
-            if shows_light(reply, view):
+            if show_light(normal_codes(reply, view)):
                 raise self._refused("pictures of normals, got the lit image; update the plugin to 1.1.0")
             self._has_normals = True
         return Capture(request, view, pixels, provenance, reply, encoding)
