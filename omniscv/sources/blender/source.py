@@ -30,6 +30,7 @@ from omniscv.sources.base import (
     SourceView,
     View,
     closed_error,
+    copy_with,
     known_objects,
 )
 from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender, Measured, Rendered
@@ -70,7 +71,8 @@ class BlenderSource(Source):
 
     def __init__(self, blender: Blender, settings: Settings) -> None:
         self._blender, self._settings = blender, settings
-        self._lock, self._closed = threading.RLock(), False
+        self._lock, self._closed = threading.RLock(), threading.Event()
+        self._hidden = frozenset[str]()
         self._objects = ObjectTable({}, ids=dict(blender.scene.objects))
         level = f"{blender.scene.scene}, frame {blender.scene.frame}"
         self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
@@ -93,10 +95,6 @@ class BlenderSource(Source):
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ArgumentError for a modality or size that Blender does not render."""
-        return self.capture_without(requests, frozenset())
-
-    def capture_without(self, requests: Iterable[Request], hidden: frozenset[str]) -> Iterator[Capture]:
-        """As :meth:`capture`, with some of the objects hidden."""
         remaining = iter(requests)
         while window := list(islice(remaining, _AHEAD)):
             for request in window:
@@ -105,7 +103,7 @@ class BlenderSource(Source):
             rendered: dict[Request, Any] = {}
             for index, request in enumerate(window):
                 if request not in rendered:
-                    pixels = self._render(request, hidden)
+                    pixels = self._render(request)
                     same_view = (later for later in window[index:] if later.view == request.view)
                     rendered.update(
                         {later: pixels[later.mode] for later in same_view if later.mode in pixels}
@@ -131,16 +129,16 @@ class BlenderSource(Source):
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; both may be used at the same time."""
         self._check_open()
-        hidden = frozenset(objects)
+        hidden = self._hidden.union(objects)
         known_objects(hidden, self._objects.ids, self._blender.name)
-        return WithoutObjects(self, hidden)
+        return SourceView(copy_with(self, _hidden=hidden))
 
     def close(self) -> None:
         with self._lock:
-            self._closed = True
+            self._closed.set()
             self._blender.close()
 
-    def _render(self, request: Request, hidden: frozenset[str]) -> Pixels:
+    def _render(self, request: Request) -> Pixels:
         """Render a view, and return its pixels, read-only, by the modalities that come together."""
         view, is_lit = request.view, request.mode == "lit"
         is_png = is_lit and self._settings.lit == "uint8"
@@ -156,7 +154,7 @@ class BlenderSource(Source):
             "do": "render",
             "kind": "lit" if is_lit else "data",
             "file": file,
-            "hidden": sorted(hidden),
+            "hidden": sorted(self._hidden),
             "R_w_b": (view.pose.rotation @ _TO_BLENDER).tolist(),
             "position": view.pose.position.tolist(),
             "tan_half_fov": float(np.tan(np.radians(view.fov_deg) / 2)),
@@ -178,22 +176,8 @@ class BlenderSource(Source):
         return {**scene, **look} if request.mode == "lit" else scene
 
     def _check_open(self) -> None:
-        if self._closed:
+        if self._closed.is_set():
             raise closed_error(self._blender.name)
-
-
-class WithoutObjects(SourceView):
-    """A scene with some of its objects hidden; closing it leaves the scene open."""
-
-    def __init__(self, source: BlenderSource, hidden: frozenset[str]) -> None:
-        super().__init__(source)
-        self._scene, self._hidden = source, hidden
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        return self._scene.capture_without(requests, self._hidden)
-
-    def without(self, objects: Iterable[str]) -> Source:
-        return self._scene.without(self._hidden.union(objects))
 
 
 def _check(request: Request) -> None:
