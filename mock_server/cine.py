@@ -117,18 +117,17 @@ class Cine:
         """Return the reply to ``cine/intrinsics``."""
         fx, fy, cx, cy = self.projection(width, height)
         m00, m11, m20, m21 = 2 * fx / width, 2 * fy / height, 2 * cx / width - 1, 1 - 2 * cy / height
-        return _pretty({
+        return json.dumps({
             "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy,
             **_angles(m00, m11), "projection_offset": [m20, m21],
             "projection_matrix": [m00, 0, 0, 0, 0, m11, 0, 0, m20, m21, 0, 1, 0, 0, 10.0, 0],
-        })  # fmt: skip
+        }, indent="\t")  # fmt: skip
 
     def model(self, width: int, height: int) -> str:
         """Return the reply to ``cine``."""
         fx, fy = self.projection(width, height)[:2]
-        return _pretty({
-            "enabled": self.enabled, **self._settings, **_angles(2 * fx / width, 2 * fy / height),
-        })  # fmt: skip
+        angles = _angles(2 * fx / width, 2 * fy / height)
+        return json.dumps({"enabled": self.enabled, **self._settings, **angles}, indent="\t")
 
 
 def _clamp(value: Any, least: float, most: float) -> Any:
@@ -138,8 +137,3 @@ def _clamp(value: Any, least: float, most: float) -> Any:
 def _angles(m00: float, m11: float) -> dict[str, float]:
     h, v = (2 * math.degrees(math.atan(1 / scale)) for scale in (m00, m11))
     return {"horizontal_fov_degrees": h, "vertical_fov_degrees": v}
-
-
-def _pretty(reply: dict[str, Any]) -> str:
-    """Return JSON of many lines, as the engine writes it."""
-    return json.dumps(reply, indent="\t")

@@ -97,11 +97,6 @@ class SceneObject:
     annotated: bool = True
     class_name: str = "StaticMeshActor"
 
-    @property
-    def is_placed(self) -> bool:
-        """Whether a command has moved it."""
-        return (self.location, self.rotation) != self.rest
-
 
 @dataclass(frozen=True)
 class Moment:
@@ -164,7 +159,7 @@ class Objects:
     def moment(self) -> Moment:
         """Return the visible state now."""
         moving = frozenset(self.scene.moving) if self._late else frozenset()
-        placed = (actor for actor in self._actors if actor.is_placed and actor.key not in moving)
+        placed = (a for a in self._actors if (a.location, a.rotation) != a.rest and a.key not in moving)
         return Moment(
             self.scene,
             self._time_s if self.scene.moving else 0.0,

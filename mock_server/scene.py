@@ -226,12 +226,8 @@ class Scene:
         for name, (R, center) in self._poses.items():
             rows = self._owner == name
             self.solids[rows] = solids.moved(self._described[rows], R, self._center(name), center)
-        if self._of_room(self._poses):
+        if self.room and self._poses.keys() & {*self.room.walls, self.room.floor, self.room.ceiling}:
             self.room = None
-
-    def _of_room(self, names: Mapping[str, object]) -> bool:
-        room = self._whole_room
-        return room is not None and bool({*room.walls, room.floor, room.ceiling} & names.keys())
 
     def _center(self, name: str) -> Array:
         """Return the centre (3,) of an object's box as described."""
@@ -331,19 +327,15 @@ def load_scene(name_or_path: str | Path) -> Scene:
     return _packaged(path) if path.parent == SCENES else _read(path)
 
 
-@cache
-def _packaged(path: Path) -> Scene:
-    """Return a scene of this package, whose file does not change."""
-    return _read(path)
-
-
 def _read(path: Path) -> Scene:
-    """Return the scene of a file."""
     try:
         description = yaml_text.parse(yaml_text.read_text(path))
     except ValueError as cause:
         raise ValueError(f"scene: {path}: {cause}") from cause
     return Scene(path.stem, description)
+
+
+_packaged = cache(_read)  # files of this package do not change
 
 
 def summary(name_or_path: str | Path) -> str:

@@ -6,7 +6,7 @@ import math
 import numbers as abstract
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,23 +19,15 @@ Array = NDArray[np.float64]
 Triple = tuple[float, ...]
 
 
-class Motion(Protocol):
-    """A function of time, in seconds."""
-
-    def at(self, time_s: float) -> tuple[Array, float]:
-        """Return the offset (3,) in metres, and the turn to the left in degrees."""
-        ...
-
-
 @dataclass(frozen=True)
 class Steady:
-    """A constant velocity, metres a second, and a constant turn, degrees a second."""
+    """A motion of constant velocity, metres a second, and constant turn, degrees a second."""
 
     velocity: Triple
     turn_deg: float
 
     def at(self, time_s: float) -> tuple[Array, float]:
-        """As :meth:`Motion.at`: in proportion to the time."""
+        """Return the offset (3,) in metres, and the turn to the left in degrees, after so many seconds."""
         return np.multiply(time_s, self.velocity), time_s * self.turn_deg
 
 
@@ -48,7 +40,7 @@ class Swing:
     period_s: float
 
     def at(self, time_s: float) -> tuple[Array, float]:
-        """As :meth:`Motion.at`: times the sine of ``2 pi time_s / period_s``."""
+        """As :meth:`Steady.at`: times the sine of ``2 pi time_s / period_s``."""
         share = math.sin(2 * math.pi * math.remainder(time_s / self.period_s, 1.0))
         return np.multiply(share, self.by), share * self.turn_deg
 
@@ -64,7 +56,7 @@ class Waypoints:
     repeat: bool
 
     def at(self, time_s: float) -> tuple[Array, float]:
-        """As :meth:`Motion.at`: linear in the time between two points."""
+        """As :meth:`Steady.at`: linear in the time between two points."""
         times, *columns = np.array(self.points).T
         if self.repeat:
             time_s = times[0] + (time_s - times[0]) % (times[-1] - times[0])
@@ -81,6 +73,7 @@ def turned(turn_deg: float) -> Array:
 
 Pattern = Callable[[Array], Array]
 Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1"]
+Motion = Steady | Swing | Waypoints
 Moving = tuple[Motion, tuple[float, ...] | None]
 """A motion, and X and Y of its vertical axis of rotation; None: through the centre of the box."""
 
@@ -97,6 +90,7 @@ _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
 }
 """Kind for the kernel, how many numbers are the size, and the half sizes for the kernel."""
 
+_STILL = (0.0, 0.0, 0.0)
 _MARGIN = 1 + 1e-9  # of bounding spheres, against rounding
 
 
@@ -211,29 +205,26 @@ def _texture(value: object, where: str) -> Texture:
 def _moving(value: object, where: str) -> Moving:
     """Return the motion of an object; each kind has its own keys."""
     data = _mapping(value, where)
-    readers = {"steady": _steady, "swing": _swing, "waypoints": _waypoints}
     kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in readers:
-        raise ValueError(f"{where}: kind: expected one of {', '.join(readers)}; got {shown(kind)}")
-    motion = readers[kind](data, where)
+    motion: Motion
+    (turn_deg,) = _numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg")
+    if kind == "steady":
+        _mapping(data, where, "kind", "about", "velocity", "turn_deg")
+        motion = Steady(_numbers(data.get("velocity", _STILL), 3, f"{where}: velocity"), turn_deg)
+    elif kind == "swing":
+        _mapping(data, where, "kind", "about", "by", "turn_deg", "period_s")
+        by = _numbers(data.get("by", _STILL), 3, f"{where}: by")
+        period_s = _numbers(data.get("period_s"), 1, f"{where}: period_s", "from 1e-9 to 1e9")
+        motion = Swing(by, turn_deg, *period_s)
+    elif kind == "waypoints":
+        _mapping(data, where, "kind", "about", "points", "repeat")
+        motion = _waypoints(data, where)
+    else:
+        raise ValueError(f"{where}: kind: expected one of steady, swing, waypoints; got {shown(kind)}")
     return motion, _numbers(data["about"], 2, f"{where}: about") if "about" in data else None
 
 
-def _steady(data: Mapping[str, object], where: str) -> Motion:
-    _mapping(data, where, "kind", "about", "velocity", "turn_deg")
-    velocity = _numbers(data.get("velocity", (0.0, 0.0, 0.0)), 3, f"{where}: velocity")
-    return Steady(velocity, *_numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg"))
-
-
-def _swing(data: Mapping[str, object], where: str) -> Motion:
-    _mapping(data, where, "kind", "about", "by", "turn_deg", "period_s")
-    by = _numbers(data.get("by", (0.0, 0.0, 0.0)), 3, f"{where}: by")
-    (turn,) = _numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg")
-    return Swing(by, turn, *_numbers(data.get("period_s"), 1, f"{where}: period_s", "from 1e-9 to 1e9"))
-
-
 def _waypoints(data: Mapping[str, object], where: str) -> Motion:
-    _mapping(data, where, "kind", "about", "points", "repeat")
     name, repeat = f"{where}: points", data.get("repeat", False)
     if not isinstance(repeat, bool):
         raise ValueError(f"{where}: repeat: expected true or false, got {shown(repeat)}")

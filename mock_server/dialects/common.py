@@ -33,37 +33,22 @@ Row = tuple[str, str, Callable[..., Reply]]
 _LIMIT = 1e9
 """cm, or degrees: larger numbers are clipped to it, so that no arithmetic overflows."""
 
-_INT32 = 1 << 31
-
 THREE = "[float] [float] [float]"
 
 _VIEWMODES = ("lit", "unlit", "depth", "normal", "object_mask",
               "base_color", "debug", "wireframe", "vertex_color", "no_transparency")  # fmt: skip
 
 
-def _uint(digits: str) -> int:
-    """Return a count or index; 0 for no digits, at most 2^31 - 1."""
-    return int(digits or 0) if len(digits) < len(str(_INT32)) else _INT32 - 1
-
-
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
-    "[uint]": (r"(\d*)", _uint),
+    # 0 for no digits, 2^31 - 1 for ten and more
+    "[uint]": (r"(\d*)", lambda digits: int(digits or 0) if len(digits) < 10 else (1 << 31) - 1),
     "[camera_id]": (r"(\d*|CID-[\w-]*)", str),
     "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
 _CACHED_COMMANDS, _CACHED_LENGTH = 512, 200
 """Most commands whose handlers are cached, and their length at most: clients repeat few, short ones."""
-
-
-@functools.cache
-def _pattern_of(template: str) -> tuple[re.Pattern[str], list[Callable[[str], Any]], list[str]]:
-    """Return a template's pattern, the converters of its placeholders, and the texts between them."""
-    parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
-    patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
-    pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
-    return pattern, [_PLACEHOLDERS[part][1] for part in parts[1::2]], [part for part in parts[::2] if part]
 
 
 class Command:
@@ -76,7 +61,11 @@ class Command:
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
         self.template, self.description, self.handler = template, description, handler
         self.verb = template.partition(" ")[0]
-        self._pattern, self._converters, self._literals = _pattern_of(template)
+        parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
+        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
+        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
+        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
+        self._literals = [part for part in parts[::2] if part]
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
@@ -205,7 +194,11 @@ class Dialect(ABC):
         """Return the commands about the plugin itself."""
         return [
             ("vget /unrealcv/status", "State of the server and its configuration", self.status),
-            ("vget /unrealcv/help", "All commands", self._help),
+            (
+                "vget /unrealcv/help",
+                "All commands",
+                lambda: "".join(f"{c.template}\n{c.description}\n" for c in self.commands),
+            ),
             ("vget /unrealcv/echo [str]", "The word itself", echo),
             ("vget /unrealcv/version", "Version of the plugin", lambda: self.version),
             ("vget /scene/name", "Name of the project", lambda: self.world.scene.name),
@@ -238,9 +231,6 @@ class Dialect(ABC):
             f"Config file: {self.files.path.absolute()}/unrealcv.ini\nPort: {self.port}\nWidth: {width}\n"
             f"Height: {height}\nFOV: {self.settings.fov_deg:f}\nEnableInput: true\nEnableRightEye: false\n"
         )
-
-    def _help(self) -> str:
-        return "".join(f"{c.template}\n{c.description}\n" for c in self.commands)
 
     def _set_viewmode(self, mode: str) -> Reply:
         if mode.lower() not in _VIEWMODES:

@@ -17,7 +17,7 @@ import numpy as np
 
 from mock_server import cine as cine_model
 from mock_server import pixels
-from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, ok, with_target
+from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, ok, sets, with_target
 from mock_server.dialects.v1 import BAD_ARGUMENT, MODES, Branch52
 from mock_server.objects import MIRROR, SceneObject, axes
 from mock_server.settings import Settings
@@ -148,7 +148,7 @@ class PluginDev(Plugin11):
             ("vget /cameras/ids", "Index and stable id of each camera", self._ids),
             ("vset /world/pause_all_except_pawn", "Pauses all but the pawn", lambda: self._freeze(True)),
             ("vset /world/resume_all", "Goes on", lambda: self._freeze(False)),
-            ("vset /annotation/object/[str]", "Annotates it", self.with_object(_annotate)),
+            ("vset /annotation/object/[str]", "Annotates it", self.with_object(sets("annotated", True))),
             (f"vget {intensity}", "Intensity of the sun", lambda: "3.14"),
             (f"vset {intensity} [float]", "Sets it", "Set DirectionalLight intensity to {:.2f}".format),
             (f"{cam}/panoramic [str] [uint] [uint]", "A panorama", camera(self._panorama)),
@@ -204,10 +204,6 @@ class PluginDev(Plugin11):
         turn = np.eye(3) if fork else axes((0.0, camera.rotation[1], 0.0))
         rays = own @ turn.T @ MIRROR
         return self.world.placed().trace(MIRROR @ camera.location / 100.0, rays), own
-
-
-def _annotate(actor: SceneObject) -> None:
-    actor.annotated = True
 
 
 def _stable_id(camera: Camera) -> str:
