@@ -11,7 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from typing import NoReturn, Self, TypeVar
 
@@ -22,6 +22,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import Transfer
+from omniscv.records import checked, record
 from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
@@ -109,7 +110,13 @@ def _color_of(instance: int) -> Color:
     return code >> 16, code >> 8 & 255, code & 255
 
 
-@dataclass(frozen=True)
+def _part(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value[:_LONGEST_PART]
+
+
+@record
 class SceneIdentity:
     """The scene that a source shows; parts that the source does not know are empty.
 
@@ -119,13 +126,9 @@ class SceneIdentity:
         content: a digest of everything visible.
     """
 
-    name: str = ""
-    level: str = ""
-    content: str = ""
-
-    def __post_init__(self) -> None:
-        for part in fields(self):
-            object.__setattr__(self, part.name, str(getattr(self, part.name))[:_LONGEST_PART])
+    name: str = checked(_part, default="")
+    level: str = checked(_part, default="")
+    content: str = checked(_part, default="")
 
     def differs(self, other: Self) -> bool:
         """Return whether a part that both know differs, so that they are two scenes."""

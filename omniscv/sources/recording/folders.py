@@ -8,14 +8,13 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 from omniscv import modalities, storage
 from omniscv.arguments import label, number, optional_number, shown, text, whole_number, within
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
-    DamagedRecordingError,
     RecordingError,
     RecordingNotWritableError,
 )
@@ -33,13 +32,15 @@ from omniscv.sources.recording.rows import (
     labelled_modes,
     listed_scenes,
     object_from_json,
-    scene_from_json,
     scene_of,
     view_from_dict,
 )
 from omniscv.sources.recording.store import Store
-from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, parse_json, read_bytes
 from omniscv.storage.local import folder_beside, refusal
+
+T = TypeVar("T")
+J = TypeVar("J", dict[str, Any], list[Any])
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
 GEOMETRY, STATES = "geometry.json", "states.json"
@@ -88,15 +89,18 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
             scene.
     """
     folder = Path(folder)
-    entries = _entries(folder)
+    with within(folder / INDEX):
+        index = _read_json(folder / INDEX, list)
+    wheres = [f"{folder / INDEX}[{i}]" for i in range(len(index))]
+    entries = {where: read(_Entry, entry, where) for where, entry in zip(wheres, index, strict=True)}
     with within(folder):
         return add_captures(
             path,
             lambda: (_capture(folder, where, entry) for where, entry in entries.items()),
             _objects(folder),
-            _geometry(folder),
-            _states(folder),
-            _scene(folder),
+            _read_optional(folder / GEOMETRY, SceneGeometry.from_dict),
+            _read_optional(folder / STATES, _states) or {},
+            _read_optional(folder / SCENE, partial(read, SceneIdentity)),
         )
 
 
@@ -232,13 +236,6 @@ class _Masks:
     )
 
 
-def _entries(folder: Path) -> dict[str, _Entry]:
-    """Return the entries of the index, by where they are, for messages."""
-    index = folder / INDEX
-    entries = {f"{index}[{i}]": entry for i, entry in enumerate(_read_json(index, list))}
-    return {where: read(_Entry, entry, where) for where, entry in entries.items()}
-
-
 def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
     """Return the capture of an entry, checked."""
     with within(where):
@@ -258,50 +255,31 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
     return capture
 
 
-def _scene(folder: Path) -> SceneIdentity | None:
-    """Return the scene that a folder names; None where it names none."""
-    if not (folder / SCENE).exists():
-        return None
-    try:
-        return scene_from_json(json.dumps(_read_json(folder / SCENE, dict)))
-    except DamagedRecordingError as cause:
-        raise ArgumentError(f"{folder / SCENE}: {cause.reason}") from cause
-
-
-def _geometry(folder: Path) -> SceneGeometry:
-    with within(folder / GEOMETRY):
-        return SceneGeometry.from_dict(_read_optional(folder / GEOMETRY))
-
-
-def _states(folder: Path) -> dict[str, WorldState]:
-    with within(folder / STATES):
-        states = _read_optional(folder / STATES)
-        return {name: WorldState.from_dict(name, state) for name, state in states.items()}
+def _states(states: dict[str, object]) -> dict[str, WorldState]:
+    return {name: WorldState.from_dict(name, state) for name, state in states.items()}
 
 
 def _objects(folder: Path) -> ObjectTable:
-    """Return the object table of a folder, empty where it has none."""
-    with within(folder / OBJECTS):
-        colors = named(_color)("", _read_optional(folder / OBJECTS))
-    with within(folder / MASKS):
-        masks = read(_Masks, _read_optional(folder / MASKS))
-        if strange := set(masks.ids) - set(colors or masks.ids):
-            raise ArgumentError(f"ids: expected objects of {OBJECTS}, got {shown(min(strange))}")
+    colors: dict[str, Any] = _read_optional(folder / OBJECTS, partial(named(_color), "")) or {}
+    masks = _read_optional(folder / MASKS, partial(read, _Masks)) or _Masks()
+    if strange := set(masks.ids) - set(colors or masks.ids):
+        expected = f"expected objects of {OBJECTS}, got {shown(min(strange))}"
+        raise ArgumentError(f"{folder / MASKS}: ids: {expected}")
     return ObjectTable(colors, masks.tolerance, dict(masks.ids))
 
 
-def _read_optional(path: Path) -> Any:
-    """Return the JSON object of a file; an empty one where there is no file."""
-    return _read_json(path, dict) if path.exists() else {}
+def _read_optional(path: Path, reader: Callable[[Any], T]) -> T | None:
+    """Return what a reader makes of the JSON object of a file; None where there is no file."""
+    if not path.exists():
+        return None
+    with within(path):
+        return reader(_read_json(path, dict))
 
 
-def _read_json(path: Path, expected: type) -> Any:
-    try:
-        data = json.loads(read_bytes(path, MOST_PICTURE_BYTES))
-    except (ValueError, RecursionError) as cause:  # an ArgumentError is a ValueError
-        raise ArgumentError(f"{path}: expected a JSON file of captures, got: {cause}") from cause
+def _read_json(path: Path, expected: type[J]) -> J:
+    data = parse_json(read_bytes(path, MOST_PICTURE_BYTES), MOST_PICTURE_BYTES)
     if not isinstance(data, expected):
-        raise ArgumentError(f"{path}: expected a JSON {expected.__name__}, got {type(data).__name__}")
+        raise ArgumentError(f"expected a JSON {expected.__name__}, got {type(data).__name__}")
     return data
 
 

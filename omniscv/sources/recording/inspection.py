@@ -19,7 +19,6 @@ from omniscv.sources.base import View
 from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import (
     Row,
-    WorldState,
     listed_scenes,
     object_from_json,
     scene_of,
@@ -76,6 +75,7 @@ def info(path: Path | str) -> Info:
         views = [distinct[row.captured] for row in rows]
         provenances = [object_from_json(text) for text in {row.provenance for row in rows}]
         first, last = _period(provenances)
+        instants = {"": Instant(), **{name: state.instant for name, state in store.states().items()}}
 
         def values(key: str) -> list[str]:
             return sorted({str(provenance[key]) for provenance in provenances if key in provenance})
@@ -93,7 +93,10 @@ def info(path: Path | str) -> Info:
             first=first,
             last=last,
             objects=len(store.objects().colors),
-            states=_states(rows, store.states()),
+            states={
+                state: {"captures": n, "instant": instant.to_dict() if (instant := instants[state]) else None}
+                for state, n in Counter(row.state for row in rows).items()
+            },
         )
 
 
@@ -122,12 +125,21 @@ def centers(path: Path | str) -> list[Center]:
     Raises:
         RecordingError: it cannot be read.
     """
-    captures: dict[tuple[object, ...], list[tuple[View, Row]]] = {}
+    captures: dict[tuple[object, str], list[tuple[View, Row]]] = defaultdict(list)
     with closing(Store(storage.fetch_file(path))) as store:
         for row in store.listing():
             view = view_from_json(row.captured)
-            captures.setdefault((view.key().position, row.state), []).append((view, row))
-    return [_center(*zip(*group, strict=True)) for group in captures.values()]
+            captures[view.key().position, row.state].append((view, row))
+    return [
+        Center(
+            center=tuple(group[0][0].pose.position.tolist()),
+            state=state,
+            captures=_by_mode([row for _, row in group]),
+            fov_deg=(min(view.fov_deg for view, _ in group), max(view.fov_deg for view, _ in group)),
+            last=_period([object_from_json(row.provenance) for _, row in group])[1],
+        )
+        for (_, state), group in captures.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -185,24 +197,6 @@ def verify(path: Path | str) -> Verification:
 
 def _by_mode(rows: Sequence[Row]) -> dict[str, int]:
     return dict(sorted(Counter(row.mode for row in rows).items()))
-
-
-def _states(rows: list[Row], known: dict[str, WorldState]) -> dict[str, dict[str, Any]]:
-    instants = {name: state.instant for name, state in known.items()} | {"": Instant()}
-    return {
-        state: {"captures": count, "instant": instant.to_dict() if (instant := instants[state]) else None}
-        for state, count in Counter(row.state for row in rows).items()
-    }
-
-
-def _center(views: tuple[View, ...], rows: tuple[Row, ...]) -> Center:
-    return Center(
-        center=tuple(views[0].pose.position.tolist()),
-        state=rows[0].state,
-        captures=_by_mode(rows),
-        fov_deg=(min(view.fov_deg for view in views), max(view.fov_deg for view in views)),
-        last=_period([object_from_json(row.provenance) for row in rows])[1],
-    )
 
 
 def _period(provenances: list[dict[str, Any]]) -> tuple[str, str]:

@@ -96,12 +96,18 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
     if folder.names():
         raise ArgumentError(f"{folder}: expected an empty or new folder, but it holds something")
     with closing(Store(storage.fetch_file(file))) as store:
-        rows = store.listing()
         source_name = Path(str(file).rpartition("/")[2])
+        rows = store.listing()
+        centers = [tuple(view_from_json(row.asked).pose.position.tolist()) for row in rows]
+        distinct = list(dict.fromkeys(centers))
+        starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
         numbers: dict[str, list[int]] = {}
-        for row, cluster in zip(rows, _clusters(rows, distance_m), strict=True):
+        for row, center in zip(rows, centers, strict=True):
+            cluster = ",".join(f"{coordinate + 0.0:.3f}" for coordinate in starts[center])
             numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
-        with tempfile.TemporaryDirectory(dir=_local_parent(folder), prefix=".") as scratch:
+        if folder.local is not None:  # temporary files are on the file system of the folder
+            folder.local.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder.local, prefix=".") as scratch:
             for name in numbers:
                 with opened_whole(Path(scratch) / name) as target:
                     _add_all(target, store, numbers[name])
@@ -244,19 +250,3 @@ def _errors_of(file: Path | str) -> Iterator[None]:
         if isinstance(cause, RecordingNotWritableError) and not isinstance(cause, OtherSceneError):
             raise
         raise cause.at(storage.without_secrets(file), cause.advice) from cause
-
-
-def _clusters(rows: Sequence[Row], distance_m: float) -> list[str]:
-    """Return the name of each capture's cluster; the view that was requested decides."""
-    centers = [tuple(view_from_json(row.asked).pose.position.tolist()) for row in rows]
-    distinct = list(dict.fromkeys(centers))
-    starts = dict(zip(distinct, cluster_starts(np.array(distinct), distance_m).tolist(), strict=True))
-    return [",".join(f"{coordinate + 0.0:.3f}" for coordinate in starts[center]) for center in centers]
-
-
-def _local_parent(folder: storage.Folder) -> Path | None:
-    """Return where temporary files are written: on the file system of a local folder."""
-    if folder.local is None:
-        return None
-    folder.local.mkdir(parents=True, exist_ok=True)
-    return folder.local

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -94,14 +94,6 @@ class RecordedViews:
 NO_VIEWS = RecordedViews(())
 
 
-def views_by_state(rows: Sequence[Row]) -> dict[str, RecordedViews]:
-    """Return the requested views of captures, by state in the order of recording."""
-    of_state: dict[str, list[Row]] = defaultdict(list)
-    for row in rows:
-        of_state[row.state].append(row)
-    return {state: RecordedViews(group) for state, group in of_state.items()}
-
-
 def states_in_words(states: Collection[str]) -> str:
     """Return which states a recording holds captures of."""
     if not states:
@@ -191,7 +183,10 @@ class RecordedSource(Source):
         self._store, self._owns_store = Store(storage.fetch_file(path)), True
         try:
             rows = self._store.listing()
-            self._views = views_by_state(rows)
+            of_state: dict[str, list[Row]] = defaultdict(list)
+            for row in rows:
+                of_state[row.state].append(row)
+            self._views = {state: RecordedViews(group) for state, group in of_state.items()}
             missing_still = state == "" and "" not in self._views
             self._state = self._actual_states.get("", "") if missing_still else state
             self._check_holds(self._state)

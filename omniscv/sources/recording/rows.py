@@ -197,10 +197,6 @@ class Head(NamedTuple):
         return self._replace(captures=self.captures + len(more) - len(fewer), capture_sum=total)
 
 
-def _state_name(name: str, value: object) -> str:
-    return text(name, value) if value else ""
-
-
 @record(eq=False)
 class WorldState:
     """What is known of a state of the world: a row of ``state``.
@@ -214,7 +210,7 @@ class WorldState:
 
     instant: Instant | None = checked(optional(nested(Instant)), default=None)
     boxes: Mapping[str, ObjectBox] = checked(named(nested(ObjectBox)), default_factory=dict)
-    asked: str | None = checked(optional(_state_name), default=None)
+    asked: str | None = checked(optional(lambda name, value: value and text(name, value)), default=None)
     poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
 
     def object_poses(self) -> dict[str, Pose]:
@@ -249,11 +245,6 @@ class ObjectRow(NamedTuple):
     green: int
     blue: int
     instance: int | None
-
-
-def object_rows(table: ObjectTable) -> list[ObjectRow]:
-    """Return the rows of an object table, in the order of names."""
-    return [ObjectRow(name, *table.colors[name], table.ids.get(name)) for name in table.names()]
 
 
 def object_checksum(rows: Iterable[ObjectRow]) -> int:
@@ -296,11 +287,6 @@ def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
         if names.get(value, name) != name:
             return f"{shown(name)} is {value}, which was {shown(names[value])}"
     return ""
-
-
-def table_union(before: ObjectTable, after: ObjectTable) -> ObjectTable:
-    """Return the objects of two tables that agree."""
-    return ObjectTable({**before.colors, **after.colors}, after.tolerance, {**before.ids, **after.ids})
 
 
 def checked_json(data: Mapping[str, Any], *prefix: str) -> tuple[str, int]:
@@ -381,11 +367,10 @@ def scene_to_json(identity: SceneIdentity) -> str:
 
 def scene_from_json(text: Any) -> SceneIdentity:
     """Return a scene's identity as it is stored; DamagedRecordingError for anything else."""
-    data = object_from_json(text)
-    is_text = all(isinstance(part, str) for part in data.values())
-    if not is_text or not set(data) <= set(asdict(SceneIdentity())):
-        raise DamagedRecordingError(f"expected the texts 'name', 'level' and 'content', got {shown(text)}")
-    return SceneIdentity(**data)
+    try:
+        return read(SceneIdentity, object_from_json(text), "scene")
+    except ArgumentError as cause:
+        raise DamagedRecordingError(cause.message) from cause
 
 
 def scene_in_words(identity: SceneIdentity) -> str:

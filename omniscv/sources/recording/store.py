@@ -45,13 +45,11 @@ from omniscv.sources.recording.rows import (
     key_of,
     labelled_modes,
     object_checksum,
-    object_rows,
     object_table,
     scene_from_json,
     scene_in_words,
     scene_to_json,
     table_conflict,
-    table_union,
 )
 from omniscv.sources.world import Exposure, exposure_from_text
 
@@ -147,8 +145,10 @@ class Store:
         Raises:
             DamagedRecordingError: one is damaged or lost.
         """
+        statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
-            head, rows = self.head(), self._rows()
+            head = self.head()
+            rows = [*map(Row._make, self._query(f"{statement}{schema.most_captures(self._file)}"))]
             states = {name for (name,) in self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}")}
         with schema.errors_of(self.path, advice=_ADVICE):
             for row in rows:
@@ -251,12 +251,15 @@ class Store:
             conflict = table_conflict(before, table)
             if conflict and self.has_masks():
                 self._refuse(f"the mask colours of its object masks, but {conflict}")
-            after = table if conflict else table_union(before, table)
+            after = table
+            if not conflict:
+                colors, ids = {**before.colors, **table.colors}, {**before.ids, **table.ids}
+                after = ObjectTable(colors, table.tolerance, ids)
             strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
             if head.captures and strange:
                 known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
                 self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
-            table_rows = object_rows(after)
+            table_rows = [ObjectRow(name, *after.colors[name], after.ids.get(name)) for name in after.names()]
             if after != before:
                 database.execute("DELETE FROM object")
                 database.executemany("INSERT INTO object VALUES (?, ?, ?, ?, ?)", table_rows)
@@ -339,11 +342,6 @@ class Store:
                 states[name] = json_of_row(f"state {shown(name)}", read, content, crc, *prefix)
         return states
 
-    def _rows(self) -> list[Row]:
-        most = schema.most_captures(self._file)
-        rows = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT {most}")
-        return [*map(Row._make, rows)]
-
     def _refuse(self, expected: str) -> NoReturn:
         raise OtherSceneError(f"expected {expected}; record into another file", self.path)
 
@@ -391,7 +389,11 @@ class Store:
     def _open(self) -> sqlite3.Connection:
         with schema.errors_of(self.path, write=self._write):
             if self._write:
-                self._create_missing()
+                if kind_of(self._file) == "" or self._file.stat().st_size == 0:
+                    with written_for(self._file) as file:
+                        schema.create(file)
+                        publish_new(file, self._file)
+                remove_leftovers(self._file)
             elif (kind := kind_of(self._file)) != "a file":
                 got = kind or "nothing there; record one first"
                 raise NotARecordingError(f"expected a recording, got {got}")
@@ -408,13 +410,6 @@ class Store:
                 database.close()
                 raise
             return database
-
-    def _create_missing(self) -> None:
-        if kind_of(self._file) == "" or self._file.stat().st_size == 0:
-            with written_for(self._file) as file:
-                schema.create(file)
-                publish_new(file, self._file)
-        remove_leftovers(self._file)
 
 
 _open_stores: WeakSet[Store] = WeakSet()
