@@ -15,7 +15,8 @@ STEM.json                      camera, pose, options, source, versions, the blan
 objects.json                   label to object name and mask colour, of all images in the folder
 
 A modality that was registered is written as its row of :mod:`omniscv.modalities` has it. A mark that no pixel
-has (``blank``) has no file.
+has (``blank``) has no file. In the store ``fast`` every layer is an array of Blosc2, STEM.LAYER.b2nd; marks
+are 0 and 255 there, too.
 """
 
 import json
@@ -31,11 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
-from omniscv.arguments import shown, within
-from omniscv.errors import ArgumentError, BadReplyError, OmniscvError
+from omniscv.arguments import one_of, shown
+from omniscv.compose.reading import ARRAY
+from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
-from omniscv.storage import png
+from omniscv.storage import b2nd, png
 from omniscv.storage.bounded import MOST_JSON_BYTES, library_error, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
 
@@ -43,6 +45,8 @@ Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
 
 OBJECTS = "objects.json"
+STORES = ("files", "fast")
+"""How layers are stored: pictures that other programs read, or arrays for omniscv, torch and Blosc2."""
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
@@ -67,8 +71,13 @@ def formats() -> tuple[str, ...]:
     return tuple(_writers)
 
 
-def check_format(image_format: str) -> None:
-    """Raise ArgumentError unless a writer is registered for an image format."""
+def check_format(image_format: str, store: str = "files") -> None:
+    """Raise ArgumentError unless a writer is registered for an image format, and the store is known.
+
+    OmniscvError: the package of the store is missing.
+    """
+    if one_of("store", store, STORES) == "fast":
+        b2nd.package()
     if image_format not in formats():
         raise ArgumentError(f"image_format: expected one of {', '.join(formats())}; got {image_format!r}")
 
@@ -80,6 +89,7 @@ def write(
     out: Path,
     stem: str,
     image_format: str = "png",
+    store: str = "files",
 ) -> list[Path]:
     """Write an image's layers and its description.
 
@@ -90,22 +100,23 @@ def write(
         out: the folder; made if it is not there.
         stem: start of the file names.
         image_format: of colour.
+        store: one of :data:`STORES`.
 
     Returns:
         The files.
 
     Raises:
-        ArgumentError: an unknown format, a stem that is no file name, or a folder whose ``objects.json``
-            gives a label another object or mask colour.
+        ArgumentError: an unknown format or store, a stem that is no file name, or a folder whose
+            ``objects.json`` gives a label another object or mask colour.
         OmniscvError: a file cannot be written.
     """
     if not isinstance(stem, str) or not stem or stem != Path(stem).name:
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
-    check_format(image_format)
+    check_format(image_format, store)
     if objects is not None:
         _objects_with(out / OBJECTS, objects)  # refused before anything is written
     transfer = description.get("transfer", "unknown")
-    written = list(write_layers(layers, out, stem, image_format, transfer).values())
+    written = list(write_layers(layers, out, stem, image_format, transfer, store).values())
     facts = {**description, "blank": blank(layers), "versions": versions()}
     written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
@@ -120,6 +131,7 @@ def write_layers(
     stem: str,
     image_format: str = "png",
     transfer: str = "unknown",
+    store: str = "files",
 ) -> dict[str, Path]:
     """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
 
@@ -137,9 +149,10 @@ def write_layers(
     rows = [row for row in modalities.layers() if row.name in layers and row.name not in omitted]
     if transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8:
         rows = [replace(row, attributes=modalities.SRGB) if row.name == "lit" else row for row in rows]
+    suffixes = [_suffix(row, layers[row.name], image_format, store) for row in rows]
     pictures = [
-        (out / f"{stem}.{row.name}.{_suffix(row, layers[row.name], image_format)}", layers[row.name], row)
-        for row in rows
+        (out / f"{stem}.{row.name}.{suffix}", layers[row.name], row)
+        for row, suffix in zip(rows, suffixes, strict=True)
     ]
     written = side_by_side(lambda picture: write_picture(*picture), pictures)
     return {row.name: path for row, path in zip(rows, written, strict=True)}
@@ -154,106 +167,6 @@ def blank(layers: Mapping[str, NDArray[Any]]) -> list[str]:
 def versions() -> dict[str, str]:
     """Return the versions of the packages that the pixels of a file depend on."""
     return {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
-
-
-def read(path: Path, name: str) -> NDArray[Any]:
-    """Return a layer from a file that :func:`write` wrote, as it was in memory.
-
-    Args:
-        path: the file.
-        name: the layer's row of :mod:`omniscv.modalities`.
-
-    Raises:
-        ArgumentError: the file cannot be read, or is no such layer.
-    """
-    row = modalities.get(name)
-    with within(path):
-        pixels = _png_pixels(path, row) if path.suffix == ".png" else _other_pixels(path, row)
-        if not row.channels:
-            pixels = pixels[..., 0]
-        if row.mark:
-            pixels = pixels > 0
-        if row.file == "bound":
-            pixels = pixels.astype(np.float32)
-        if not row.fits(pixels):
-            got = f"{pixels.dtype} of shape {pixels.shape}"
-            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {name}, got {got}")
-    return pixels
-
-
-def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
-    """Raise ArgumentError unless a file is a picture of a layer in this width and height, px.
-
-    Only its header is read.
-    """
-    row = modalities.get(name)
-    if path.suffix == ".png":
-        header = _png_header(path, row)
-        width, height = header.width, header.height
-    else:
-        spec = _opened(path, row).spec()
-        width, height = spec.width, spec.height
-    if size != (width, height):
-        wanted = f"expected {size[0]}x{size[1]} px, as its camera has"
-        raise ArgumentError(f"{wanted}, got {width}x{height}")
-
-
-def _png_header(path: Path, row: modalities.Modality) -> png.Header:
-    """Return the header of a layer's PNG. Not by OpenImageIO: its library prints what is wrong with a PNG."""
-    try:
-        with path.open("rb") as file:
-            header = png.header(file.read(png.HEADER_BYTES))
-    except (OSError, BadReplyError) as fault:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
-    _check_kind(row, header.channels, f"uint{header.bits}", header.width, header.height)
-    return header
-
-
-def _png_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    header = _png_header(path, row)
-    try:
-        payload = read_bytes(
-            path, _SPARE_BYTES + header.channels * header.bits * header.width * header.height // 4
-        )
-        return png.decode(payload, header.bits)
-    except BadReplyError as fault:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
-
-
-def _other_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    import OpenImageIO
-
-    pixels: NDArray[Any] | None = _opened(path, row).read_image("unknown")
-    if pixels is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
-    return pixels
-
-
-def _opened(path: Path, row: modalities.Modality) -> Any:
-    """Return the open picture of a layer, of which only the header was read: no pixels take memory yet."""
-    import OpenImageIO
-
-    source = OpenImageIO.ImageInput.open(str(path))
-    if source is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
-    suffix, spec = path.suffix.removeprefix("."), source.spec()
-    if (form := source.format_name()) != _FORMS.get(suffix, form):
-        raise ArgumentError(f"expected {suffix.upper()}, as its name says, got {form}")
-    channels = spec.nchannels if spec.depth == 1 else 0
-    _check_kind(row, channels, str(spec.format), spec.width, spec.height)
-    return source
-
-
-def _check_kind(row: modalities.Modality, channels: int, dtype: str, width: int, height: int) -> None:
-    if channels != (row.channels or 1):
-        got = f"{dtype} of shape {(height, width, channels)}"
-        raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
-
-
-_FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr"}
-"""Names of OpenImageIO, which would read any other form under these suffixes, too."""
-
-_SPARE_BYTES = 1 << 20
 
 
 def _write_objects(path: Path, objects: ObjectTable) -> Path:
@@ -289,7 +202,9 @@ def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | No
     return existing, dict(merged)
 
 
-def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -> str:
+def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str, store: str) -> str:
+    if store == "fast":
+        return ARRAY
     if row.file == "picture":
         return "exr" if pixels.dtype.kind == "f" else image_format
     return "exr" if row.file == "bound" else row.file
@@ -298,7 +213,8 @@ def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str) -
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
     """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
     with whole_file(path) as part:
-        _writers[path.suffix.removeprefix(".")](part, pixels, row)
+        writer = _array if path.suffix == f".{ARRAY}" else _writers[path.suffix.removeprefix(".")]
+        writer(part, pixels, row)
     return path
 
 
@@ -309,6 +225,11 @@ def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     except ArgumentError as cause:
         raise OmniscvError(f"{path.name}: {cause}") from cause
     path.write_bytes(encoded)
+
+
+def _array(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    stored = pixels.view(np.uint8) * np.uint8(255) if row.mark else pixels
+    path.write_bytes(b2nd.encode(_rounded_up(pixels) if row.file == "bound" else stored))
 
 
 def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:

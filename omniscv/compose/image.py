@@ -166,20 +166,23 @@ class OmniImage:
         centers_w = np.broadcast_to(self.centers_w, (*seen.shape, 3))[seen]
         return centers_w + self.depth[seen, None].astype(np.float64) * directions_w
 
-    def save(self, out: str | Path, stem: str = "image", image_format: str = "png") -> list[Path]:
+    def save(
+        self, out: str | Path, stem: str = "image", image_format: str = "png", store: str = "files"
+    ) -> list[Path]:
         """Write the layers into a folder; see :mod:`omniscv.compose.files`.
 
         Args:
             out: the folder; made if it is not there.
             stem: start of the file names.
             image_format: ``png``, ``jxl`` (lossless) or ``jpg``, for lit.
+            store: ``files``, pictures that other programs read; ``fast``, arrays of Blosc2.
 
         Returns:
             The files, each written whole or not at all.
         """
         from omniscv.compose.files import write
 
-        return write(self.layers, self.description(), self.objects, Path(out), stem, image_format)
+        return write(self.layers, self.description(), self.objects, Path(out), stem, image_format, store)
 
     def to_srgb(self) -> NDArray[np.uint8]:
         """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.dataset.pictures import reference
 from omniscv.frame import Frame
 from omniscv.storage.local import whole_file
 from omniscv.truth import rle
@@ -48,7 +49,7 @@ def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
     """Return the entry of ``images`` of a frame; its file's name is relative to a folder."""
     return {
         "id": number,
-        "file_name": frame.reference("lit" if "lit" in frame.files else "labels", out),
+        "file_name": reference(frame, "lit" if "lit" in frame.files else "labels", out),
         "width": frame.camera.width,
         "height": frame.camera.height,
         "key": frame.key,

@@ -12,13 +12,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv.arguments import within
 from omniscv.cameras import Camera, Pinhole, from_dict
-from omniscv.compose.files import write_json, write_picture
+from omniscv.compose.files import write_json, write_layers, write_picture
 from omniscv.compose.pictures import uint8_colors
+from omniscv.compose.reading import ARRAY
 from omniscv.errors import ArgumentError
-from omniscv.frame import Frame
+from omniscv.frame import IMAGE, Frame
+from omniscv.frame.files import relative
 from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
+from omniscv.records import mapping
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import whole_file
 
 _READABLE = (".png", ".jpg", ".jpeg")
@@ -53,6 +58,35 @@ def write_color(path: Path, frame: Frame) -> Path:
     with whole_file(path) as part:
         shutil.copyfile(lit, part)
     return path
+
+
+def reference(frame: Frame, kind: str, out: Path) -> str:
+    """Return the name of a layer's picture as seen from a folder, or its URL.
+
+    An array of the store ``fast`` is written as a picture into the folder's ``images``.
+    """
+    entry = frame.entries.get(kind)
+    if entry is None or not entry.path.endswith(f".{ARRAY}"):
+        return frame.reference(kind, out)
+    return relative(_write_arrays(frame, [kind], out / "images")[kind], out)
+
+
+def copy_files(frame: Frame, folder: Path) -> dict[str, Path]:
+    """Copy the files of a frame into a folder, and return them by kind; arrays become pictures."""
+    arrays = [kind for kind, path in frame.files.items() if path.suffix == f".{ARRAY}"]
+    copied = _write_arrays(frame, arrays, folder)
+    for kind, path in frame.files.items():
+        if kind not in arrays:
+            copied[kind] = Path(shutil.copyfile(path, folder / path.name))
+    return copied
+
+
+def _write_arrays(frame: Frame, kinds: Sequence[str], folder: Path) -> dict[str, Path]:
+    """Write layers as they would be in the store ``files``."""
+    with within(frame.key):
+        described = mapping(IMAGE, parse_json(read_bytes(frame.files[IMAGE], MOST_JSON_BYTES)))
+    transfer = described.get("transfer", "unknown")
+    return write_layers(frame.layers(*kinds), folder, frame.key, transfer=transfer)
 
 
 def without_limit(camera: Camera) -> Camera:

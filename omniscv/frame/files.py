@@ -19,7 +19,8 @@ from typing import Any
 
 from omniscv import modalities, plugins
 from omniscv.arguments import shown, text, whole_number, within
-from omniscv.compose.files import check_header, formats
+from omniscv.compose.files import formats
+from omniscv.compose.reading import ARRAY, check_header
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular
@@ -113,16 +114,16 @@ def read_entries(
 def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
     """Return, by the kinds of files that a frame may have, how their names go on after its key.
 
-    Layers are pictures, all else is JSON: loaders choose what to do with a file by its suffix, and for some
-    they run what it holds.
+    Layers are pictures or arrays, all else is JSON: loaders choose what to do with a file by its suffix, and
+    for some they run what it holds.
 
     Args:
         records: the kinds that are files of records.
     """
     plugins.load()
-    pictures = (*formats(), "exr")
+    suffixes = (*formats(), "exr", ARRAY)
     layers = {
-        row.name: frozenset(f".{row.name}.{suffix}" for suffix in pictures) for row in modalities.layers()
+        row.name: frozenset(f".{row.name}.{suffix}" for suffix in suffixes) for row in modalities.layers()
     }
     return {**layers, **{kind: frozenset([f".{kind}.json"]) for kind in records}, IMAGE: frozenset([".json"])}
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.arguments import one_of, optional_number, shown, stem, within
 from omniscv.cameras import Camera
-from omniscv.compose.files import read
+from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
 from omniscv.frame.files import FileEntry, FrameFiles, read_entries, relative

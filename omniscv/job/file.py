@@ -170,6 +170,12 @@ class _Keys:
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
     image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
+    store: str = checked(
+        one_of,
+        words=("files", "fast"),
+        default="files",
+        help="how layers are stored: files (pictures), or fast (arrays of Blosc2, by the extra fast)",
+    )
     motions: Mapping[str, Motion] | None = checked(
         read_motions,
         default=None,
@@ -335,6 +341,7 @@ def read(description: object, folder: Path) -> Job:
         record=keys.record,
         options=options,
         image_format=keys.image_format,
+        store=keys.store,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
         recipe=_recipe(keys),
         rig=keys.rig,

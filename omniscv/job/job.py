@@ -36,6 +36,7 @@ class Job:
         record: a recording that captures are taken from and added to.
         options: of every image.
         image_format: of colour.
+        store: of layers: ``files`` or ``fast``, see :mod:`omniscv.compose.files`.
         source_options: as :func:`omniscv.open_source`.
         times: of the poses, seconds; None if they are not known.
         places: of the poses, see :class:`omniscv.job.recipe.Split`; None if they are not known.
@@ -74,6 +75,7 @@ class Job:
     assumed: str = ""
     sensor: Sensor | None = None
     brackets: tuple[float, ...] = ()
+    store: str = "files"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))

@@ -32,7 +32,7 @@ def check(job: Job) -> Contents:
         ArgumentError: no such strategy, image format, truth or format of datasets, or wrong classes.
     """
     planning.get(job.options.strategy)
-    check_format(job.image_format)
+    check_format(job.image_format, job.store)
     return Contents.of(job)
 
 
@@ -185,6 +185,8 @@ class Contents:
     def settings(self, job: Job) -> dict[str, Any]:
         """Return what the manifest holds of a job: all that its frames depend on, but addresses and paths."""
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
+        if job.store != "files":
+            options["store"] = job.store
         if job.exposure != Exposure():
             options["exposure"] = asdict(job.exposure)
         if job.brackets:

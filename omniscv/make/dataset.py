@@ -210,6 +210,7 @@ def _run(
             job.out,
             resume=True,
             image_format=job.image_format,
+            store=job.store,
             begun=begun,
             closed=part.count > 1,
             media=job.recipe.media,

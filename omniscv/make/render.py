@@ -84,7 +84,7 @@ def run(
                     for line in warnings_of(frame.key, image):
                         warn(line)
                 written += saving.result() if saving else []
-                saving = saver.submit(image.save, job.out, stem=frame.key, image_format=job.image_format)
+                saving = saver.submit(image.save, job.out, frame.key, job.image_format, job.store)
         written += saving.result() if saving else []
     return written
 

@@ -7,6 +7,7 @@ import importlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -110,16 +111,20 @@ def maps(width: int) -> dict[str, Callable[[], object]]:
 def frames(folder: Path, count: int, width: int) -> Iterator[Figure]:
     """Compose a sequence from a recording into files: lit, object_mask, labels, depth and their marks."""
     jobs.capture(sequence(folder, "mock://four-wall", 1, width), folder / "room.sqlite")
-    for frames in (2, count):  # the first compiles
-        job = sequence(folder, str(folder / "room.sqlite"), frames, width)
-        started, used = time.perf_counter(), time.process_time()
-        jobs.run(job)
-        seconds, used = time.perf_counter() - started, time.process_time() - used
-    size = sum(path.stat().st_size for path in Path(job.out).iterdir()) / count
-    title = f"sequence of {width}x{width // 2}: lit, mask, labels, depth, marks, in files"
-    yield Figure(title, "frames", "1/s", count / seconds, limit=Reference("goal", 10))
-    yield Figure(title, "processor time of a frame", "ms", 1e3 * used / count, limit=Reference("goal", 150))
-    yield Figure(title, "size of a frame", "MB", size / 1e6, limit=Reference("goal", 5))
+    for store in ("files", "fast"):
+        for number in (2, count):  # the first compiles
+            job = sequence(folder, str(folder / "room.sqlite"), number, width)
+            job = replace(job, store=store, out=folder / f"{store}-{number}")
+            started, used = time.perf_counter(), time.process_time()
+            jobs.run(job)
+            seconds, used = time.perf_counter() - started, time.process_time() - used
+        size = sum(path.stat().st_size for path in Path(job.out).iterdir()) / count
+        title = f"sequence of {width}x{width // 2}: lit, mask, labels, depth, marks, store: {store}"
+        yield Figure(title, "frames", "1/s", count / seconds, limit=Reference("goal", 10))
+        yield Figure(
+            title, "processor time of a frame", "ms", 1e3 * used / count, limit=Reference("goal", 150)
+        )
+        yield Figure(title, "size of a frame", "MB", size / 1e6, limit=Reference("goal", 5))
 
 
 def sequence(folder: Path, source: str, frames: int, width: int) -> jobs.Job:

@@ -55,6 +55,15 @@ def made():
     return job.out, dict(contents(dataset.open(job.out)))
 
 
+@cache
+def stores():
+    """The folder of that dataset, and of the same in the store ``fast``."""
+    out, _ = made()
+    job = jobs.load(job_file(out.parent, out="fast", more=f"{MORE}store: fast\n"))
+    jobs.make(job)
+    return out, job.out
+
+
 def contents(frames):
     """Yield key, kind and content of everything that frames hold."""
     for frame in frames:
@@ -129,7 +138,7 @@ def used(rng, work, changed):
 
 def case(rng, folder):
     """A spoiled dataset is refused, by every reader, or is what was made."""
-    true, _ = made()
+    true = rng.choice(stores())
     with nothing_left(folder) as work:
         shutil.copytree(true, work / "room")
         changed = [spoil(rng, work / "room") for _ in range(rng.choice([1, 1, 2, 3]))]
@@ -203,7 +212,7 @@ def picture():
 
 def shards(rng, folder):
     """Shards that are damaged, or packed by others, give the samples that were packed, or are refused."""
-    true, _ = made()
+    true = rng.choice(stores())
     with nothing_left(folder) as work:
         shutil.copytree(true / "exports" / "webdataset", work / "shards")
         listing = work / "shards" / "shards.json"

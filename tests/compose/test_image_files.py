@@ -19,6 +19,7 @@ from support.full_disk import largest_file
 import mock_server
 import omniscv
 from omniscv.compose import files
+from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.sources.scene import SceneSource
 
@@ -269,7 +270,7 @@ def test_layers_read_back_are_those_in_memory(image, tmp_path, image_format):
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["blank"] == ["unsure"]
     for name in image.layers.keys() - {"unsure"}:
         (path,) = (each for each in tmp_path.glob(f"a.{name}.*"))
-        again, layer = files.read(path, name), image[name]
+        again, layer = read(path, name), image[name]
         assert again.dtype == layer.dtype
         if name == "depth_error":
             assert (again >= layer).all()
@@ -277,9 +278,9 @@ def test_layers_read_back_are_those_in_memory(image, tmp_path, image_format):
         else:
             np.testing.assert_array_equal(again, layer)
     with pytest.raises(ArgumentError, match="expected float32 pixels of depth"):
-        files.read(tmp_path / "a.object_mask.png", "depth")
+        read(tmp_path / "a.object_mask.png", "depth")
     with pytest.raises(ArgumentError, match="expected a picture of depth"):
-        files.read(tmp_path / "nothing.exr", "depth")
+        read(tmp_path / "nothing.exr", "depth")
 
 
 def as_half_floats(bounds):
@@ -294,6 +295,4 @@ def test_bounds_are_rounded_up_to_half_floats(tmp_path):
     ends = [0, 1e-45, 6e-8, 6.1e-5, 1 / 3, 1, 65504, 65505, 65519, 65520, 3e38, np.inf]
     bounds = np.array([*spread, *ends], np.float32)[None]
     files.write({"depth_error": bounds}, {}, None, tmp_path, "a")
-    np.testing.assert_array_equal(
-        files.read(tmp_path / "a.depth_error.exr", "depth_error"), as_half_floats(bounds)
-    )
+    np.testing.assert_array_equal(read(tmp_path / "a.depth_error.exr", "depth_error"), as_half_floats(bounds))

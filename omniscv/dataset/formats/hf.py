@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ import yaml
 
 from omniscv.arguments import label
 from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.pictures import copy_files
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE, Frame
 from omniscv.records import checked, record
@@ -50,16 +50,16 @@ class Hf(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: HfOptions) -> list[Path]:
         """Write the folders and the card; ArgumentError for colour that Pillow does not read."""
         rows: dict[str, list[dict[str, Any]]] = {}
-        written = []
+        written: list[Path] = []
         for frame in sorted(frames, key=lambda frame: frame.key):
             if not _SPLIT.fullmatch(split := _SPLITS.get(frame.split, frame.split)):
                 wanted = "expected a split of letters, digits and underscores, as Hugging Face reads it"
                 raise ArgumentError(f"{frame.key}: {wanted}, got {split!r}")
             folder = out / split
             folder.mkdir(parents=True, exist_ok=True)
-            rows.setdefault(folder.name, []).append(_row(frame))
-            for path in frame.files.values():
-                written.append(Path(shutil.copyfile(path, folder / path.name)))
+            files = copy_files(frame, folder)
+            rows.setdefault(folder.name, []).append(_row(frame, files))
+            written += files.values()
         columns = _columns([row for of_split in rows.values() for row in of_split])
         for split, of_split in rows.items():
             lines = [json.dumps({key: row[key] for key in columns}, allow_nan=False) for row in of_split]
@@ -76,16 +76,16 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return sorted(set[str]().union(*keys).intersection(*keys), key=lambda key: (key != "file_name", key))
 
 
-def _row(frame: Frame) -> dict[str, Any]:
+def _row(frame: Frame, files: Mapping[str, Path]) -> dict[str, Any]:
     """A line of ``metadata.jsonl``."""
-    colour = frame.files["lit"]
+    colour = files["lit"]
     if colour.suffix not in _PICTURES:
         raise ArgumentError(
             f"{frame.key}: expected colour as one of {', '.join(_PICTURES)}, which Pillow reads; got "
             f"{colour.name}; make it with image_format: png"
         )
     row: dict[str, Any] = {"file_name": colour.name}
-    for kind, path in frame.files.items():
+    for kind, path in files.items():
         if kind not in ("lit", IMAGE):
             row[f"{kind}_file_name" if path.suffix in _PICTURES else f"{kind}_path"] = path.name
     return row | {
