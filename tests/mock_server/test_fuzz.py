@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from support.cases import cases
 
 from mock_server import faults
-from mock_server.dialects import BY_NAME
 from mock_server.protocol import MAGIC, MAX_PAYLOAD, FrameError, frame, read_frame
 from omniscv.errors import BadReplyError
 from omniscv.sources.unreal import client
@@ -68,15 +67,6 @@ def test_any_stream_is_read_to_its_end_or_refused(read, largest, at_once, data, 
 
 
 @both
-@cases(30)
-@given(st.lists(st.binary(min_size=1, max_size=200), max_size=8), st.integers(1, 50))
-def test_frames_come_out_as_they_went_in(read, largest, at_once, payloads, piece):
-    wire = Wire(b"".join(map(frame, payloads)), piece)
-    assert [read(wire) for _ in payloads] == payloads
-    assert read(wire) is None
-
-
-@both
 def test_a_frame_that_claims_4_gb_or_nothing_is_refused(read, largest, at_once):
     for size in (0, largest + 1, (1 << 32) - 1):
         with pytest.raises(REFUSED):
@@ -123,25 +113,6 @@ def test_any_command_is_answered(name, start, open_raw):
     answered = example("vget /unrealcv/echo ")(answered)  # regression: a late reply was empty on 0.3.10
     answered()
     assert client.text("vget /unrealcv/version") in ("0.3.10", "1.0.1")
-
-
-@pytest.mark.parametrize("name", ["L", "M", "N1", "N2"])
-@cases(20)
-@given(payload=st.binary(max_size=60) | st.from_regex(rb"\d{0,12}:vget /[a-z/0-9]{0,20}", fullmatch=True))
-def test_any_request_is_parsed_or_not(name, payload):
-    kind = BY_NAME[name]
-    parsed = kind.parse(OBJECTS[name], payload)
-    refusal = kind.malformed(OBJECTS[name], payload)
-    if parsed is None:
-        assert refusal is None or isinstance(refusal, bytes)
-    else:
-        identity, text = parsed
-        assert -(1 << 31) <= identity < 1 << 31
-        assert isinstance(text, str)
-
-
-OBJECTS = {name: object.__new__(kind) for name, kind in BY_NAME.items()}
-"""Dialects without a world: parsing needs none."""
 
 
 def test_a_server_serves_on_after_any_stream(start, open_raw):

@@ -53,11 +53,7 @@ SERVERS = {
     ("name", "number", "ignored"),
     [
         ("mock_server", signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
-        pytest.param("mock_server", signal.SIGTERM, [], marks=pytest.mark.soak),
-        pytest.param("mock_server", signal.SIGHUP, [], marks=pytest.mark.soak),
-        pytest.param("omniscv serve", signal.SIGINT, [signal.SIGINT], marks=pytest.mark.soak),
         ("omniscv serve", signal.SIGTERM, [signal.SIGHUP]),
-        pytest.param("omniscv serve", signal.SIGHUP, [signal.SIGINT], marks=pytest.mark.soak),
     ],
 )
 def test_the_first_signal_stops_it_quietly_with_a_client_connected(name, number, ignored, tmp_path):

@@ -1,14 +1,12 @@
 """Scenes that move: ``scene.at`` against scenes that are described where the objects have gone."""
 
 import copy
-import pickle
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import mock_server
 from mock_server import Scene
 
 RED = {"kind": "plain", "colors": [[0.8, 0.2, 0.1]]}
@@ -102,23 +100,6 @@ def test_waypoints_repeat_their_round(time, rounds):
         assert got == pytest.approx(expected, abs=1e-9)
 
 
-@given(times)
-def test_a_still_scene_is_itself_at_any_time(time):
-    still = scene(None)
-    assert still.at(time) is still
-    assert not still.moving
-
-
-@settings(max_examples=20)
-@given(first=times, then=times)
-def test_a_time_does_not_depend_on_the_times_before(first, then):
-    moving = mock_server.load_scene("workshop")
-    at_once, later = moving.at(then), moving.at(first).at(then)
-    assert np.array_equal(at_once.solids, later.solids)
-    assert at_once.time == later.time == then
-    assert at_once.digest() == moving.digest()
-
-
 def test_poses_place_objects_whatever_the_time():
     """A quarter turn about Y, which no motion makes: the box's length stands upright."""
     R = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
@@ -146,21 +127,6 @@ def test_textures_move_with_their_objects():
     white = still.color[seen, 0] > 0
     assert 0.2 < white.mean() < 0.8
     assert np.array_equal(white, moved.color[seen, 0] > 0)
-
-
-def test_a_wall_that_is_elsewhere_leaves_no_room():
-    room = mock_server.load_scene("four-wall")
-    moved = room.at(0.0, {"Layout_Wall_1": (np.eye(3), (0, 0, 9))})
-    assert moved.room is None
-    assert moved.at(0.0).room is room.room
-
-
-def test_motions_are_in_the_digest_and_survive_pickling():
-    slow, fast = (scene({"kind": "steady", "velocity": [v, 0, 0]}) for v in (1, 2))
-    assert slow.digest() != fast.digest()
-    assert np.array_equal(slow.solids, fast.solids)
-    copied = pickle.loads(pickle.dumps(fast))  # noqa: S301 - our own bytes
-    assert np.array_equal(copied.at(2.5).solids, fast.at(2.5).solids)
 
 
 @pytest.mark.parametrize("time", [np.nan, np.inf, -2e9])

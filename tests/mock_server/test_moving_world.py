@@ -13,7 +13,6 @@ SIZE, STEP = (20, 16), 0.05
 CENTER = (0, 0, 130)
 MODERN = ("M", "N1", "N2", "N3")
 SCENE = mock_server.load_scene("workshop")
-FACES = [(0, 0, 0), (0, 90, 0), (0, 180, 0), (0, -90, 0), (80, 0, 0), (-80, 0, 0)]
 
 
 @pytest.fixture
@@ -82,35 +81,11 @@ def test_the_clock_advances_by_a_step_in_each_frame_and_captures_show_its_time(w
         assert not shows(client, image, SCENE.at(now + 4 * STEP), (0, 60, 0))
 
 
-@pytest.mark.parametrize("dialect", ["L", *MODERN])
-def test_faces_of_a_running_world_are_torn_and_those_of_a_paused_one_are_not(world, dialect):
-    server, client = world(dialect, time_step_s=0.25)
-    running, start = [], 0.25 * server.statistics.total("")
-    for face in FACES[:4]:
-        look(client, face)
-        running.append(depth(client))
-    assert not all(
-        shows(client, image, SCENE.at(start), face) for face, image in zip(FACES, running, strict=False)
-    )
-    client.ask("vset /action/game/pause")
-    client.settle()
-    now = server.world.time_s
-    for face in FACES:
-        look(client, face)
-        assert shows(client, depth(client), SCENE.at(now), face)
-    assert server.world.time_s == now
-
-
 def test_frames_end_by_themselves(start, open_raw):
     server = start("workshop", frames_per_s=1000, time_step_s=0.25, size=(8, 8))
     open_raw(server)
     while server.world.time_s < 1:  # else the suite's time limit is over
         time.sleep(0.001)
-
-
-def test_a_clock_begins_at_the_scenes_time(open_raw):
-    with mock_server.serve(SCENE.at(2.5), size=(8, 8), frames_per_s=1e-3) as server:
-        assert place_of(open_raw(server)) == pytest.approx(crate(SCENE.at(2.5)), abs=1e-3)
 
 
 @pytest.mark.parametrize("dialect", ["L", *MODERN])
@@ -128,34 +103,6 @@ def test_slow_motion(world, dialect):
 # Pause
 
 
-def test_pause_of_l_goes_on_when_it_is_sent_again(world):
-    server, client = world("L")
-    unknown = "error Can not find a handler for URI 'vset /action/game/resume'"
-    assert client.text("vset /action/game/resume") == unknown
-    assert client.text("vget /action/game/is_paused") == unknown.replace("vset", "vget").replace(
-        "resume", "is_paused"
-    )
-    for paused in (True, False, True):
-        assert client.text("vset /action/game/pause") == "ok"
-        assert stands(server, client) == paused
-
-
-@pytest.mark.parametrize("dialect", MODERN)
-def test_pause_of_the_others_stays_until_it_is_resumed(world, dialect):
-    server, client = world(dialect)
-    for command, paused in (("pause", True), ("pause", True), ("resume", False), ("resume", False)):
-        assert client.text(f"vset /action/game/{command}") == "ok"
-        assert client.text("vget /action/game/is_paused") == str(paused).lower()
-        assert stands(server, client) == paused
-
-
-def stands(server, client):
-    client.settle()
-    before = server.world.time_s
-    client.settle()
-    return server.world.time_s == before
-
-
 def test_the_camera_of_l_follows_its_pawn_while_paused_and_its_rotation_is_not_limited(world):
     _, client = world("L")
     client.ask("vset /action/game/pause")
@@ -169,18 +116,6 @@ def test_the_camera_of_l_follows_its_pawn_while_paused_and_its_rotation_is_not_l
 
 
 # Objects that move
-
-
-@pytest.mark.parametrize("dialect", ["L", *MODERN])
-def test_where_moving_objects_are(world, dialect):
-    server, client = world(dialect)
-    client.ask("vset /action/game/pause")
-    client.settle()
-    there = SCENE.at(server.world.time_s)
-    assert place_of(client) == pytest.approx(crate(there), abs=6e-3)
-    yaw = -45 * server.world.time_s  # of the turntable, by its description; Unreal's yaw is to the right
-    turn = [float(each) for each in client.text("vget /object/Turntable/rotation").split()]
-    assert turn == pytest.approx([0, yaw, 0], abs=6e-3)
 
 
 @pytest.mark.parametrize("dialect", ["L", *MODERN])
@@ -200,26 +135,6 @@ def test_a_moving_object_stays_where_it_is_put_until_the_clock_goes_on(world, di
     before = server.world.time_s
     x = place_of(client)[0]
     assert crate(SCENE.at(before + STEP))[0] - 0.01 <= x <= crate(SCENE.at(before - STEP))[0] + 0.01
-
-
-@pytest.mark.parametrize(("dialect", "frames"), [("L", 1), *((each, 0) for each in MODERN)])
-def test_a_move_is_seen_in_the_next_frame_but_in_l_in_the_one_after(world, dialect, frames):
-    _, client = world(dialect)
-    client.ask("vset /action/game/pause")
-    look(client)
-    before = depth(client)
-    client.ask("vset /object/Crate/location 150.0 0.0 130.0")
-    same = [np.array_equal(depth(client), before) for _ in range(frames + 1)]
-    assert same == [True] * frames + [False]
-
-
-def test_a_batch_of_n2_is_of_one_time(world):
-    server, client = world("N2")
-    look(client, (0, 60, 0))
-    now = next_time(server) + STEP  # a frame for the announcement
-    images = batch(client, 5)
-    assert all(np.array_equal(image, images[0]) for image in images)
-    assert any(shows(client, images[0] / 100, SCENE.at(now + k * STEP), (0, 60, 0)) for k in range(6))
 
 
 def batch(client, count):
@@ -243,24 +158,3 @@ def test_a_tick_in_the_middle_of_a_batch(world):
     client.ask("vset /action/game/pause")
     first, *others = batch(client, 8)
     assert all(np.array_equal(first, each) for each in others)
-
-
-@pytest.mark.parametrize(("dialect", "frames"), [("L", 5), ("N1", 4)])
-def test_a_world_that_lags_behind_moves(world, dialect, frames):
-    _, client = world(dialect, faults=["late-objects=4"])
-    client.ask("vset /action/game/pause")
-    look(client)
-    for _ in range(6):
-        before = depth(client)
-    client.ask("vset /object/Crate/location 150.0 0.0 130.0")
-    same = [np.array_equal(depth(client), before) for _ in range(8)]
-    assert same == [True] * frames + [False] * (8 - frames)
-
-
-@pytest.mark.parametrize("dialect", ["L", "N1"])
-def test_a_world_that_ignores_pause(world, dialect):
-    server, client = world(dialect, faults=["ignore-pause"])
-    assert client.text("vset /action/game/pause") == "ok"
-    assert not stands(server, client)
-    if dialect != "L":
-        assert client.text("vget /action/game/is_paused") == "true"

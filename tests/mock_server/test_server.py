@@ -3,14 +3,12 @@
 import contextlib
 import re
 import socket
-import struct
 import time
 
 import pytest
 
 import mock_server
 from mock_server.engine import MAX_WAITING, Statistics
-from mock_server.protocol import MAGIC, MAX_PAYLOAD
 
 
 @pytest.mark.parametrize(
@@ -79,14 +77,6 @@ def test_a_client_that_sends_and_does_not_read_is_dropped_within_a_bound(start, 
     assert open_raw(server).text("vget /scene/name") == "four-wall"
 
 
-def test_a_request_larger_than_the_bound_is_refused_before_it_is_kept(start, open_raw):
-    server = start()
-    rude = open_raw(server)
-    rude.socket.sendall(struct.pack("<II", MAGIC, MAX_PAYLOAD + 1))
-    assert rude.socket.recv(1) == b""
-    assert open_raw(server).text("vget /scene/name") == "four-wall"
-
-
 def test_very_many_different_commands_are_counted_in_little_memory():
     statistics = Statistics()
     for number in range(100_050):
@@ -124,24 +114,3 @@ def test_long_commands_take_a_time_in_proportion_to_their_length(dialect, start,
         assert client.frame().startswith(b"error: Malformat raw message '111")
     assert client.text("vget /scene/name") == "four-wall"
     assert time.process_time() - started < 10
-
-
-def test_where_the_unix_socket_cannot_be_the_server_ends_with_a_message(start, open_raw):
-    server = start(platform="linux", dialect="N1")
-    server.unix_path.mkdir()
-    try:
-        open_raw(server).socket.close()
-        while server.running:  # else the suite's time limit is over
-            time.sleep(0.01)
-    finally:
-        server.unix_path.rmdir()
-    assert re.fullmatch(r"expected to go on listening; /tmp/\S+.socket: Is a directory", server.fault)
-
-
-def test_the_cameras_of_a_server_can_be_counted(start, open_raw):
-    server = start()
-    client = open_raw(server)
-    client.text("vset /cameras/spawn")
-    assert [camera.actor for camera in server.world.cameras] == ["", "FusionCameraActor_0"]
-    client.text("vset /object/FusionCameraActor_0/destroy")
-    assert len(server.world.cameras) == 1
