@@ -4,9 +4,6 @@
 With ``--record-mode=rewrite`` these tests make the recordings (``scripts/make-captures``).
 """
 
-import hashlib
-import json
-from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +11,7 @@ import pytest
 
 import mock_server
 import omniscv
-from omniscv.sources import Request
 from omniscv.sources.recording.inspection import info, verify
-from omniscv.sources.recording.rows import view_from_json
-from omniscv.sources.recording.store import Store
 
 ROOMS = ("four-wall", "six-wall")
 FACE_PX, STRIP_FACE_PX = 192, 56
@@ -85,42 +79,3 @@ def test_kept_recordings_are_whole_and_small(recorded_dir):
         assert verify(file).ok
         assert info(file).scenes == [file.stem]
         assert info(file).captures.keys() == {"lit", "object_mask", "depth", "normals"}
-
-
-DECODED = {
-    "four-wall": {
-        "lit": {0: "f75cdf813adb13dc", 194: "6abd8af62a57d714", 291: "53f995633694983d"},
-        "object_mask": {6: "3da42275b2d9df16", 34: "02d1717f80ac0511"},
-        "depth": {12: "fd1026d7feb3ad3c", 40: "3713e4b4926550b1"},
-        "normals": {18: "e64ea27e5b8b4739", 46: "7e2ae5b7a7e8333c"},
-    },
-    "six-wall": {
-        "lit": {0: "65faffd7e5b79881", 194: "b746fdff8b422bbc", 291: "028e1eba9bf5a2e0"},
-        "object_mask": {6: "df8982fce245b1f0", 34: "bc6147ccdde601c1"},
-        "depth": {12: "7a7a5db5cabf955b", 40: "e5612f5c0de9eab3"},
-        "normals": {18: "311c7c2ac70460da", 46: "1ccbf606197612d1"},
-    },
-}
-"""Beginnings of the SHA-256 of pixels, by mode and row, as decoded at 07d31f4 (``normal`` then)."""
-
-COLORS = {"four-wall": (20, "836c4c467cf983af"), "six-wall": (22, "a30a148dc504569c")}
-
-
-@pytest.mark.block_network
-@pytest.mark.parametrize("room", ROOMS)
-def test_kept_recordings_replay_to_the_pixels_of_the_first_version(room, recorded_dir):
-    """They were recorded by the first version, and converted."""
-    path = recorded_dir / f"{room}.sqlite"
-    with closing(Store(path)) as store:
-        views = [view_from_json(row.asked) for row in store.listing()]
-    with omniscv.open_source(path) as replay:
-        for mode, hashes in DECODED[room].items():
-            captures = replay.capture(Request(views[row], mode) for row in hashes)
-            assert [digest(capture.pixels.tobytes()) for capture in captures] == list(hashes.values())
-        table = replay.objects()
-        assert (table.tolerance, table.ids) == (3, {})
-        assert (len(table.colors), digest(json.dumps(sorted(table.colors.items())).encode())) == COLORS[room]
-
-
-def digest(data):
-    return hashlib.sha256(data).hexdigest()[:16]

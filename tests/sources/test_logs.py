@@ -144,16 +144,6 @@ def test_a_file_without_its_log_holds_nothing_wrong(left, tmp_path):
         assert contents(alone)[1] == wanted[1]
 
 
-def test_two_files_change_names(left, other, tmp_path):
-    """Each file takes the other's name, with its log: both are opened as they were."""
-    path, wanted = left
-    for file in list(path.parent.iterdir()):
-        file.rename(file.with_name(file.name.replace("room", "moved")))
-    shutil.copy(other, path)
-    assert contents(path) == contents(other)
-    assert contents(path.with_name("moved.sqlite")) == wanted
-
-
 def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
     path, _ = left
     path.write_bytes(other.read_bytes())

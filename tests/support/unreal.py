@@ -1,17 +1,12 @@
 """Shared by the tests of live sources: tracing of captures, and a relay that changes replies."""
 
 import contextlib
-import io
-import re
 import socket
 import struct
 import threading
 from contextlib import contextmanager
 
 import numpy as np
-
-from omniscv.geometry import Pose
-from omniscv.sources import View
 
 MODES = ("lit", "object_mask", "depth", "normals")
 
@@ -109,63 +104,3 @@ def receive(connection):
         if len(data) == 8 == size:
             size += struct.unpack("<I", data[4:])[0]
     return data[8:]
-
-
-# What a relay may change.
-
-
-def without_masks(command, forward):
-    """As engines after 4.16 answer."""
-    return "error Fail to capture screen" if "object_mask" in command else forward(command)
-
-
-def pawn_that_stays(command, forward):
-    """As where the level has a CineCameraActor, whose pose is reported instead of the pawn's."""
-    return "ok" if command.startswith("vset /camera/0/pose") else forward(command)
-
-
-class PawnThatFalls:
-    """Reports a lower pose each time, once it has been moved."""
-
-    def __init__(self):
-        self.moved, self.fallen_cm = False, 0
-
-    def __call__(self, command, forward):
-        self.moved |= command.startswith("vset /camera/0/pose")
-        reply = forward(command)
-        if self.moved and command == "vget /camera/0/pose":
-            self.fallen_cm += 1
-            x, y, z, *rotation = map(float, reply.split())
-            return " ".join(f"{number:.3f}" for number in (x, y, z - self.fallen_cm, *rotation))
-        return reply
-
-
-def field_of_view_80(command, forward):
-    """Captures 80 degrees, whatever is set, and reports 90."""
-    if command == "vget /camera/1/fov":
-        return "90.000000"
-    return forward(re.sub(r"(?<=^vset /camera/1/fov ).*", "80", command))
-
-
-def depth_like_legacy(command, forward):
-    """Sends metres along the ray, as plugin 0.3.10, of square pictures of 90 degrees."""
-
-    def to_ray_m(depth_cm):
-        view = View(Pose(np.zeros(3), np.eye(3)), 90.0, *depth_cm.shape)
-        return depth_cm / 100 * view.ray_lengths()
-
-    return changed_depth(to_ray_m)(command, forward)
-
-
-def changed_depth(change):
-    """A relay's change that replaces depth by a function of it, as half floats."""
-
-    def changed(command, forward):
-        reply = forward(command)
-        if not command.endswith("depth npy"):
-            return reply
-        stream = io.BytesIO()
-        np.save(stream, change(np.load(io.BytesIO(reply))).astype(np.float16).astype(np.float32))
-        return stream.getvalue()
-
-    return changed

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from support.command_line import ROOT
-from support.unreal import depth_like_legacy, field_of_view_80, relayed
+from support.unreal import relayed
 from support.worlds import SCENE, serve
 
 import mock_server
@@ -51,11 +51,6 @@ def motion(change=None, **options):
                 camera.lag = 0
                 findings = MovingWorld(connection, camera).findings()
             return {finding.name: finding for finding in findings}, running.world
-
-
-def number(finding):
-    """The first number of a finding."""
-    return float(re.search(r"\d+(\.\d+)?", finding.value)[0])
 
 
 # Sound servers.
@@ -276,25 +271,6 @@ def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera(window, fov_deg,
         assert says in mask.value
 
 
-def test_a_field_of_view_is_measured_not_believed():
-    """A server that reports 90 degrees, and captures 80."""
-    with visited(change=field_of_view_80) as (_, camera):
-        pairs = doctor.turned_pairs(camera)
-        for mode in ("lit", "object_mask", "depth"):
-            finding = doctor.field_of_view(mode, pairs, camera, "planar")
-            assert finding.verdict == "bad"
-            assert abs(number(finding) - 80) < 1.4  # a quarter of a pixel at the pictures' edge
-
-
-def test_depth_is_measured_not_believed():
-    """A server of plugin 1.x that sends what 0.3.10 sends: every recording from it would be wrong."""
-    with visited(change=depth_like_legacy) as (_, camera):
-        kind, meaning = doctor.depth_kind(doctor.turned_pairs(camera), camera)
-        unit, scale = doctor.depth_unit(camera)
-    assert (kind, unit) == ("ray", "m")
-    assert meaning.verdict == scale.verdict == "bad"
-
-
 def test_the_windows_view_mode_gets_into_captures():
     with visited("vset /viewmode normal") as (connection, _):
         assert doctor.view_mode(connection).verdict == "bad"
@@ -302,12 +278,10 @@ def test_the_windows_view_mode_gets_into_captures():
         assert doctor.view_mode(connection).verdict == "ok"
 
 
-@pytest.mark.parametrize("stale", [0, 3])
-def test_stale_frames_are_counted(stale):
-    with visited(faults=[f"stale={stale}"]) as (_, camera):
-        finding = doctor.settle(camera)
-        assert camera.lag == stale
-    assert finding.verdict == "ok"
+def test_stale_frames_are_counted():
+    with visited(faults=["stale=3"]) as (_, camera):
+        assert doctor.settle(camera).verdict == "ok"
+        assert camera.lag == 3
 
 
 def test_mask_colours_that_show_alike_are_named():
@@ -322,34 +296,13 @@ def test_mask_colours_that_show_alike_are_named():
             assert colors(connection) == before
 
 
-def test_a_poor_connection_changes_no_finding():
-    with (
-        mock_server.serve("four-wall", seed=3) as running,
-        open_connection(running.uri, timeout_s=0.4) as connection,
-    ):
-        with RawCamera(connection) as camera:
-            camera.lag = 0
-            running.faults.start("cut@0.03")
-            pairs = doctor.turned_pairs(camera)
-            assert doctor.depth_kind(pairs, camera)[1].verdict == "ok"
-            paint(connection, vertex_colors=False)
-            assert doctor.masks(connection, camera, pairs).verdict == "ok"
-        assert running.faults.struck["cut"]
-
-
-@pytest.mark.parametrize("dialect", ["0.3.10", "N3"])
-def test_normals_of_a_sound_server_are_directions(dialect):
-    with visited(dialect=dialect) as (_, camera):
-        assert doctor.normals(camera).verdict == "ok"
-
-
 def test_frames_that_blend_are_counted_and_dropped():
     """Half of the last image stays in each: the differences halve from frame to frame."""
     with mock_server.serve("four-wall", size=(48, 48), faults=["temporal=0.5"]) as running:
         with open_connection(running.uri) as connection, RawCamera(connection) as camera:
             camera.lag = 0
             finding = doctor.warm_up(camera)
-        count = int(number(finding))
+        count = int(re.search(r"\d+", finding.value)[0])
         assert 4 <= count <= 8  # 8 bits
         assert finding.remedy == f"--set source_options.warmup={count}"
         errors = []

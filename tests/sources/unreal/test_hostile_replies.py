@@ -14,7 +14,6 @@ from support.unreal import many_balls, relayed
 import mock_server
 import omniscv
 from omniscv.cli import run
-from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -50,12 +49,6 @@ def is_one_short_line(text):
     return 0 < len(text) <= 300 and text.isprintable()
 
 
-def hostile(number, config, step=6):
-    """Some of the replies, others for each number; all in a soak."""
-    values = list(REPLIES.values())
-    return values if config.getoption("--soak") else values[number % step :: step]
-
-
 def fault_of(action):
     """The error of omniscv that an action raises, if it does."""
     try:
@@ -69,26 +62,19 @@ CASES = [(name, part) for name, parts in ASKED.items() for part in parts]
 
 
 @pytest.mark.parametrize(("dialect", "part"), CASES)
-def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd, pytestconfig):
+def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd):
+    """Some of the replies, others for each command; attacks draw all of them."""
+
     def use():
         with omniscv.open_source(uri, retries=0, timeout_s=20) as source:
             source.objects()
             list(source.capture(face_requests(16, sorted(source.capabilities.modes))[::6]))
 
-    for reply in hostile(CASES.index((dialect, part)), pytestconfig):
+    for reply in [*REPLIES.values()][CASES.index((dialect, part)) % 6 :: 6]:
         with relayed(servers[dialect], answering(part, reply)) as uri:
             error = fault_of(use)
         assert error is None or is_one_short_line(str(error))
         assert not isinstance(error, ArgumentError)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("part", ["/location", "/fov", "lit png", " npy"])
-def test_the_doctor_takes_any_reply_too(part, servers, capfd, pytestconfig):
-    for reply in hostile(len(part), pytestconfig, step=12):
-        with relayed(servers["N3"], answering(part, reply)) as uri:
-            error = fault_of(lambda: examine_address(uri, timeout_s=20, patience_s=0.01))
-        assert error is None or is_one_short_line(str(error))
     assert capfd.readouterr() == ("", "")
 
 
@@ -104,7 +90,7 @@ def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
         assert run(["record", "--source", uri, "--out", os.devnull]) == 1
 
 
-@pytest.mark.parametrize("reply", ["ok", "", " "])
+@pytest.mark.parametrize("reply", ["ok", ""])
 def test_an_empty_list_of_cameras_is_an_error(reply, servers):
     with relayed(servers["N3"], answering("vget /cameras", reply)) as uri:
         with pytest.raises((ServerRefusedError, BadReplyError), match="got no camera; start the game"):

@@ -86,15 +86,6 @@ def test_a_batch_is_answered_in_one_tick():
     assert len(payloads["none"]) > 1
 
 
-def test_a_batch_survives_faults():
-    with serve("N2", seed=3, time_step_s=0.0) as server:
-        with omniscv.open_source(server.uri, freeze="batch", timeout_s=1.0, retries=8) as source:
-            server.faults.start("reset@0.01")
-            for _ in range(3):
-                assert not wrong(source, SCENE)
-        assert server.faults.struck["reset"] > 0
-
-
 def test_nothing_is_paused_where_nothing_is_to_be_kept():
     with serve(time_step_s=0.0) as server, omniscv.open_source(server.uri, freeze="none") as source:
         with source.at(Instant({"Box": MOVED}, frozenset({"Ball"}), 1.5, "night")) as there:
@@ -131,19 +122,6 @@ def test_captures_right_after_a_move_show_it_also_where_frames_lag(dialect, late
             assert agrees(capture, source, placed({"Box": MOVED}))
         (capture,) = source.capture(requests)
         assert agrees(capture, source, SCENE)
-
-
-def test_hidden_objects_may_be_left_out_of_an_instant():
-    with serve(time_step_s=0.0) as server, omniscv.open_source(server.uri) as source:
-        instant = Instant({"Box": MOVED}, frozenset({"Pole"}))
-        with source.at(instant) as there:
-            with there.without(["Pole", "Ball"]) as fewer:
-                assert fewer.state == instant.state
-                list(fewer.capture(ahead(fewer)))
-                assert server.world.objects["Ball"].hidden
-            assert not server.world.objects["Ball"].hidden
-            assert server.world.objects["Pole"].hidden
-        assert not server.world.objects["Pole"].hidden
 
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
