@@ -26,14 +26,14 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion
-from omniscv.job import recipe
 from omniscv.job.job import Job
 from omniscv.job.motions import Exposure, read_motions
 from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_poses, read_times
+from omniscv.job.recipe import Media, Recipe, SplitOptions
 from omniscv.job.sampling import KINDS
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.planning import RenderOptions
-from omniscv.records import checked, help_of, key_of, listed, mapping, nested, optional, record
+from omniscv.records import checked, help_of, key_of, mapping, nested, optional, record
 from omniscv.records import read as read_record
 from omniscv.render_options import LayoutKey, MapOptions, Tolerance
 from omniscv.sensor import Sensor
@@ -153,7 +153,7 @@ _OPTION_READERS: dict[object, Reader] = {
 
 @record
 class _Keys:
-    """The keys of a job's file, but for those of :class:`omniscv.RenderOptions`."""
+    """The keys of a job's file, but for those of :class:`omniscv.RenderOptions` and :class:`Recipe`."""
 
     source: Any = checked(_source, help="an address, a recording, or a list: replicas of one game")
     poses: Posed = checked(read_poses, help="a list of poses, a trajectory file, or random, grid, path")
@@ -192,27 +192,17 @@ class _Keys:
     sensor: Sensor | None = checked(
         optional(nested(Sensor)), default=None, help="simulated noise and lens effects"
     )
-    classes: Any = checked(recipe.read_classes, default=None, help="classes of object names, or a file")
-    truth: Any = checked(recipe.read_truth, default=None, help="truths to derive, each true or its options")
-    export: Any = checked(listed(recipe.read_export), default=(), help="formats, each a name or its options")
-    split: Any = checked(recipe.read_split, default=None, help="share of each split")
-    shards: Any = checked(recipe.read_export, default=None, help="export to shards: a format and its options")
-    media: Any = checked(recipe.plain, cls=recipe.Media, default=None, help="metadata of pictures")
-    seam: str | None = checked(
-        one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
-    )
-    layout: Any = checked(recipe.plain, cls=LayoutKey, default=None, help="source and maps of layouts")
 
 
-_RENDER = {field.name: field for field in fields(RenderOptions)}
-_FIELDS = {key_of(field): field for field in fields(_Keys)} | _RENDER
+_RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
+_FIELDS = {key_of(field): field for field in fields(_Keys)} | _RECIPE | _RENDER
 _BELOW: dict[str, type[Any]] = {
     "poses": PoseFile,
     **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
     "exposure": Exposure,
     "sensor": Sensor,
-    "split": recipe.SplitOptions,
-    "media": recipe.Media,
+    "split": SplitOptions,
+    "media": Media,
     "layout": LayoutKey,
     "layout.maps": MapOptions,
     "truth.tolerance": Tolerance,
@@ -330,6 +320,7 @@ def read(description: object, folder: Path) -> Job:
     for path in _FILES:
         values = _located(values, path.split("."), folder)
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
+    recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     keys = read_record(_Keys, values)
     freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
     posed = at_times(keys.poses, keys.times)
@@ -343,7 +334,7 @@ def read(description: object, folder: Path) -> Job:
         image_format=keys.image_format,
         store=keys.store,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
-        recipe=_recipe(keys),
+        recipe=recipe,
         rig=keys.rig,
         motions=keys.motions or {},
         **posed._asdict(),
@@ -371,25 +362,6 @@ def _located(value: Any, path: Sequence[str], folder: Path) -> Any:
     key, *rest = path
     names = value.keys() if key == EVERY else value.keys() & {key}
     return {**value, **{name: _located(value[name], rest, folder) for name in names}}
-
-
-def _recipe(keys: _Keys) -> recipe.Recipe:
-    truth = dict(keys.truth or {})
-    shared = {
-        "seam": keys.seam,
-        "layout": keys.layout,
-        "tolerance": truth.pop("tolerance", None),
-        "sensor": None if keys.sensor is None else keys.sensor.to_dict(),
-    }
-    return recipe.Recipe(
-        classes=keys.classes,
-        truth=truth,
-        exports=keys.export,
-        shards=keys.shards,
-        split=keys.split,
-        media=keys.media or {},
-        shared={key: value for key, value in shared.items() if value is not None},
-    )
 
 
 def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:

@@ -81,9 +81,13 @@ class Job:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
-        if self.rig is not None and self.times is None and self.poses:
-            _check_no_offsets(self.rig)
+        if self.rig is not None and self.times is None and self.poses:  # cameras do not move along them
+            for name, mounted in self.rig.cameras.items():
+                if mounted.time_offset:
+                    got = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
+                    raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
         if self.sensor is not None:
+            self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():
                 self.sensor.check(camera)
             rolling = any(isinstance(camera, RollingShutter) for camera in self.cameras.values())
@@ -119,14 +123,6 @@ class Job:
     def moves(self) -> bool:
         """Whether images show the world at their times."""
         return self.clock or bool(self.motions)
-
-
-def _check_no_offsets(rig: Rig) -> None:
-    """Refuse time offsets: cameras move along poses with times only."""
-    for name, mounted in rig.cameras.items():
-        if mounted.time_offset:
-            got = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
-            raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
 
 
 def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camera]:

@@ -58,7 +58,8 @@ class PoseFile:
     def load(self) -> Posed:
         """Return the poses; say what was assumed if they seem to be of a body, and nothing says which."""
         path = Path(self.file)
-        posed = _of(read_trajectory(path, frame=self.frame or "camera"))
+        trajectory = read_trajectory(path, frame=self.frame or "camera")
+        posed = Posed(trajectory.poses, trajectory.times)
         upward = np.mean([abs(pose.rotation[2, 2]) > _STEEP for pose in posed.poses])
         if self.frame is not None or upward < 0.5:
             return posed
@@ -85,7 +86,10 @@ def read_poses(name: str, value: object) -> Posed:
         return read(PoseFile, value, name).load()
     if isinstance(value, dict):
         sampling = read_sampling(name, value)
-        return _of(sampling.poses()) if sampling.clearance is None else Posed((), sampling=sampling)
+        if sampling.clearance is not None:  # of surfaces, which an open source shows
+            return Posed((), sampling=sampling)
+        trajectory = sampling.poses()
+        return Posed(trajectory.poses, trajectory.times)
     if not isinstance(value, list) or not value:
         wanted = "expected a list of poses, poses to sample, or the name of a trajectory file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
@@ -101,10 +105,6 @@ def read_poses(name: str, value: object) -> Posed:
         times or None,
         places if any(places) else None,
     )
-
-
-def _of(trajectory: Trajectory) -> Posed:
-    return Posed(trajectory.poses, trajectory.times)
 
 
 @record

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,8 @@ from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_nu
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import cluster_starts
-from omniscv.records import checked, mapping, read, record
-from omniscv.render_options import Tolerance
+from omniscv.records import checked, listed, mapping, read, record
+from omniscv.render_options import LayoutKey, Tolerance
 from omniscv.storage import bounded
 
 _TOLERANCE = 1e-6
@@ -127,33 +127,6 @@ class Media:
     north: float = checked(number, default=0.0, help="compass heading of the world's X axis, degrees")
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """What a dataset holds beyond images, as the job's file has it.
-
-    Attributes:
-        classes: the content of a ``classes.yaml``, or :class:`omniscv.truth.classes.ClassRules`; None
-        without.
-        truth: options of the truths to derive, by name.
-        exports: ``format``, ``out``, ``cameras`` and options of each export.
-        shards: the same of the last export; None without.
-        split: how frames are divided among splits; None without.
-        media: as :class:`Media`; empty without.
-        shared: keys that truths and formats take: ``seam``, ``layout``, ``tolerance``, ``sensor``.
-    """
-
-    classes: Any = None
-    truth: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    exports: tuple[Mapping[str, Any], ...] = ()
-    shards: Mapping[str, Any] | None = None
-    split: Split | None = None
-    media: Mapping[str, Any] = field(default_factory=dict)
-    shared: Mapping[str, Any] = field(default_factory=dict)
-
-
-# -- readers of the keys ---------------------------------------------------------------------------------
-
-
 def read_classes(name: str, value: object) -> Any:
     """Return the content of a ``classes.yaml``, which is given by its path or as it is."""
     if not isinstance(value, str):
@@ -191,3 +164,24 @@ def read_export(name: str, value: object) -> dict[str, Any]:
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
     cameras = {"cameras": texts(f"{name}.cameras", export["cameras"])} if "cameras" in export else {}
     return {**export, **cameras}
+
+
+@record
+class Recipe:
+    """What a dataset holds beyond images: keys of a job's file, as they are read there.
+
+    Truths and exports are mappings of options; an export also has ``format``, ``out`` and ``cameras``.
+    """
+
+    classes: Any = checked(read_classes, default=None, help="classes of object names, or a file")
+    truth: Any = checked(read_truth, default=None, help="truths to derive, each true or its options")
+    exports: Any = checked(
+        listed(read_export), default=(), key="export", help="formats, each a name or its options"
+    )
+    split: Split | None = checked(read_split, default=None, help="share of each split")
+    shards: Any = checked(read_export, default=None, help="export to shards: a format and its options")
+    media: Any = checked(plain, cls=Media, default=None, help="metadata of pictures")
+    seam: str | None = checked(
+        one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
+    )
+    layout: Any = checked(plain, cls=LayoutKey, default=None, help="source and maps of layouts")

@@ -17,7 +17,9 @@ This module computes positions and angles. Free space is tested by a function th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
+from itertools import product
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -36,10 +38,6 @@ _SAMPLES = 1000  # of a spline between two waypoints: its length is then good to
 Angle = float | tuple[float, float]
 IsFree = Callable[[Array], bool]
 """Whether a position (3,), metres, world frame, has the clearance of a description."""
-
-
-def _point(name: str, value: Any) -> Array:
-    return numbers(name, value, (3,))
 
 
 def _angle(name: str, value: Any) -> Angle:
@@ -62,6 +60,7 @@ def _look(name: str, value: Any) -> Any:
     return one_of(name, value, ("ahead", "level")) if isinstance(value, str) else numbers(name, value, (3,))
 
 
+_point = partial(numbers, shape=(3,))
 _START_HELP = "X,Y,Z of a free position; the middle of the box if not given"
 
 
@@ -131,8 +130,8 @@ class GridPoses:
 
     def __post_init__(self) -> None:
         _check_box(self)
-        count = self._counts().prod() * len(np.asarray(self.yaws_deg)) if self._ascends() else np.inf
-        if count > _MOST:
+        ascends = bool((np.asarray(self.step) > 0).all())
+        if not ascends or self._counts().prod() * len(np.asarray(self.yaws_deg)) > _MOST:
             wanted = f"expected distances > 0 that give at most {_MOST} poses"
             raise ArgumentError(f"step: {wanted}, got {shown(self.step)}")
 
@@ -143,25 +142,20 @@ class GridPoses:
             ArgumentError: no position of the grid is free.
             OmniscvError: depth cannot be captured.
         """
-        free = [position for position in self._positions() if is_free is None or is_free(position)]
+        axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
+        xs, ys, zs = (low + step * np.arange(count) for low, step, count in axes)
+        positions = (np.array([x, y, z]) for z, y, x in product(zs, ys, xs))
+        free = [position for position in positions if is_free is None or is_free(position)]
         if not free:
             wanted = f"expected positions with a clearance of {self.clearance} m"
             raise ArgumentError(f"poses.grid: {wanted}, got none; give a smaller clearance or another start")
         yaws = np.asarray(self.yaws_deg).tolist()
         return Trajectory(tuple(Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws))
 
-    def _ascends(self) -> bool:
-        return bool((np.asarray(self.step) > 0).all())
-
     def _counts(self) -> Array:
         """(3,) the number of positions along each axis."""
         extent = np.asarray(self.high) - np.asarray(self.low)
         return np.asarray(np.floor(extent / np.asarray(self.step) + 1e-9) + 1)
-
-    def _positions(self) -> Iterator[Array]:
-        axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
-        xs, ys, zs = (low + step * np.arange(count) for low, step, count in axes)
-        yield from (np.array([x, y, z]) for z in zs for y in ys for x in xs)
 
 
 @record
@@ -198,8 +192,7 @@ class PathPoses:
         """
         positions, tangents, times = self._curve()
         if isinstance(self.look, str):
-            ahead = tangents * (1, 1, self.look == "ahead")
-            targets = positions + ahead
+            targets = positions + tangents * (1, 1, self.look == "ahead")
         else:
             targets = np.broadcast_to(np.asarray(self.look), positions.shape)
         poses = tuple(map(Pose.look_at, positions, targets))

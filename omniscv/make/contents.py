@@ -16,7 +16,7 @@ from omniscv.dataset.exporting import Export
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.job import Exposure, Job, Recipe
+from omniscv.job import Exposure, Job
 from omniscv.make.moments import Moment, renderer_at
 from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
@@ -150,8 +150,8 @@ class Contents:
             ArgumentError: an unknown truth or format, or wrong classes.
         """
         recipe = job.recipe
-        mapping("truth", recipe.truth, (*truths.names(), "tolerance"))
-        truth = {name: dict(recipe.truth[name]) for name in truths.names() if name in recipe.truth}
+        given = mapping("truth", recipe.truth or {}, (*truths.names(), "tolerance"))
+        truth = {name: dict(given[name]) for name in truths.names() if name in given}
         if job.moves:
             truth.setdefault("poses", {})
         cameras = {
@@ -161,13 +161,22 @@ class Contents:
         }
         exports = list(recipe.exports)
         for name in [name for name in truth if truths.get(name).format]:  # truths between frames
-            exports = _with_options(exports, truths.get(name).format, truth.pop(name))
+            format, options = truths.get(name).format, truth.pop(name)
+            if not any(export["format"] == format for export in exports):
+                exports.append({"format": format})
+            exports = [export | options if export["format"] == format else export for export in exports]
         if recipe.shards is not None:
             exports.append(recipe.shards)
+        shared = {
+            "seam": recipe.seam,
+            "layout": recipe.layout,
+            "tolerance": given.get("tolerance"),
+            "sensor": None if job.sensor is None else job.sensor.to_dict(),
+        }
         return cls(
             classes=None if recipe.classes is None else class_rules(recipe.classes),
-            truth={name: _shared(truths.get(name), recipe) | options for name, options in truth.items()},
-            exports=tuple(_export(keys, recipe) for keys in exports),
+            truth={name: _taken(truths.get(name), shared) | options for name, options in truth.items()},
+            exports=tuple(_export(keys, shared) for keys in exports),
             truth_cameras=cameras,
         )
 
@@ -195,7 +204,7 @@ class Contents:
             options["sensor"] = job.sensor.to_dict()
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
         options["truth"] = {name: {**truth, **named.get(name, {})} for name, truth in self.truth.items()}
-        options["media"] = dict(job.recipe.media)
+        options["media"] = dict(job.recipe.media or {})
         return {
             "splits": None if job.recipe.split is None else job.recipe.split.to_dict(),
             "exports": [export.to_dict() for export in self.exports],
@@ -203,22 +212,13 @@ class Contents:
         }
 
 
-def _with_options(
-    exports: list[Mapping[str, Any]], format: str, options: Mapping[str, Any]
-) -> list[Mapping[str, Any]]:
-    """Return exports with options added to those of a format, which is appended if it is missing."""
-    if not any(export["format"] == format for export in exports):
-        exports = [*exports, {"format": format}]
-    return [{**export, **options} if export["format"] == format else export for export in exports]
-
-
-def _export(keys: Mapping[str, Any], recipe: Recipe) -> Export:
+def _export(keys: Mapping[str, Any], shared: Mapping[str, Any]) -> Export:
     options = {key: value for key, value in keys.items() if key not in ("format", "out", "cameras")}
     with within("export"):
-        shared = _shared(exporting.get(keys["format"]), recipe)
-        return Export(keys["format"], shared | options, keys.get("out", ""), tuple(keys.get("cameras", ())))
+        taken = _taken(exporting.get(keys["format"]), shared)
+        return Export(keys["format"], taken | options, keys.get("out", ""), tuple(keys.get("cameras", ())))
 
 
-def _shared(taker: object, recipe: Recipe) -> dict[str, Any]:
-    """Return the shared keys that a truth or format takes among its options: its ``keys``."""
-    return {key: recipe.shared[key] for key in getattr(taker, "keys", ()) if key in recipe.shared}
+def _taken(taker: object, shared: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a job that a truth or format takes among its options: its ``keys``."""
+    return {key: shared[key] for key in getattr(taker, "keys", ()) if shared.get(key) is not None}

@@ -213,7 +213,7 @@ def _run(
             store=job.store,
             begun=begun,
             closed=part.count > 1,
-            media=job.recipe.media,
+            media=job.recipe.media or {},
         )
         folder = storage.folder(job.out)
         writer.keep_marked(_read_marker(folder, writer.manifest, part) or ())
