@@ -168,7 +168,12 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     looks[PAPER] = Look(INK, "P", "")
     for name, axes in zip(names, panels, strict=True):
         mine = [row for row in rows if row.camera == name]
-        drawing.dots(axes, [_dot(row) for row in mine], looks)
+        labels = ["" if row.aim is None else f"{100 * row.aim:g} %" for row in mine]
+        dots = [
+            Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
+            for row, label in zip(mine, labels, strict=True)
+        ]
+        drawing.dots(axes, dots, looks)
         for row in mine:
             look = looks[row.series]
             wrong = 100 * max(row.wrong, _LEAST)
@@ -193,12 +198,6 @@ def _draw_aims(axes: Axes) -> None:
             color=MUTED, ha="right", va="bottom",
         )  # fmt: skip
     axes.set(xlim=limits, ylim=(100 * _LEAST / 1.5, 150))
-
-
-def _dot(row: Row) -> Dot:
-    """Return a row's dot, labelled with its aim."""
-    label = "" if row.aim is None else f"{100 * row.aim:g} %"
-    return Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
 
 
 def finding(rows: Sequence[Row]) -> str:

@@ -97,25 +97,23 @@ def measure(width: int = 2048, progress: Callable[[int, int], None] | None = Non
             if filter == DEFAULT[0]:
                 ways[filter, edge, "new"] = _ours(Renderer(source), camera, options, new=True)
     edge = round(width / 4)
-    captures = SceneSource(scene).capture(_face(rotation, edge) for _, rotation in cube_rotations())
+    views = [View(Pose(_LEVEL.position, rotation), 90.0, edge, edge) for _, rotation in cube_rotations()]
+    captures = SceneSource(scene).capture(Request(view, "lit") for view in views)
     faces = {name: capture.pixels for (name, _), capture in zip(cube_rotations(), captures, strict=True)}
     for name, peer in peers(faces, camera).items():
-        ways[name, edge, "none" if name == PAPER else "kept"] = _always(peer)
+        ways[name, edge, "none" if name == PAPER else "kept"] = peer
     limit = "cv2.remap, map ready", edge, "kept"
-    ways[limit] = _always(remap_limit(camera, list(faces.values())))
+    ways[limit] = remap_limit(camera, list(faces.values()))
     times = _best_ms(ways, progress)
     mean = traced_mean(scene, camera, _LEVEL)
     rows = []
     for (name, size, kept), way in ways.items():
         ours = name in FILTERS
         default = ours and (name, size) == (DEFAULT[0], round(width / 4 * DEFAULT[1]))
-        rms = np.nan if (name, size, kept) == limit else _rms(way(0), mean)
+        off = np.nan if (name, size, kept) == limit else _WHITE * (way(0) / _WHITE - mean)
+        rms = float(np.sqrt(np.square(off).mean()))
         rows.append(Row(name, width, size, kept, ours, default, times[name, size, kept], rms))
     return rows
-
-
-def _face(rotation: np.ndarray, edge: int) -> Request:
-    return Request(View(Pose(_LEVEL.position, rotation), 90.0, edge, edge), "lit")
 
 
 def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bool) -> Callable[[int], Image]:
@@ -126,10 +124,6 @@ def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bo
         return np.asarray(renderer.render(camera, pose, ("lit",), options)["lit"])
 
     return compose
-
-
-def _always(peer: Peer) -> Callable[[int], Image]:
-    return lambda turn: peer()
 
 
 def _best_ms(
@@ -144,10 +138,6 @@ def _best_ms(
         if progress:
             progress(turn + 1, _ROUNDS + 2)
     return {key: 1e3 * min(seconds[2:]) for key, seconds in times.items()}
-
-
-def _rms(image: Image, mean: np.ndarray) -> float:
-    return float(_WHITE * np.sqrt(((image / _WHITE - mean) ** 2).mean()))
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
@@ -201,7 +191,8 @@ def finding(rows: Sequence[Row]) -> str:
 
 
 Image = NDArray[np.uint8]
-Peer = Callable[[], Image]
+Peer = Callable[[int], Image]
+"""Composes the image; the number of the round is not used."""
 
 PAPER = "the paper's algorithm"
 
@@ -209,9 +200,14 @@ PAPER = "the paper's algorithm"
 def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:
     """Return the installed peers by name; the paper's algorithm is always among them."""
     in_order = [faces[name] for name, _ in cube_rotations()]
-    installed: dict[str, Peer] = {PAPER: lambda: paper(in_order, camera)}
+    installed: dict[str, Peer] = {PAPER: lambda turn: paper(in_order, camera)}
     if find_spec("py360convert"):
-        installed["py360convert"] = _py360convert(in_order, camera)
+        import py360convert
+
+        size, form = (camera.height, camera.width), {"mode": "bilinear", "cube_format": "list"}
+        installed["py360convert"] = lambda turn: np.asarray(
+            py360convert.c2e(list(in_order), *size, **form), np.uint8
+        )
     if find_spec("av"):
         installed["ffmpeg v360"] = _v360(in_order, camera)
     return installed
@@ -240,16 +236,7 @@ def remap_limit(camera: Camera, faces: Sequence[Image]) -> Peer:
     rng = np.linspace(1, len(faces[0]) - 2, camera.width, dtype=np.float32)
     x = np.tile(rng, (camera.height, 1)) + np.float32(0.37)
     y = np.repeat(rng[: camera.height, None], camera.width, axis=1) + np.float32(0.21)
-    return lambda: np.asarray(cv2.remap(atlas, x, y, cv2.INTER_LINEAR), np.uint8)
-
-
-def _py360convert(faces: Sequence[Image], camera: Camera) -> Peer:
-    import py360convert
-
-    size = camera.height, camera.width
-    return lambda: np.asarray(
-        py360convert.c2e(list(faces), *size, mode="bilinear", cube_format="list"), np.uint8
-    )
+    return lambda turn: np.asarray(cv2.remap(atlas, x, y, cv2.INTER_LINEAR), np.uint8)
 
 
 def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
@@ -270,7 +257,7 @@ def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
     way.link_to(end)
     graph.configure()
 
-    def compose() -> Image:
+    def compose(turn: int) -> Image:
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
         frame.time_base, frame.pts = time_base, next(frames)
         graph.push(frame)

@@ -99,6 +99,8 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     """Draw ways with their labels on logarithmic axes, and shade the region that they beat."""
+    from matplotlib.colors import to_rgb
+
     axes.set(xscale="log", yscale="log")
     for (series, look), hollow in product(looks.items(), (False, True)):
         group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
@@ -118,7 +120,7 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
             offset, align = (-gap, 0), ("right", "center")
         axes.annotate(
             dot.label, (dot.x, dot.y), offset, textcoords="offset points", ha=align[0], va=align[1],
-            size=7.5, color=_dark(look.color),
+            size=7.5, color=tuple(0.72 * part for part in to_rgb(look.color)),
         )  # fmt: skip
         if dot.default:
             axes.plot(dot.x, dot.y, "o", ms=15, mfc="none", mec=RING, mew=2, zorder=4)
@@ -154,10 +156,3 @@ def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     edge += [(best[-1].x, best[-1].y), (x1, best[-1].y), (x1, y1)]
     axes.fill(*zip(*edge, strict=True), color=SHADE, zorder=0, lw=0)
     axes.set(xlim=(x0, x1), ylim=(y0, y1))
-
-
-def _dark(color: str) -> Any:
-    """Return a colour dark enough for text."""
-    from matplotlib.colors import to_rgb
-
-    return tuple(0.72 * part for part in to_rgb(color))

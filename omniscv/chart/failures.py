@@ -369,16 +369,11 @@ def table(rows: Sequence[Row]) -> str:
         cells = []
         for column in COLUMNS:
             broken = [row for row in mine if row.column == column and row.said != "holds"]
-            first = "; ".join(f"{row.strength}: {row.said}" for row in _changes(broken))
-            cells.append(first or "holds")
+            answers = [row for i, row in enumerate(broken) if i == 0 or broken[i - 1].said != row.said]
+            cells.append("; ".join(f"{row.strength}: {row.said}" for row in answers) or "holds")
         findings = next((row.findings for row in mine if row.findings), ())
         lines.append(
             f"| {cause} | {strengths} {mine[0].unit}".rstrip()
             + f" | {' | '.join(cells)} | {'; '.join(findings[:3])} |"
         )
     return "\n".join(lines) + "\n"
-
-
-def _changes(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows whose answer differs from the one before."""
-    return [row for i, row in enumerate(rows) if i == 0 or rows[i - 1].said != row.said]

@@ -123,7 +123,8 @@ class Approach:
             return np.nan
         again, seen = camera.project(rays.origins + self.metres(left) * rays.directions)
         error = np.abs(again - pixels)
-        if _borders_meet(camera):
+        left, right = camera.unproject([(0, camera.height / 2), (camera.width, camera.height / 2)]).directions
+        if np.allclose(left, right, rtol=0, atol=1e-9):  # the borders meet
             error[:, 0] = np.minimum(error[:, 0], np.abs(camera.width - error[:, 0]))
         return float(np.where(seen[:, None], error, camera.width)[rays.valid].max())
 
@@ -139,12 +140,6 @@ class Approach:
 def create(name: str, **options: object) -> Camera:
     """Return a camera of the size of all."""
     return cameras.create(name, **{"width": SIZE, "height": SIZE, **options})  # type: ignore[arg-type]
-
-
-def _borders_meet(camera: Camera) -> bool:
-    """Return whether the middles of the left and the right border see one direction."""
-    left, right = camera.unproject([(0, camera.height / 2), (camera.width, camera.height / 2)]).directions
-    return bool(np.allclose(left, right, rtol=0, atol=1e-9))
 
 
 # -- the limits of each model -------------------------------------------------------------------

@@ -148,7 +148,7 @@ def make(
     if not (resume or shard or overwrite):
         make_room(folder)
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
-    made, job, frames = _run(job, part, None, workers, progress, warn, keep_going, overwrite)
+    made, job, frames = _run(job, part, workers, progress, warn, keep_going, overwrite)
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
@@ -161,13 +161,7 @@ def make(
 
 
 def run_part(
-    job: Job,
-    part: Part,
-    *,
-    source: Source | None = None,
-    workers: int = 1,
-    progress: Report | None = None,
-    warn: Callable[[str], None] | None = None,
+    job: Job, part: Part, *, source: Source | None = None, warn: Callable[[str], None] | None = None
 ) -> Made:
     """Make the frames of a part of a job in its ``out``, and then the part's marker.
 
@@ -178,23 +172,23 @@ def run_part(
         job: what to make.
         part: of its poses.
         source: of the job, without its recording, which stays open; opened for this part if not given.
-        workers, progress, warn: as :func:`make`.
+        warn: as :func:`make`.
 
     Raises:
         OmniscvError: as :func:`make`.
     """
-    return _run(job, part, source, workers, progress, warn)[0]
+    return _run(job, part, source=source, warn=warn)[0]
 
 
 def _run(
     job: Job,
     part: Part,
-    source: Source | None,
-    workers: int,
-    progress: Report | None,
-    warn: Callable[[str], None] | None,
+    workers: int = 1,
+    progress: Report | None = None,
+    warn: Callable[[str], None] | None = None,
     keep_going: bool = False,
     overwrite: bool = False,
+    source: Source | None = None,
 ) -> tuple[Made, Job, list[Frame]]:
     """Make a part, as :func:`run_part`; return the counts, the job with its poses, and the part's frames."""
     contents = check_dataset(job)
@@ -205,7 +199,10 @@ def _run(
         check_source(job, contents, live, planned)
         if overwrite:
             make_room(storage.folder(job.out), overwrite)
-        begun = Manifest(job.cameras, _names(job, live), contents.classes, contents.settings(job))
+        labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
+        names = live.objects().names() if labelled else ()  # those that the source has now
+        ids = {name: i for i, name in enumerate(names, start=1)}
+        begun = Manifest(job.cameras, ids, contents.classes, contents.settings(job))
         writer = Writer(
             job.out,
             resume=True,
@@ -222,15 +219,11 @@ def _run(
         maker.run(planned, missing, progress)
         failed = set(maker.failed)
         written = writer.frames(frame.key for frame in frames if frame.key not in failed)
-        _write_marker(folder, part, written)
+        lines = [frame.to_dict() for frame in written]
+        marker = json.dumps({"sha256": _checksum(lines), "frames": lines}, allow_nan=False)
+        folder.put(part.marker, marker.encode())
     kept = len(frames) - len(missing)
     return Made(len(missing) - len(failed), kept, failed=len(failed)), job, written
-
-
-def _names(job: Job, source: Source) -> dict[str, int]:
-    """Return the ids of the objects that the source has now, if labels show them."""
-    labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
-    return {name: i for i, name in enumerate(source.objects().names(), start=1)} if labelled else {}
 
 
 def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
@@ -257,8 +250,12 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         frames = {frame.key: frame for frame in _listed(folder)}  # also frames that are not of this job
         frames |= {frame.key: frame for frame in chain.from_iterable(of_part or () for of_part in marked)}
         manifest.write_frames(folder, frames.values())
-        if warn:
-            _warn_of_splits(job, list(frames.values()), warn)
+        if warn and job.recipe.split:
+            shares = {split for split, share in job.recipe.split.shares.items() if share > 0}
+            places = len({frame.place for frame in frames.values()})
+            for split in sorted(shares - {frame.split for frame in frames.values()}):
+                why = f"they are of {places} places, and places are not divided"
+                warn(f"split: {split} has no frames: {why}")
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
             for export in exports:  # each replaces the one that exists
@@ -275,22 +272,7 @@ def _listed(folder: Folder) -> list[Frame]:
     return manifest.read_frames(folder) if folder.exists(manifest.FRAMES) else []
 
 
-def _warn_of_splits(job: Job, frames: Sequence[Frame], warn: Callable[[str], None]) -> None:
-    splits = {frame.split for frame in frames}
-    for split, share in job.recipe.split.shares.items() if job.recipe.split else ():
-        if share > 0 and split not in splits:
-            places = len({frame.place for frame in frames})
-            warn(f"split: {split} has no frames: they are of {places} places, and places are not divided")
-
-
 # -- markers ---------------------------------------------------------------------------------------------
-
-
-def _write_marker(folder: Folder, part: Part, frames: Sequence[Frame]) -> None:
-    """Write the marker of a part, whole or not at all."""
-    lines = [frame.to_dict() for frame in frames]
-    content = json.dumps({"sha256": _checksum(lines), "frames": lines}, allow_nan=False)
-    folder.put(part.marker, content.encode())
 
 
 def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> list[Frame] | None:

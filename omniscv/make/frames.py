@@ -30,7 +30,6 @@ from omniscv.truth.registry import Observation, Record, file_contents
 T = TypeVar("T")
 R = TypeVar("R")
 
-
 Composed = tuple[Observation, Instant]
 """A frame's image with the world that it shows, before it has the dataset's ids, and its instant."""
 

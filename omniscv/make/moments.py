@@ -78,7 +78,8 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
         scene: identity of the source's scene, for the frames of a dataset.
     """
     path = _path(job)
-    places, split = _places(job)
+    split = job.recipe.split or Split({"": 1.0})
+    places = split.places(np.array([pose.position for pose in job.poses]), job.places or ())
     for i in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
         for frame in _frames(job, path, i):
@@ -160,12 +161,6 @@ def _instant(job: Job, time: float | None, late: float = 0.0) -> Instant:
         return Instant()
     at = None if time is None else time + late
     return Instant({name: motion.at(at) for name, motion in job.motions.items()}, time=at)
-
-
-def _places(job: Job) -> tuple[tuple[str, ...], Split]:
-    """Return the place of each pose, and how places are divided."""
-    split = job.recipe.split or Split({"": 1.0})
-    return split.places(np.array([pose.position for pose in job.poses]), job.places or ()), split
 
 
 def _path(job: Job) -> Trajectory | None:

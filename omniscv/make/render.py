@@ -93,7 +93,7 @@ _WARNINGS = {
     "unsure": "not verified by any capture",
     "occluded": "their optical centres are not visible from the camera position",
 }
-
+"""By layer, what its marks mean."""
 
 _KNOBS = ("strategy", "viewpoints", "face_size", "truth_scale", "max_error_px")
 """Options that win against ``accuracy``."""
@@ -151,7 +151,8 @@ def capture(
     meter = Meter(len(job), progress)
     held = _requested_views(path) if border_px == "overscan" else frozenset[View]()
     with opened(replace(job, record=path)) as (job, source):
-        border_px = _overscan_px(job, source, held) if border_px == "overscan" else border_px
+        if border_px == "overscan":
+            border_px = _overscan_px(job, source, held)
         check_modes(source, job.options.sampled(job.modes))
         check_face_size(job, source)
         source.objects()
@@ -171,8 +172,10 @@ def capture(
                         continue
                     modes = job.options.sampled(take.modes)
                     plans = planning.share_captures(views, modes)
-                    capturing = _Capturing(plans, modes, needed, report)
-                    needed |= planning.verify_still(renderer_then.source, modes, capturing)
+                    capture_plans = partial(
+                        _capture_plans, plans=plans, modes=modes, before=needed, report=report
+                    )
+                    needed |= planning.verify_still(renderer_then.source, modes, capture_plans)
     return sum(len(exposures_of(request, job.brackets)) if job.brackets else 1 for request in needed)
 
 
@@ -207,52 +210,40 @@ class _Noting(SourceWrapper):
             yield capture
 
 
-class _Capturing:
-    """Captures what plans need, except what was captured before.
+def _capture_plans(
+    source: Source, plans: Sequence[Plan], modes: tuple[str, ...], before: dict[Request, None], report: Report
+) -> dict[Request, None]:
+    """Capture what plans of one instant need; return the new requests in their order.
 
     Args:
+        source: of captures.
         plans: of one instant.
         modes: of their images.
         before: requests that are not captured again.
         report: called after each viewpoint and task.
     """
+    new: dict[Request, None] = {}
+    known, progress = ChainMap(new, before), Progress()
 
-    def __init__(
-        self,
-        plans: Sequence[Plan],
-        modes: tuple[str, ...],
-        before: dict[Request, None],
-        report: Report,
-    ) -> None:
-        self._plans, self._modes, self._before, self._report = plans, modes, before, report
-
-    def __call__(self, source: Source) -> dict[Request, None]:
-        """Capture from a source; return the new requests in their order."""
-        new: dict[Request, None] = {}
-        self._progress = Progress()
-        for plan in self._plans:
-            drive(plan.rounds(), partial(self._round, source, new))
-            self._add(Progress(images=1))
-        return new
-
-    def _add(self, more: Progress) -> None:
-        self._progress += more
-        self._report(self._progress)
-
-    def _round(self, source: Source, new: dict[Request, None], round_: Round) -> Kept:
-        """Capture a round; return the captures that the strategy keeps."""
-        modes, known = self._modes, ChainMap(new, self._before)
-        self._progress += Progress(
-            of_captures=len({request for request in round_.requests(modes) if request not in known})
-        )
+    def capture_round(round_: Round) -> Kept:
+        nonlocal progress
+        missing = {request for request in round_.requests(modes) if request not in known}
+        progress += Progress(of_captures=len(missing))
         kept = Kept()
         for viewpoint, captures in planning.captured(round_, source, modes, skip=known):
             requests = dict.fromkeys(request for request in viewpoint.requests(modes) if request not in known)
             new.update(requests)
             if viewpoint.keep:
                 kept.append(captures)
-            self._add(replace(planning.captured_progress(captures), captures=len(requests)))
+            progress += replace(planning.captured_progress(captures), captures=len(requests))
+            report(progress)
         return kept
+
+    for plan in plans:
+        drive(plan.rounds(), capture_round)
+        progress += Progress(images=1)
+        report(progress)
+    return new
 
 
 def costs(job: Job, *, measure: bool = False) -> list[Cost]:

@@ -85,7 +85,9 @@ class Faces:
         for mode, (views, faces) in _capture(source, self.position, modes, options).items():
             if "labels" in modalities.get(mode).derives:
                 objects = source.objects()
-                mode, faces = "labels", list(_labels(np.stack(faces), objects))
+                masks = np.stack(faces)  # colours, or instance ids
+                labels, _ = (labels_of_ids if masks.ndim == 3 else labels_of)(masks, objects)
+                mode, faces = "labels", list(labels)
                 if classes is not None:
                     self._class_of = _class_of(class_rules(classes), objects).to(self._device)
             kind = modalities.get(mode).interpolation
@@ -130,8 +132,13 @@ class Faces:
         layers = {}
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
-                lookups[views] = self._look_up(camera, views, R_w_c)
-                self._check_seen(lookups[views], valid)
+                if self._by_kernels:
+                    lookups[views] = ProcessorLookup(camera, views, R_w_c)
+                else:
+                    lookups[views] = look_up(directions_of(camera, self._device)[0], views, R_w_c)
+                if unseen := lookups[views].unseen(valid):
+                    here = f"{len(views)} views at {self.position.tolist()} m"
+                    raise MissingCaptureError(f"expected {here} to see all rays, but {unseen} are in none")
             values = tiles.sample(lookups[views])
             row = modalities.get(name)
             if row.interpolation == "direction":
@@ -141,19 +148,6 @@ class Faces:
             if name == "labels" and self._class_of is not None:
                 layers["classes"] = self._class_of[layers[name]]
         return layers
-
-    def _look_up(
-        self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array]
-    ) -> Lookup | ProcessorLookup:
-        if self._by_kernels:
-            return ProcessorLookup(camera, views, R_w_c)
-        return look_up(directions_of(camera, self._device)[0], views, R_w_c)
-
-    def _check_seen(self, lookup: Lookup | ProcessorLookup, valid: Tensor) -> None:
-        unseen = lookup.unseen(valid)
-        if unseen:
-            views = f"{len(lookup.views)} views at {self.position.tolist()} m"
-            raise MissingCaptureError(f"expected {views} to see all rays, but {unseen} are in none")
 
 
 def _check(source: Source, face_size: int | None, device: str | torch.device) -> torch.device:
@@ -180,11 +174,6 @@ def _capture(
         mode: (tuple(c.view for c in captures), [np.asarray(c.pixels) for c in captures])
         for mode, captures in by_mode.items()
     }
-
-
-def _labels(masks: NDArray[Any], objects: ObjectTable) -> NDArray[np.uint16]:
-    """(V, h, w) labels of masks, colours or instance ids."""
-    return labels_of_ids(masks, objects)[0] if masks.ndim == 3 else labels_of(masks, objects)[0]
 
 
 def _class_of(rules: ClassRules, objects: ObjectTable) -> Tensor:

@@ -135,16 +135,13 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         random = np.random.default_rng((self.seed, self.epoch, index))
         camera, R_w_c = self.draw(random)
         center = self.centers[index // self.per_center]
-        layers = {name: batch[0] for name, batch in self._faces(center).render(camera, R_w_c).items()}
-        pose, place = Pose(np.array(center), R_w_c), ",".join(f"{value:.3f}" for value in center)
-        frame = Frame(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
-        return sample_of(frame, layers)
-
-    def _faces(self, center: tuple[float, ...]) -> Faces:
         make = partial(Faces, truth_scale=self.truth_scale, classes=self.classes)
         faces = self._cache.get(center, lambda: make(self._source, center, self.modes))
         self._cache.trim()
-        return faces
+        layers = {name: batch[0] for name, batch in faces.render(camera, R_w_c).items()}
+        pose, place = Pose(np.array(center), R_w_c), ",".join(f"{value:.3f}" for value in center)
+        frame = Frame(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
+        return sample_of(frame, layers)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("_source", "_cache")}

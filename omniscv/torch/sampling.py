@@ -208,13 +208,15 @@ class ProcessorTiles:
 
     def sample(self, lookup: ProcessorLookup) -> Tensor:
         """Return (B, N) or (B, N, C) values; 0 if no view sees the ray."""
-        return torch.from_numpy(np.stack([self._sampled(sampler) for sampler in lookup.samplers]))
-
-    def _sampled(self, sampler: CpuSampler) -> NDArray[Any]:
-        if self._interpolation == "surface":
-            return sampler.sample_depth("nearest", self._stack, Precision(), None).distance
-        filter = "bilinear" if self._interpolation == "blended" else "nearest"
-        return SAMPLE[self._interpolation](sampler, filter, self._stack)
+        kind, stack = self._interpolation, self._stack
+        filter = "bilinear" if kind == "blended" else "nearest"
+        values = [
+            sampler.sample_depth("nearest", stack, Precision(), None).distance
+            if kind == "surface"
+            else SAMPLE[kind](sampler, filter, stack)
+            for sampler in lookup.samplers
+        ]
+        return torch.from_numpy(np.stack(values))
 
 
 @lru_cache(maxsize=4)

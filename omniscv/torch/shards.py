@@ -83,19 +83,16 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
 
     def __iter__(self) -> Iterator[Sample]:
         bound_threads()
-        groups = self._groups()
+        keys = [keys for _, keys in self._shards]
+        if self.shuffle:
+            groups = shuffled(keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
+        else:
+            groups = [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
         part = worker_share(self._rank).of(sum(map(len, groups)))
         first = 0
         for group in groups:
             yield from self._read(group[max(part.start - first, 0) : max(part.stop - first, 0)])
             first += len(group)
-
-    def _groups(self) -> list[list[tuple[int, str]]]:
-        """The samples of an epoch, (shard, key), in groups of shards that are open together."""
-        keys = [keys for _, keys in self._shards]
-        if self.shuffle:
-            return shuffled(keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
-        return [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
 
     def _read(self, samples: Sequence[tuple[int, str]]) -> Iterator[Sample]:
         kinds = (*(LAYERS if self.layers is None else self.layers), *_RECORDS)

@@ -54,7 +54,9 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
     """
     rerun = check(out)
     out.parent.mkdir(parents=True, exist_ok=True)
-    stream = rerun.RecordingStream("omniscv", recording_id=_identity(frames))
+    # Equal for the same frames, so that a viewer replaces a file that is written again.
+    identity = f"{len(frames)} frames from {frames[0].key}" if frames else "no frames"
+    stream = rerun.RecordingStream("omniscv", recording_id=identity)
     with whole_file(out) as part:
         stream.save(part)
         stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -63,11 +65,6 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
         stream.flush()
         stream.disconnect()
     return out
-
-
-def _identity(frames: Sequence[Frame]) -> str:
-    """Equal for the same frames, so that a viewer replaces a file that is written again."""
-    return f"{len(frames)} frames from {frames[0].key}" if frames else "no frames"
 
 
 def _log_camera(rerun: Any, stream: Any, name: str, frames: Sequence[Frame]) -> None:

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from omniscv.evaluate.calibration.estimation import LineImages
 from omniscv.geometry.pose import Array
 
-_SIGMA_PX = 1.0
+_SIGMA_PX = 1.0  # of the blur before the gradient
 _LEAST_CONTRAST = 4.0  # of 255, per pixel of the blurred image
 _MARGIN_PX = 4  # from the image circle, whose rim is no edge of the scene
 _MOST_TURN = np.cos(np.radians(20))  # of the gradient between neighbours of a chain
@@ -40,7 +40,10 @@ def find_edges(lit: NDArray[np.uint8], valid: NDArray[np.bool_]) -> list[Array]:
         lit: (H, W, 3) colours.
         valid: (H, W) inside the field of view.
     """
-    gradient = _gradient(lit)
+    blurred = cv2.GaussianBlur(lit.astype(np.float32), (0, 0), _SIGMA_PX)
+    both = np.stack([cv2.Scharr(blurred, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))], axis=-1)
+    most = np.argmax((both**2).sum(axis=-1), axis=-1)  # the channel that changes most
+    gradient = np.take_along_axis(both, most[..., None, None], axis=2)[:, :, 0].astype(np.float64)
     size = np.hypot(gradient[..., 0], gradient[..., 1])
     inside = cv2.erode(
         np.pad(valid, 1).astype(np.uint8), np.ones((3, 3), np.uint8), iterations=_MARGIN_PX, borderValue=0
@@ -97,14 +100,6 @@ def _largest_consensus(
         value = normals[:, :2] @ points.T - normals[:, 2:] * alpha
         near = np.abs(value) <= _NEAR_PX * np.linalg.norm(across, axis=-1)
     return np.asarray(near[near.sum(axis=1).argmax()])
-
-
-def _gradient(lit: NDArray[np.uint8]) -> Array:
-    """Return the gradient (H, W, 2), grey levels per px, of the channel that changes most."""
-    blurred = cv2.GaussianBlur(lit.astype(np.float32), (0, 0), _SIGMA_PX)
-    both = np.stack([cv2.Scharr(blurred, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))], axis=-1)
-    most = np.argmax((both**2).sum(axis=-1), axis=-1)
-    return np.take_along_axis(both, most[..., None, None], axis=2)[:, :, 0].astype(np.float64)
 
 
 def _maxima(

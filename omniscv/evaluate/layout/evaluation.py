@@ -121,7 +121,8 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
     means = []
     for group in dict.fromkeys(row["group"] for row in rows):
         for method in _METHODS:
-            mine, name = _of(rows, group, method), f"{group} rooms, {method}: "
+            mine = [row for row in rows if (row["group"], row["method"]) == (group, method)]
+            name = f"{group} rooms, {method}: "
             for map_name in ("edges", "corners"):
                 paper = PAPER.get((map_name, group), (None,) * len(MAP_SCORES))
                 for (key, label), theirs in zip(MAP_SCORES.items(), paper, strict=True):
@@ -131,10 +132,6 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
                     _mean(mine, key, name + label, unit) for key, (label, unit) in _LAYOUT_SCORES.items()
                 ]
     return [mean for mean in means if mean.n]
-
-
-def _of(rows: Sequence[Row], group: str, method: str) -> list[Row]:
-    return [row for row in rows if (row["group"], row["method"]) == (group, method)]
 
 
 def _mean(rows: Sequence[Row], key: str, name: str, unit: str, paper: float | None = None) -> Figure:

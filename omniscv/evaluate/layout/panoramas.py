@@ -29,6 +29,7 @@ _YAWS_DEG = 17.0, 62.0  # neither along the walls
 _TURN_DEG = 31.0  # from one viewpoint to the next
 _HEIGHT_M, _GRID_M = 1.5, 0.25
 _FROM_WALLS_M, _FROM_OBJECTS_M = 0.6, 0.3
+_FITTED = ("object_mask", "depth", "normals")  # the modes that a room is fitted to
 _CUBE_FACES, _FACE_FOV_DEG = 6, 89.0  # views that show all around a recorded viewpoint
 
 
@@ -68,9 +69,14 @@ def render(settings: Settings) -> Iterator[Panorama]:
     for address in (settings.source,) if settings.source else SCENES:
         with omniscv.open_source(address) as source, within(f"layout: {address}"):
             name = "room" if settings.source else address.partition("://")[2]
-            renderer = omniscv.Renderer(source)
-            positions = _positions(source, viewpoints)
-            room = _room(renderer, positions)
+            renderer, geometry = omniscv.Renderer(source), source.geometry()
+            positions = _positions(source, geometry, viewpoints)
+            if geometry.room is not None:
+                room = layout(geometry).room
+            else:  # fitted to images
+                small = omniscv.cameras.create("equirectangular", _QUICK_WIDTH, _QUICK_WIDTH // 2)
+                poses = [Pose.from_angles(tuple(position)) for position in positions]
+                room = layout([renderer.render(small, pose, _FITTED) for pose in poses]).room
             for i, position in enumerate(positions):
                 for j, yaw_deg in enumerate(_YAWS_DEG):
                     pose = Pose.from_angles(tuple(position), yaw_deg=yaw_deg + i * _TURN_DEG)
@@ -103,19 +109,9 @@ def _extent(settings: Settings) -> tuple[int, int]:
     return (_QUICK_WIDTH, _QUICK_VIEWPOINTS) if settings.quick else (_WIDTH, _VIEWPOINTS)
 
 
-def _room(renderer: omniscv.Renderer, positions: Array) -> Room:
-    """Return the room of a source, fitted to images if the source has none."""
-    geometry = renderer.source.geometry()
-    if geometry.room is not None:
-        return layout(geometry).room
-    camera = omniscv.cameras.create("equirectangular", _QUICK_WIDTH, _QUICK_WIDTH // 2)
-    poses = [Pose.from_angles(tuple(position)) for position in positions]
-    return layout([renderer.render(camera, pose, ("object_mask", "depth", "normals")) for pose in poses]).room
-
-
-def _positions(source: Source, most: int) -> Array:
+def _positions(source: Source, geometry: SceneGeometry, most: int) -> Array:
     """Return viewpoints (V, 3), world frame: those of a recording, or in free space, far from each other."""
-    views, geometry = source.recorded_views(), source.geometry()
+    views = source.recorded_views()
     if views is not None:
         wide = [view.pose.position for view in views if view.fov_deg >= _FACE_FOV_DEG]
         rounded = np.round(np.array(wide, np.float64).reshape(-1, 3), 6)
@@ -127,7 +123,12 @@ def _positions(source: Source, most: int) -> Array:
         raise ArgumentError("expected a recording, or a scene with a known room, got neither; record it")
     if not len(positions):
         raise ArgumentError("expected a viewpoint in the room that shows all around, got none")
-    return positions[_spread(positions, most)]
+    indices = [int(np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin())]
+    away = np.linalg.norm(positions - positions[indices[0]], axis=1)
+    while len(indices) < min(most, len(positions)):  # the farthest from those before
+        indices.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(positions - positions[indices[-1]], axis=1))
+    return positions[indices]
 
 
 def _free_positions(room: Room, geometry: SceneGeometry) -> Array:
@@ -143,13 +144,3 @@ def _free_positions(room: Room, geometry: SceneGeometry) -> Array:
             away = np.abs((positions - box.center_w) @ box.R_w_b) - box.size / 2
             positions = positions[(away > _FROM_OBJECTS_M).any(axis=1)]
     return positions
-
-
-def _spread(positions: Array, most: int) -> list[int]:
-    """Return the indices of the middle position and of positions that are farthest from those before."""
-    indices = [int(np.linalg.norm(positions - positions.mean(axis=0), axis=1).argmin())]
-    away = np.linalg.norm(positions - positions[indices[0]], axis=1)
-    while len(indices) < min(most, len(positions)):
-        indices.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(positions - positions[indices[-1]], axis=1))
-    return indices

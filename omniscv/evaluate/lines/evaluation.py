@@ -113,8 +113,11 @@ def evaluate(settings: Settings) -> Report:
                 draw_cloud(image, _segments(seen, lines["gravity"]), cloud)
             settings.progress(done, len(setups))
     draw_errors(rows, errors)
+    distances = [distance for baseline, distance in exact if baseline >= _LEAST_BASELINE_M]
+    worst = max(distances, default=float("nan"))
+    of_exact = Figure("exact points >= 0.05 m, free: distance", worst, "m", n=len(distances))
     about = {setup.name: {"camera": setup.camera.to_dict(), "pose": setup.pose.to_dict()} for setup in setups}
-    return Report([_exact_figure(exact), *figures(rows)], rows, about, [errors, cloud])
+    return Report([of_exact, *figures(rows)], rows, about, [errors, cloud])
 
 
 def reconstruct(seen: Seen, setup: Setup) -> Mapping[str, list[Array]]:
@@ -180,12 +183,6 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
                 name = f"{camera}, {kind} >= {least:g} m, {prior}: {key.split('_')[0]}"
                 worst.append(Figure(name, max(row[key] for row in mine), unit, n=len(mine)))
     return worst
-
-
-def _exact_figure(exact: Sequence[tuple[float, float]]) -> Figure:
-    distances = [distance for baseline, distance in exact if baseline >= _LEAST_BASELINE_M]
-    worst = max(distances, default=float("nan"))
-    return Figure("exact points >= 0.05 m, free: distance", worst, "m", n=len(distances))
 
 
 def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
@@ -258,7 +255,7 @@ def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Non
     """
     points = image.points()
     points = points[:: -(-len(points) // _MOST_POINTS)]
-    views = (("from above and beside", 35.0, 30.0), ("from above", 0.0, 90.0), ("from beside", 0.0, 0.0))
+    views = {"from above and beside": (35.0, 30.0), "from above": (0.0, 90.0), "from beside": (0.0, 0.0)}
     with chart(path, 1000, 800) as drawing:
         grid = drawing.add_gridspec(2, 3, height_ratios=(1.15, 1))
         axes = drawing.add_subplot(grid[0, :])
@@ -267,17 +264,22 @@ def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> Non
             axes.plot(*segment.pixels.T, ".", color=RED, ms=1.5)
         axes.set_axis_off()
         axes.set_title("edges between walls, floor and ceiling, from labels", size=9)
-        for i, (title, turn_deg, lift_deg) in enumerate(views):
+        for i, (title, angles_deg) in enumerate(views.items()):
             axes = drawing.add_subplot(grid[1, i])
-            _draw_view(axes, image, points, segments, _projection(turn_deg, lift_deg))
+            _draw_view(axes, image, points, segments, angles_deg)
             axes.set_title(title, size=9)
         finding = f"{len(segments)} edges of a room, reconstructed from one image, among its true points"
         drawing.suptitle(finding, size=11)
 
 
 def _draw_view(
-    axes: Axes, image: OmniImage, points_w: Array, segments: Sequence[Segment], projection: Array
+    axes: Axes, image: OmniImage, points_w: Array, segments: Sequence[Segment], angles_deg: Sequence[float]
 ) -> None:
+    """Draw a parallel projection: seen from -Y, turned about Z, and lifted, by two angles."""
+    turn, lift = np.radians(angles_deg)
+    right = np.array([np.cos(turn), np.sin(turn), 0.0])
+    back = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    projection = np.array([right, np.sin(lift) * back + np.cos(lift) * np.array([0.0, 0.0, 1.0])])
     axes.plot(*projection @ points_w.T, ".", color=INK, ms=0.5, alpha=0.25)
     centers = np.unique(np.round(image.centers_w.reshape(-1, 3), 6), axis=0)
     axes.plot(*projection @ centers.T, ".", color=BLUE, ms=1.5)
@@ -289,11 +291,3 @@ def _draw_view(
     axes.set_aspect("equal")
     axes.tick_params(labelsize=7)
     axes.set_xlabel("m", size=7)
-
-
-def _projection(turn_deg: float, lift_deg: float) -> Array:
-    """Return a parallel projection (2, 3) of world points: seen from -Y, turned about Z, and lifted."""
-    turn, lift = np.radians([turn_deg, lift_deg])
-    right = np.array([np.cos(turn), np.sin(turn), 0.0])
-    back = np.array([-np.sin(turn), np.cos(turn), 0.0])
-    return np.array([right, np.sin(lift) * back + np.cos(lift) * np.array([0.0, 0.0, 1.0])])

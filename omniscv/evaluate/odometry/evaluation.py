@@ -9,6 +9,7 @@ Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,10 @@ def evaluate(settings: Settings) -> Report:
     """
     pycolmap = load_pycolmap()
     count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
-    truth = _flight(settings, count)
+    truth, path = flight(count), settings.options.get("trajectory")
+    if path is not None:
+        truth = read_trajectory(Path(path))
+        truth = truth[:: -(-len(truth) // count)] if settings.quick else truth
     times = truth.times or tuple(map(float, range(len(truth))))
     rig, folder = rig_of(width, edge), settings.out / "odometry"
     steps = len(truth) * (1 + len(rig.cameras))
@@ -73,7 +77,10 @@ def evaluate(settings: Settings) -> Report:
     runs = dict[str, TrajectoryErrors]()
     for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
         T_cam_rig, estimates = mounted.pose.inverse(), reconstruct(images[name], mounted.camera)
-        errors = runs[name] = _score(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
+        errors = _NO_ERRORS
+        with suppress(ArgumentError):  # too few poses to align them
+            errors = trajectory_errors(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
+        runs[name] = errors
         if errors.frames:
             aligned = Trajectory(tuple(errors.aligned), tuple(times[frame] for frame in errors.frames))
             written.append(write_text(folder / f"{name}.tum", write_tum(aligned)))
@@ -154,23 +161,6 @@ def render(
             written[name].append(write_pixels(folder / name / f"{i:04d}.png", image.lit))
         progress(i + 1)
     return written
-
-
-def _flight(settings: Settings, count: int) -> Trajectory:
-    """Return the loop of ``count`` poses, or those of a file, at most as many with ``quick``."""
-    path = settings.options.get("trajectory")
-    if path is None:
-        return flight(count)
-    poses = read_trajectory(Path(path))
-    return poses[:: -(-len(poses) // count)] if settings.quick else poses
-
-
-def _score(truth: Trajectory, estimates: Mapping[int, Pose]) -> TrajectoryErrors:
-    """Return the errors; without frames where too few poses were estimated to align them."""
-    try:
-        return trajectory_errors(truth, estimates)
-    except ArgumentError:
-        return _NO_ERRORS
 
 
 def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:

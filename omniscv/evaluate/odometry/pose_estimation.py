@@ -9,8 +9,7 @@ Source: J. L. Schoenberger, J.-M. Frahm, "Structure-from-motion revisited", CVPR
 
 import signal
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -37,11 +36,14 @@ def load_pycolmap() -> Any:
     Raises:
         OmniscvError: it is not installed, or too old for panoramas.
     """
-    with _kept_handler(signal.SIGTERM):
-        try:
-            import pycolmap
-        except ImportError as cause:
-            raise OmniscvError("odometry: expected pycolmap; install omniscv[evaluate]") from cause
+    handler = signal.getsignal(signal.SIGTERM)
+    try:
+        import pycolmap
+    except ImportError as cause:
+        raise OmniscvError("odometry: expected pycolmap; install omniscv[evaluate]") from cause
+    finally:  # pycolmap sets a handler that prints a stack and ends the process
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)
     if not hasattr(pycolmap.CameraModelId, "EQUIRECTANGULAR"):
         got = f"pycolmap {pycolmap.__version__}"
         raise OmniscvError(f"odometry: expected pycolmap 4.1 or later, got {got}; install omniscv[evaluate]")
@@ -100,7 +102,8 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
         models = pycolmap.incremental_mapping(database, folder, scratch, options=mapping)
     registered = [[image for image in model.images.values() if image.has_pose] for model in models.values()]
     largest = max(registered, key=len, default=[])
-    return {names.index(image.name): _pose(image.cam_from_world()) for image in largest}
+    matrices = {names.index(image.name): image.cam_from_world().inverse().matrix() for image in largest}
+    return {index: Pose(matrix[:, 3], matrix[:, :3]) for index, matrix in matrices.items()}
 
 
 def _move_to_panorama(database: Path, camera: Camera) -> None:
@@ -117,19 +120,3 @@ def _move_to_panorama(database: Path, camera: Camera) -> None:
         size = {"width": panorama.width, "height": panorama.height}
         model = {"model": "EQUIRECTANGULAR", "params": list(size.values()), "camera_id": image.camera_id}
         opened.update_camera(pycolmap.Camera(**model, **size))
-
-
-def _pose(cam_from_world: Any) -> Pose:
-    matrix = cam_from_world.inverse().matrix()
-    return Pose(matrix[:, 3], matrix[:, :3])
-
-
-@contextmanager
-def _kept_handler(number: int) -> Iterator[None]:
-    """Restore the handler of a signal: pycolmap sets one that prints a stack and ends the process."""
-    before = signal.getsignal(number)
-    try:
-        yield
-    finally:
-        if before is not None and threading.current_thread() is threading.main_thread():
-            signal.signal(number, before)

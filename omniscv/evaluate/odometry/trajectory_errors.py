@@ -88,6 +88,9 @@ def trajectory_errors(
     scale, R, t = umeyama(_positions([estimates[i] for i in frames]), positions)
     aligned = [Pose(scale * R @ estimates[i].position + t, R @ estimates[i].rotation) for i in frames]
     reached = _positions(aligned)
+    seen = positions - np.asarray(origin), reached - np.asarray(origin)
+    # By the arc tangent, which is exact for small angles; the arc cosine is not.
+    across, ahead = np.linalg.norm(np.cross(*seen), axis=1), (seen[0] * seen[1]).sum(axis=1)
     successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
     steps = [
         (true[i].inverse() @ true[i + 1]).inverse() @ (aligned[i].inverse() @ aligned[i + 1])
@@ -97,7 +100,7 @@ def trajectory_errors(
         frames=frames,
         aligned=aligned,
         position_m=np.linalg.norm(reached - positions, axis=1),
-        eps_t_deg=_angle_deg(positions - np.asarray(origin), reached - np.asarray(origin)),
+        eps_t_deg=np.asarray(np.degrees(np.arctan2(across, ahead))),
         eps_theta_deg=_turn_deg([a.R_w_c @ b.R_w_c.T for a, b in zip(true, aligned, strict=True)]),
         step_m=np.linalg.norm(_positions(steps), axis=1),
         step_deg=_turn_deg([step.rotation for step in steps]),
@@ -117,12 +120,6 @@ def rms(values: ArrayLike) -> float:
 
 def _positions(poses: Sequence[Pose]) -> Array:
     return np.array([pose.position for pose in poses]).reshape(-1, 3)
-
-
-def _angle_deg(a: Array, b: Array) -> Array:
-    """Return the angles (N,) between vectors (N, 3); exact for small angles, where the arc cosine is not."""
-    across = np.linalg.norm(np.cross(a, b), axis=1)
-    return np.asarray(np.degrees(np.arctan2(across, (a * b).sum(axis=1))))
 
 
 def _turn_deg(rotations: Sequence[Array]) -> Array:

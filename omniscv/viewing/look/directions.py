@@ -92,7 +92,11 @@ def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
     finer = int(np.clip(np.ceil(2 * density / count / _FINE_PX), _LEAST_FINE, _MOST_FINE))
     fine = (np.arange(finer) + 0.5) / finer * (2 / count)
     face, i, j = np.nonzero(kinds == 0)
-    split = _project_cells(project, face, (ends[i][:, None] + fine), (ends[j][:, None] + fine))
+    shape = len(face), finer, finer
+    across = np.broadcast_to((ends[j][:, None] + fine)[:, None, :], shape)
+    down = np.broadcast_to((ends[i][:, None] + fine)[:, :, None], shape)
+    faces = np.broadcast_to(face[:, None, None], shape)
+    split = _fixed(*project(_on_face(faces, across, down)))
     used = split.any(axis=(1, 2, 3))
     kinds[face[used], i[used], j[used]] = 2 + np.arange(np.count_nonzero(used))
     return {
@@ -145,14 +149,6 @@ def _projector(camera: Camera, density: float) -> Project:
         return pixels[np.where(known, index, 0)], known
 
     return nearest
-
-
-def _project_cells(project: Project, face: NDArray[np.int64], b: Array, a: Array) -> NDArray[np.uint32]:
-    """(T, F, F, 2) fixed-point pixels of the fine points of cells; b and a are (T, F)."""
-    shape = (len(face), a.shape[1], a.shape[1])
-    across, down = np.broadcast_to(a[:, None, :], shape), np.broadcast_to(b[:, :, None], shape)
-    faces = np.broadcast_to(face[:, None, None], shape)
-    return _fixed(*project(_on_face(faces, across, down)))
 
 
 def _fixed(pixels: Array, seen: NDArray[np.bool_]) -> NDArray[np.uint32]:

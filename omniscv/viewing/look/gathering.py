@@ -86,7 +86,11 @@ def gather(path: Path) -> Gathered:
         ArgumentError: nothing there, or nothing that can be shown.
     """
     if path.is_dir():
-        return _of_folder(path)
+        if descriptions := [file for file in sorted(path.glob("*.json")) if _files(file)]:
+            return _of_images(path, descriptions)
+        inner = sorted({file.parent.name for file in path.glob("*/*.json") if _files(file)})
+        got = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
+        raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {got}")
     if not path.is_file():
         raise ArgumentError(f"{path}: expected a folder, an image or a recording, got nothing there")
     if path.suffix == ".json":
@@ -95,15 +99,6 @@ def gather(path: Path) -> Gathered:
     if description.is_file() and _layer_of(path, description.stem):
         return _of_images(path.parent, [description])
     return _of_picture(path)
-
-
-def _of_folder(path: Path) -> Gathered:
-    descriptions = [file for file in sorted(path.glob("*.json")) if _files(file)]
-    if descriptions:
-        return _of_images(path, descriptions)
-    inner = sorted({file.parent.name for file in path.glob("*/*.json") if _files(file)})
-    got = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
-    raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {got}")
 
 
 def _of_images(folder: Path, descriptions: Iterable[Path]) -> Gathered:

@@ -20,7 +20,7 @@ Boxes and layouts are lines in the image, each a flat list ``[u0, v0, u1, v1, ..
 import base64
 import itertools
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
 import cv2
@@ -115,14 +115,19 @@ def text(data: bytes) -> str:
 
 def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
     """Return the boxes in the image and in space, by kind: ``id``, ``name``, ``class``, ``lines``."""
-    kinds = [kind for kind in _KINDS if frame.truth.get(kind)]
-    return {kind: [_box(frame, kind, record) for record in frame.truth[kind]] for kind in kinds}
-
-
-def _box(frame: Frame, kind: BoxKind, record: Mapping[str, Any]) -> dict[str, Any]:
-    lines = [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)]
-    name, instance = record["name"], record["instance_id"]
-    return {"id": instance, "name": name, "class": record.get("class"), "lines": lines}
+    return {
+        kind: [
+            {
+                "id": record["instance_id"],
+                "name": record["name"],
+                "class": record.get("class"),
+                "lines": [part for line in box_lines(kind, frame.camera, record) for part in _parts(line)],
+            }
+            for record in frame.truth[kind]
+        ]
+        for kind in _KINDS
+        if frame.truth.get(kind)
+    }
 
 
 def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[Array]:
@@ -130,8 +135,11 @@ def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[
 
     NaN where the image does not show them.
     """
-    if kind == "boxes":
-        return _rectangle(camera, record.get("bbox_wrap", record["bbox"]))
+    if kind == "boxes":  # columns beyond the right border continue at the left
+        x, y, w, h = record.get("bbox_wrap", record["bbox"])
+        corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
+        pixels = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
+        return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in pixels]
     if kind == "boxes3d":
         center, R_c_b, size = (np.array(record[key]) for key in ("center_camera", "R_camera_box", "size"))
         corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()
@@ -143,14 +151,6 @@ def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[
     return [camera.project(_FAR_M * np.linspace(a, b, _STEPS))[0] for a, b in sides]
 
 
-def _rectangle(camera: Camera, bbox: Sequence[float]) -> list[Array]:
-    """The four sides. Columns beyond the right border continue at the left."""
-    x, y, w, h = bbox
-    corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
-    sides = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
-    return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in sides]
-
-
 def layout(frame: Frame) -> dict[str, Any] | None:
     """Return a frame's layout; None without one.
 
@@ -158,10 +158,9 @@ def layout(frame: Frame) -> dict[str, Any] | None:
     ``seen``; ``corners`` have ``pixel`` in place of ``line``. ``floor`` is (N, 2), the room from above, world
     frame, metres.
     """
-    return _layout(frame.layout) if frame.layout else None
-
-
-def _layout(record: Mapping[str, Any]) -> dict[str, Any]:
+    record = frame.layout
+    if not record:
+        return None
     edges = [
         {
             "kind": edge["kind"],

@@ -81,8 +81,10 @@ def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progr
             elif placeholder[1] == "data":
                 folder = None if beside is None else f"{out.stem}.frames"
                 file.write(_json(_shared(gathered, title, ranges, folder)))
+            elif placeholder[1] == "programs":
+                file.write("\n".join(_asset(f"{script}.js") for script in _SCRIPTS))
             else:
-                file.write(_constant(placeholder[1]))
+                file.write(_asset("page.css" if placeholder[1] == "style" else f"{placeholder[1]}.glsl"))
         file.write(page[start:])
 
 
@@ -107,15 +109,6 @@ def _write_frames(
             (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
         if progress:
             progress(i + 1, len(gathered.frames))
-
-
-def _constant(placeholder: str) -> str:
-    """The style, the scripts, or a shader: the same in all pages."""
-    if placeholder == "style":
-        return _asset("page.css")
-    if placeholder == "programs":
-        return "\n".join(_asset(f"{script}.js") for script in _SCRIPTS)
-    return _asset(f"{placeholder}.glsl")
 
 
 def _asset(name: str) -> str:
