@@ -1,19 +1,42 @@
-"""Make the dataset of a job by the workers of a cluster."""
+"""Make the dataset of a job by the workers of a cluster.
+
+A task runs in a worker, which has one open server. Only counts return to the scheduler, or what is wrong with
+the job.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple, TypeVar
 
-from omniscv.cluster.workers import Workers
-from omniscv.errors import ClusterError
+from distributed import Client, Future, WorkerPlugin, as_completed, get_worker
+
+from omniscv.cluster.workers import RESOURCE, Workers
+from omniscv.errors import ArgumentError, ClusterError, DatasetError, OmniscvError
 from omniscv.job import Job
-from omniscv.make import Made, check_dataset, finish, parts_of, source_options
+from omniscv.make import Made, Part, check_dataset, finish, opened, parts_of, run_part, source_options
+from omniscv.memory import keep_freed_memory
+from omniscv.sources.base import Source
+from omniscv.sources.registry import SourceOptions, open_source
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
+T = TypeVar("T")
 
+SERVER_PLUGIN, JOB_PLUGIN = "omniscv-server", "omniscv-job"
+"""Names of the plugins of workers."""
+
+TOPIC = "omniscv"
+"""Topic of the events with which workers report failures that they retry."""
+
+RETRIES = 5
+"""How often a failed part is tried again, by whichever worker is free."""
+
+TASK_OPTIONS = {"resources": RESOURCE, "retries": RETRIES, "pure": False}
+"""How tasks are submitted."""
+
+_LONGEST_WAIT_S = 60.0
 _AGAIN = "what is made is kept: run the same command again"
 
 
@@ -55,17 +78,6 @@ def _make_parts(
     warn: Callable[[str], None] | None,
 ) -> tuple[Job, Made]:
     """Make all parts; return the job with its poses, and the counts of frames."""
-    from omniscv.cluster.tasks import (
-        JOB_PLUGIN,
-        SERVER_PLUGIN,
-        TASK_OPTIONS,
-        TOPIC,
-        JobPlugin,
-        ServerPlugin,
-        make_part,
-        with_poses,
-    )
-
     if warn:
         client.subscribe_topic(TOPIC, lambda event: warn(str(event[1])))
     written = kept = warnings = 0
@@ -96,10 +108,6 @@ def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:
     Raises:
         ClusterError: a task failed at every attempt, or the scheduler is gone.
     """
-    from distributed import as_completed
-
-    from omniscv.cluster.tasks import RETRIES
-
     try:
         for future in as_completed(futures, loop=client.loop):
             if future.status == "cancelled":
@@ -112,3 +120,128 @@ def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:
     finally:
         if client.status == "running":
             client.cancel(list(futures), force=True)
+
+
+# -- in a worker -----------------------------------------------------------------------------------------
+
+
+class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
+    """The server of a worker: a game that it launches, one at an address, or a mock server.
+
+    It is opened by the first task, not when the worker starts: a game may take minutes, and Dask takes a
+    worker that does not answer meanwhile for dead.
+
+    Args:
+        addresses: of the job's source; if there are several, a worker takes the one of its number.
+        options: of :func:`omniscv.open_source`.
+    """
+
+    name = SERVER_PLUGIN
+
+    def __init__(self, addresses: Sequence[str], options: SourceOptions) -> None:
+        self._addresses, self._options = tuple(addresses), options
+
+    def setup(self, worker: Any) -> None:
+        """Start without a source."""
+        self._worker = worker
+        self._source: Source | None = None
+        self._failures, self._ending = 0, False
+        keep_freed_memory()
+
+    async def teardown(self, worker: Any) -> None:
+        """Close the source, and with it what it launched."""
+        self._ending = True
+        await asyncio.to_thread(self._close)
+
+    def use(self, work: Callable[[Source], T]) -> T:
+        """Run a function of the source. After a failure the next call opens the source again.
+
+        Repeated failures wait longer and longer, up to a minute: a worker without a server would otherwise
+        fail tasks faster than other workers complete them.
+
+        Raises:
+            Exception: as the function, or opening the source.
+        """
+        try:
+            if self._source is None:
+                self._source = open_source(self._address(), **self._options)
+            result = work(self._source)
+        except Exception as fault:
+            with suppress(OmniscvError, OSError):  # of a server that is gone
+                self._close()
+            if not (self._ending or isinstance(fault, ArgumentError)):
+                self._worker.log_event(TOPIC, f"worker {self._worker.name}: {fault}")
+                time.sleep(min(_LONGEST_WAIT_S, 0.1 * (2**self._failures - 1)))
+                self._failures += 1
+            raise
+        self._failures = 0
+        return result
+
+    def _address(self) -> str:
+        if len(self._addresses) == 1:
+            return self._addresses[0]
+        number = str(self._worker.name)
+        if not number.isdecimal() or int(number) >= len(self._addresses):
+            last = len(self._addresses) - 1
+            wanted = f"expected workers named 0 to {last}, for the addresses of the source"
+            raise ArgumentError(f"--cluster: {wanted}, got {number!r}; start them with --name")
+        return self._addresses[int(number)]
+
+    def _close(self) -> None:
+        source, self._source = self._source, None
+        if source is not None:
+            source.close()
+
+
+class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported without its types
+    """The job, sent to every worker once, not with every task."""
+
+    name = JOB_PLUGIN
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+
+
+class Done(NamedTuple):
+    """The result of a task.
+
+    Attributes:
+        written, kept: frames, as :func:`omniscv.make.run_part`.
+        warnings: number of images with unsure or occluded pixels.
+        refused: what is wrong with the job; another attempt would not help.
+    """
+
+    written: int = 0
+    kept: int = 0
+    warnings: int = 0
+    refused: Exception | None = None
+
+
+def make_part(part: Part) -> Done:
+    """Make a part of the worker's job with its server."""
+    warnings: list[str] = []
+
+    def work(source: Source) -> Done:
+        made = run_part(_plugin(JOB_PLUGIN).job, part, source=source, warn=warnings.append)
+        return Done(made.written, made.kept, len(warnings))
+
+    try:
+        done: Done = _plugin(SERVER_PLUGIN).use(work)
+    except (ArgumentError, DatasetError) as refused:
+        return Done(refused=refused)
+    return done
+
+
+def with_poses(job: Job) -> Job:
+    """Return a job with the poses that it samples in the worker's source."""
+
+    def work(source: Source) -> Job:
+        with opened(job, source) as (sampled, _):
+            return sampled
+
+    sampled: Job = _plugin(SERVER_PLUGIN).use(work)
+    return sampled
+
+
+def _plugin(name: str) -> Any:
+    return get_worker().plugins[name]

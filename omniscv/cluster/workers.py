@@ -26,16 +26,15 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+from dask import config
+from distributed import Client, LocalCluster
 
 from omniscv.arguments import shown, text, texts, whole_number, within
 from omniscv.errors import ArgumentError, ClusterError
 from omniscv.records import checked, read, record
 from omniscv.storage import bounded
-
-if TYPE_CHECKING:
-    from dask_jobqueue import SLURMCluster
-    from distributed import Client, LocalCluster
 
 RESOURCE = {"server": 1}
 """Dask resource: one unit per worker, one per task, so that each worker runs one task at a time."""
@@ -57,8 +56,6 @@ _SHORTEST_MIN, _SLOWEST_S = 10, 60.0
 
 def settings() -> dict[str, Any]:
     """Return the ``SETTINGS`` that the user's files and environment for Dask leave open."""
-    from dask import config
-
     configured = config.collect()
     return {key: value for key, value in SETTINGS.items() if config.get(key, None, config=configured) is None}
 
@@ -97,15 +94,12 @@ class Local:
             ArgumentError: more workers than addresses, if there are several.
             ClusterError: one has ended while it started.
         """
-        import dask
-        from distributed import Client
-
         workers = len(sources) if self.workers is None else self.workers
         if workers > len(sources) > 1:
             wanted = f"expected at most {len(sources)} workers, one for each address of the source"
             raise ArgumentError(f"--cluster: {wanted}, got {workers}")
         with (
-            dask.config.set(settings()),
+            config.set(settings()),
             _started(workers) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):
@@ -113,8 +107,6 @@ class Local:
 
 
 def _started(workers: int) -> LocalCluster:
-    from distributed import LocalCluster
-
     try:
         return LocalCluster(
             n_workers=workers,
@@ -142,8 +134,6 @@ class Address:
     @contextmanager
     def client(self, sources: Sequence[str]) -> Iterator[Client]:
         """Connect to it; ClusterError if that fails, or workers have no server."""
-        from distributed import Client
-
         try:
             client = Client(self.address, timeout=self.timeout_s, set_as_default=False)
         except (OSError, ValueError) as cause:
@@ -197,7 +187,7 @@ class Slurm:
     interface: str | None = checked(text, default=None)
     python: str | None = checked(text, default=None)
 
-    def cluster(self) -> SLURMCluster:
+    def cluster(self) -> Any:
         """Return the cluster, without jobs as yet: ``job_script()`` is what is submitted.
 
         A worker stops after 17 twentieths of its time, give or take a twentieth, so that not all stop at
@@ -245,14 +235,11 @@ class Slurm:
             ArgumentError: several addresses: workers on nodes have no numbers to choose one by.
             ClusterError: SLURM refuses the job.
         """
-        import dask
-        from distributed import Client
-
         if len(sources) > 1:
             wanted = "expected one address, which every worker opens on its own node"
             raise ArgumentError(f"--cluster slurm: {wanted}, got a list of {len(sources)}")
         with (
-            dask.config.set(settings()),
+            config.set(settings()),
             self.cluster() as cluster,
             Client(cluster, set_as_default=False) as client,
         ):
@@ -280,13 +267,8 @@ def workers_of(place: str) -> Workers:
     """Return the workers that a word describes: ``local:4``, ``slurm:FILE.yaml`` or a scheduler's address.
 
     Raises:
-        ArgumentError: another word, a missing package, or a file with unknown, missing or wrong keys.
+        ArgumentError: another word, or a file with unknown, missing or wrong keys.
     """
-    try:
-        import distributed  # noqa: F401
-    except ImportError as cause:
-        wanted = "expected the packages of clusters: pip install 'omniscv[cluster]'"
-        raise ArgumentError(f"--cluster: {wanted}; got: {cause}") from cause
     kind, _, rest = place.partition(":")
     if kind == "local" and re.fullmatch(r"[1-9][0-9]{0,3}|", rest):
         return Local(int(rest) if rest else None)

@@ -10,15 +10,19 @@ import inspect
 import shutil
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
     import mock_server
-    from omniscv.cameras import Camera
     from omniscv.sources import Source
+    from omniscv.testing.cameras import check_camera
+    from omniscv.testing.sources import check_source
 
+
+__all__ = ["check_camera", "check_source", "recorded_dir", "recorded_source", "unreal_server"]
 
 _passed = pytest.StashKey[bool]()
 _MARKERS: dict[str, tuple[str, tuple[type, ...]]] = {
@@ -28,36 +32,12 @@ _MARKERS: dict[str, tuple[str, tuple[type, ...]]] = {
 """By marker, the name of its first argument and its types."""
 
 
-def check_camera(camera: Camera) -> None:
-    """Check the contract of a camera, as for a model of a package.
-
-    Pixels come back from their rays to 1e-6 px; shapes, dtypes, validity; the description and back; the
-    optical centres; immutability.
-
-    Raises:
-        AssertionError: a promise that it breaks.
-    """
-    from omniscv.testing.cameras import check_camera
-
-    check_camera(camera)
-
-
-def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), edge: int = 16) -> None:
-    """Check the contract of an open source, as for one of a package; it captures some hundred small pictures.
-
-    Order, laziness, pixels of each modality, objects.
-
-    Args:
-        source: open.
-        position: (3,) metres, world frame: in free space.
-        edge: of pictures, px, if the source can choose.
-
-    Raises:
-        AssertionError: a promise that it breaks.
-    """
-    from omniscv.testing.sources import check_source
-
-    check_source(source, position, edge)
+def __getattr__(name: str) -> Any:
+    """Import the contracts when a test uses them."""
+    homes = {"check_camera": "cameras", "check_source": "sources"}
+    if name not in homes:
+        raise AttributeError(f"module 'omniscv.testing' has no attribute {name!r}")
+    return resolve_name(f"omniscv.testing.{homes[name]}:{name}")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -93,19 +73,17 @@ def _arguments(item: pytest.Item, marker: pytest.Mark) -> dict[str, Any]:
     if not isinstance(given.get(first, ""), types):
         words = " or ".join(each.__name__ for each in types)
         raise pytest.UsageError(f"{start}: {first}: expected {words}, got {given[first]!r}")
-    known = [first, *(_server_options() if marker.name == "unreal" and len(given) > (first in given) else ())]
+    known = [first]
+    if marker.name == "unreal" and given.keys() - {first}:
+        from mock_server.settings import Settings
+
+        known += inspect.signature(Settings).parameters
     if unknown := sorted(given.keys() - set(known)):
         from omniscv.arguments import did_you_mean
 
         near = did_you_mean(unknown[0], known)
         raise pytest.UsageError(f"{start}: unknown {unknown[0]!r}; expected some of {', '.join(known)}{near}")
     return given
-
-
-def _server_options() -> list[str]:
-    from mock_server.settings import Settings
-
-    return list(inspect.signature(Settings).parameters)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -164,7 +142,10 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     from omniscv.sources.recording import RecordedSource, Recording
     from omniscv.sources.recording.files import publish, target_of, written_for
 
-    path = recorded_dir / _file(request)
+    marker = request.node.get_closest_marker("recorded")
+    file = _arguments(request.node, marker).get("file") if marker else None
+    of_test = "".join("-" if c in "<>?%*:|\"'/\\" else c for c in request.node.name)
+    path = recorded_dir / (file or f"{of_test}.sqlite")
     mode = request.config.getoption("--record-mode", None) or "none"
     if mode == "none" or (mode == "once" and _holds_captures(path)):
         if not path.exists():
@@ -173,14 +154,14 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
             yield replay
         return
     target = target_of(path)
-    with written_for(target) as file:
+    with written_for(target) as written:
         if mode in ("new_episodes", "all") and _holds_captures(path):
-            shutil.copyfile(target, file)
-        with _live(request) as live, Recording(live, file, anew=mode == "all") as recording:
+            shutil.copyfile(target, written)
+        with _live(request) as live, Recording(live, written, anew=mode == "all") as recording:
             recording.objects()
             yield recording
         if request.node.stash.get(_passed, False):
-            publish(file, target)
+            publish(written, target)
 
 
 def _holds_captures(path: Path) -> bool:
@@ -191,14 +172,6 @@ def _holds_captures(path: Path) -> bool:
         return False
     with RecordedSource(path) as replay:
         return bool(replay.states())
-
-
-def _file(request: pytest.FixtureRequest) -> str:
-    marker = request.node.get_closest_marker("recorded")
-    if marker and (file := _arguments(request.node, marker).get("file")):
-        return str(file)
-    name = "".join("-" if c in "<>?%*:|\"'/\\" else c for c in request.node.name)
-    return f"{name}.sqlite"
 
 
 def _live(request: pytest.FixtureRequest) -> Source:

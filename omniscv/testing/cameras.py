@@ -231,7 +231,14 @@ CHECKS = (*NUMERIC_CHECKS, check_immutable, check_outside, check_narrow_numbers)
 
 
 def check_camera(camera: Camera) -> None:
-    """Check the contract of a camera: :func:`omniscv.testing.check_camera`."""
+    """Check the contract of a camera, as for a model of a package.
+
+    Pixels come back from their rays to 1e-6 px; shapes, dtypes, validity; the description and back; the
+    optical centres; immutability.
+
+    Raises:
+        AssertionError: a promise that it breaks.
+    """
     for check in CHECKS:
         check(camera)
 

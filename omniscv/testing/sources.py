@@ -28,7 +28,18 @@ def face_requests(source: Source, position: Sequence[float], edge: int) -> list[
 
 
 def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), edge: int = 16) -> None:
-    """Check the contract of a source: :func:`omniscv.testing.check_source`."""
+    """Check the contract of an open source, as for one of a package; it captures some hundred small pictures.
+
+    Order, laziness, pixels of each modality, objects.
+
+    Args:
+        source: open.
+        position: (3,) metres, world frame: in free space.
+        edge: of pictures, px, if the source can choose.
+
+    Raises:
+        AssertionError: a promise that it breaks.
+    """
     requests = face_requests(source, position, edge)
     check_order(source, requests)
     check_pixels(source, requests)

@@ -154,7 +154,7 @@ def main():
 
     import mock_server  # noqa: F401
     import omniscv
-    import omniscv.cluster.tasks
+    import omniscv.cluster
     import omniscv.sources.unreal.source
 
     logging.disable(logging.CRITICAL)  # of what is killed, Dask says much
