@@ -115,11 +115,17 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
         if any(values) or argument not in ("skew", "distortion"):
             terms[argument] = values if " " in names else values[0]
     center = {"cx": numbers["cx"], "cy": numbers["cy"]}
+    fx, fy = numbers["fx"], numbers["fy"]
     if model == "division":
-        return create(model, width, height, focal=_one_focal(numbers), **center, **terms)  # type: ignore[arg-type]
-    if model == "pinhole" and not terms and numbers["fx"] == numbers["fy"]:
-        return create(model, width, height, focal=numbers["fx"], center=[*center.values()])
-    return create(model, width, height, fx=numbers["fx"], fy=numbers["fy"], **center, **terms)  # type: ignore[arg-type]
+        if fx != fy:
+            raise ArgumentError(
+                "focal lengths: expected two that are equal (our division model stretches no axis), got "
+                f"{fx:.15g} and {fy:.15g}"
+            )
+        return create(model, width, height, focal=fx, **center, **terms)  # type: ignore[arg-type]
+    if model == "pinhole" and not terms and fx == fy:
+        return create(model, width, height, focal=fx, center=[*center.values()])
+    return create(model, width, height, fx=fx, fy=fy, **center, **terms)  # type: ignore[arg-type]
 
 
 def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
@@ -163,15 +169,6 @@ def _in_order(row: FormatModel, numbers: Numbers, shift_px: float) -> list[float
     if any(value for name, value in shifted.items() if name in needed and name not in row.numbers):
         return None
     return [shifted.get(name, 0.0) for name in row.numbers]
-
-
-def _one_focal(numbers: Mapping[str, float]) -> float:
-    if numbers["fx"] != numbers["fy"]:
-        raise ArgumentError(
-            "focal lengths: expected two that are equal (our division model stretches no axis), got "
-            f"{numbers['fx']:.15g} and {numbers['fy']:.15g}"
-        )
-    return numbers["fx"]
 
 
 def refuse_limit(camera: Camera) -> None:

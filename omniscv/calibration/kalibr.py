@@ -41,7 +41,6 @@ import yaml
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration.intrinsics import (
     HALF_PIXEL,
-    FormatModel,
     camera_of,
     check_first_is_origin,
     format_models,
@@ -107,7 +106,12 @@ def rig_from_kalibr(text: str) -> Rig:
         if mounted:
             if "T_cn_cnm1" not in entry:
                 raise ArgumentError(f"{name}: missing key 'T_cn_cnm1', the pose in a chain")
-            T_0_n = T_0_n @ _rigid(f"{name}.T_cn_cnm1", entry["T_cn_cnm1"]).inverse()
+            matrix = numbers(f"{name}.T_cn_cnm1", entry["T_cn_cnm1"], (4, 4))
+            if matrix[3].tolist() != [0, 0, 0, 1]:
+                wanted = "expected a last row [0, 0, 0, 1]"
+                raise ArgumentError(f"{name}.T_cn_cnm1: {wanted}, got {shown(matrix[3])}")
+            with within(f"{name}.T_cn_cnm1"):
+                T_0_n = T_0_n @ Pose(matrix[:3, 3], matrix[:3, :3]).inverse()
         shift = number(f"{name}.timeshift_cam_imu", entry.get("timeshift_cam_imu", 0.0))
         mounted[name] = RigCamera(cameras[name], T_0_n, shift)
     return Rig(mounted)
@@ -148,14 +152,6 @@ def _dump(chain: dict[str, Any]) -> str:
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
 
 
-def _rigid(name: str, value: object) -> Pose:
-    matrix = numbers(name, value, (4, 4))
-    if matrix[3].tolist() != [0, 0, 0, 1]:
-        raise ArgumentError(f"{name}: expected a last row [0, 0, 0, 1], got {shown(matrix[3])}")
-    with within(name):
-        return Pose(matrix[:3, 3], matrix[:3, :3])
-
-
 def _camera(name: str, entry: dict[str, Any]) -> Camera:
     data = read_known(_Entry, entry, name)
     with within(name):
@@ -192,8 +188,13 @@ def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float,
 def _entry(name: str, camera: Camera) -> dict[str, Any]:
     if not _NAME.fullmatch(name):
         raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(name)}")
+    known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
+    expected = f"Kalibr: expected {known}, unskewed, or a central mirror"
     with within(name):
-        row, values = _row_and_values(camera)
+        if isinstance(camera, SphereModel):
+            row, values = _MODELS["omni-none"], _mirror_values(camera)
+        else:
+            row, values = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
     split = row.numbers.index("cy") + 1
     model, distortion = row.name.split("-")
     return {
@@ -203,14 +204,6 @@ def _entry(name: str, camera: Camera) -> dict[str, Any]:
         "distortion_coeffs": values[split:],
         "resolution": [camera.width, camera.height],
     }
-
-
-def _row_and_values(camera: Camera) -> tuple[FormatModel, list[float]]:
-    if isinstance(camera, SphereModel):
-        return _MODELS["omni-none"], _mirror_values(camera)
-    known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
-    expected = f"Kalibr: expected {known}, unskewed, or a central mirror"
-    return write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
 
 
 def _mirror_values(camera: SphereModel) -> list[float]:

@@ -20,7 +20,7 @@ sensor models.
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,8 @@ opencvFisheye kannala-brandt fx fy cx cy k1 k2 k3 k4
 def read_isaac(layer: str) -> dict[str, Camera]:
     """Return the cameras of a USD layer by the names of their prims; ``cam0`` without a prim."""
     cameras: dict[str, Camera] = {}
-    for name, text in _prims(layer):
+    texts = _PRIM.split(layer)  # before the first prim; then name and text of every prim
+    for name, text in zip(["cam0", *texts[1::2]], texts[::2], strict=True):
         attributes = {key: value.strip("\"'") for key, value in ATTRIBUTE.findall(text)}
         if attributes:
             with within(name):
@@ -91,15 +92,6 @@ def write_isaac(cameras: Mapping[str, Camera]) -> str:
             lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {value}")
         lines.append("}")
     return "\n".join(lines) + "\n"
-
-
-def _prims(layer: str) -> Iterator[tuple[str, str]]:
-    """Yield name and text of every prim; the text before the first one belongs to ``cam0``."""
-    name, start = "cam0", 0
-    for prim in _PRIM.finditer(layer):
-        yield name, layer[start : prim.start()]
-        name, start = prim[1], prim.end()
-    yield name, layer[start:]
 
 
 def _pixels(name: str, value: object) -> int:

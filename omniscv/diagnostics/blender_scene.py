@@ -39,8 +39,12 @@ def examine_blender(
     if patience_s is not None:
         raise ArgumentError("patience: expected none for Blender, which is started again at once")
     with open_process(address, timeout_s) as source:
-        center = _center(source) if position is None else position
         scene = source.blender.scene
+        center = position
+        if center is None:
+            corners = [box.corners_w() for box in source.geometry().boxes.values()]
+            middle = np.concatenate(corners).mean(axis=0) if corners else np.zeros(3)
+            center = middle if scene.camera is None else np.array(scene.camera)
         lights = f"{'a' if scene.world else 'no'} world, {scene.lights} lamps"
         lit, objects = scene.world or scene.lights, len(scene.objects)
         missing = f"{len(scene.missing)} missing" + "".join(f", {path}" for path in scene.missing[:1])
@@ -52,14 +56,6 @@ def examine_blender(
             *_colors(source, center),
             *_depth(source, center),
         ]
-
-
-def _center(source: BlenderSource) -> Array:
-    camera = source.blender.scene.camera
-    if camera is not None:
-        return np.array(camera)
-    corners = [box.corners_w() for box in source.geometry().boxes.values()]
-    return np.concatenate(corners).mean(axis=0) if corners else np.zeros(3)
 
 
 def _colors(source: BlenderSource, center: Array) -> list[Finding]:

@@ -97,7 +97,7 @@ def examine_address(
             version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
             name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
             dialect = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
-            return [
+            findings = [
                 Finding("dialect", dialect),
                 mode,
                 settled,
@@ -110,16 +110,13 @@ def examine_address(
                 *([scale] if scale else []),
                 half_floats(pairs, unit),
                 masks(connection, camera, pairs),
-                *([] if quick else native_panorama.findings(connection, camera)),
-                *([] if quick else _agreement(connection, camera)),
-                *([] if quick else manual_exposure(connection, camera)),
-                *motion,
             ]
-
-
-def _agreement(connection: Connection, camera: RawCamera) -> list[Finding]:
-    table = colors(connection)
-    return list(agreement.findings(camera, table, boxes(connection, list(table))))
+            if not quick:
+                table = colors(connection)
+                findings += native_panorama.findings(connection, camera)
+                findings += agreement.findings(camera, table, boxes(connection, list(table)))
+                findings += manual_exposure(connection, camera)
+            return [*findings, *motion]
 
 
 def _examine_file(path: str, picture: Path | None) -> list[Finding]:

@@ -13,13 +13,9 @@ import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from omniscv.diagnostics import Finding
 from omniscv.errors import OmniscvError
-
-if TYPE_CHECKING:
-    from packaging.specifiers import SpecifierSet
 
 LIBRARIES = ("cv2", "OpenImageIO", "numba", "scipy.spatial", "matplotlib", "PIL.Image", "unrealcv")
 """Modules with compiled parts, or with system libraries behind them."""
@@ -49,8 +45,7 @@ def examine_installation(folder: Path | None = None, port: int = 9000) -> list[F
         _writable("temporary folder", temporary),
         _attempt("numba cache", _numba_cache, "set NUMBA_CACHE_DIR to a folder that can be written to"),
         _attempt("kernels", _kernels, _AGAIN),
-        _attempt("ports of 127.0.0.1", _port, "allow this process to listen on the loopback interface"),
-        _default_port(port),
+        *_ports(port),
         *map(_space, dict.fromkeys((folder, temporary))),
     ]
 
@@ -66,17 +61,16 @@ def _packages() -> Iterator[Finding]:
         yield Finding("omniscv", "not installed", "bad", "pip install . in its folder, or ./scripts/demo")
         return
     for needed in requirements:
-        if needed.marker is None or needed.marker.evaluate({"extra": ""}):
-            yield _package(needed.name, needed.specifier)
-
-
-def _package(name: str, versions: "SpecifierSet") -> Finding:
-    try:
-        version = metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return Finding(name, f"missing, needs {versions}", "bad", _AGAIN)
-    right = versions.contains(version, prereleases=True)
-    return Finding.unless(right, name, version if right else f"{version}, needs {versions}", "bad", _AGAIN)
+        if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            version, missing = metadata.version(needed.name), False
+        except metadata.PackageNotFoundError:
+            version, missing = "missing", True
+        if not missing and needed.specifier.contains(version, prereleases=True):
+            yield Finding(needed.name, version)
+        else:
+            yield Finding(needed.name, f"{version}, needs {needed.specifier}", "bad", _AGAIN)
 
 
 def _library(module: str) -> Finding:
@@ -131,22 +125,22 @@ def _kernels() -> str:
     return f"compiled, or found compiled, in {time.monotonic() - started:.0f} s"
 
 
-def _port() -> str:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return "can be listened on"
+def _ports(port: int) -> Iterator[Finding]:
+    """Report whether any port can be listened on, and whether the default port of the mock server is free."""
 
+    def listen(number: int, result: str) -> str:
+        with socket.socket() as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(("127.0.0.1", number))
+            return result
 
-def _default_port(port: int) -> Finding:
-    """Return whether the default port of the mock server is free; any other port serves as well."""
+    remedy = "allow this process to listen on the loopback interface"
+    yield _attempt("ports of 127.0.0.1", lambda: listen(0, "can be listened on"), remedy)
     name, taken = f"port {port}", "in use: by an UnrealCV server, or by another program"
-    with socket.socket() as listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind(("127.0.0.1", port))
-        except OSError:
-            return Finding(name, taken, "warning", "to serve there, end it, or omniscv serve --port 0")
-    return Finding(name, "free")
+    try:
+        yield Finding(name, listen(port, "free"))
+    except OSError:  # any other port serves as well
+        yield Finding(name, taken, "warning", "to serve there, end it, or omniscv serve --port 0")
 
 
 def _space(folder: Path) -> Finding:

@@ -8,7 +8,6 @@ import numpy as np
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.server import RawCamera, largest_object
 from omniscv.errors import ServerRefusedError
-from omniscv.geometry import Pose
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.commands import IS_PAUSED, VERSION
 from omniscv.sources.unreal.driver import SETTLED
@@ -32,10 +31,14 @@ class MovingWorld:
 
     def findings(self) -> list[Finding]:
         """Return three findings: the world moves, the world pauses, captures follow a move."""
-        moves = self._moves()
+        moving = self._moving()
+        moves = Finding("world moves", "no")
+        if moving:
+            remedy = "--set freeze=puppet, or pause"
+            moves = Finding("world moves", f"yes: {_listed(moving)}", "warning", remedy)
         try:
             with self._paused():
-                self._can_stop = moves.verdict != "ok"
+                self._can_stop = bool(moving)
                 return [moves, self._pauses(), self._follows()]
         except ServerRefusedError as refused:
             pauses = Finding("world pauses", f"no: {refused}", "warning", "--set freeze=batch, or none")
@@ -46,12 +49,6 @@ class MovingWorld:
         """A context in which a moving world is paused, after :meth:`findings`."""
         with self._paused() if self._can_stop else nullcontext():
             yield
-
-    def _moves(self) -> Finding:
-        moving = self._moving()
-        if not moving:
-            return Finding("world moves", "no")
-        return Finding("world moves", f"yes: {_listed(moving)}", "warning", "--set freeze=puppet, or pause")
 
     def _pauses(self) -> Finding:
         moving = self._moving()
@@ -95,7 +92,7 @@ class MovingWorld:
             for _ in range(ticks):
                 self._connection.text(VERSION)
             poses = object_poses(self._connection, names)
-            moving |= {name for name in names if _differ(first[name], poses[name])}
+            moving |= {name for name in names if first[name].to_dict() != poses[name].to_dict()}
         return [name for name in names if name in moving]
 
     @contextmanager
@@ -106,10 +103,6 @@ class MovingWorld:
             yield
         finally:
             self._clock.set(before)
-
-
-def _differ(one: Pose, other: Pose) -> bool:
-    return bool((one.position != other.position).any() or (one.rotation != other.rotation).any())
 
 
 def _text(location_cm: np.ndarray) -> str:

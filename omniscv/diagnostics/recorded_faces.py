@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -61,12 +61,16 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
         f"{len(places)} cubes: steps across edges {np.median(steps):.2f} levels (median), "
         f"{np.quantile(steps, 0.9):.1f} (90 %), {steps.max():.1f} at ({at}) m"
     )
-    if picture is not None:
-        _draw_worst(source, worst, picture)
+    if picture is not None:  # the pixels on both sides of the edge, which is the line in the middle
+        recorded = RecordedViews(source.recorded_views() or ())
+        cube = Cube.recorded(source, recorded, np.array(worst.center), source.state)
+        assert cube is not None
+        a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
+        with whole_file(picture) as part:
+            part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
     remedy = f"{_AT_SOURCE}; or render with seams: close"
-    seams = Finding.unless(bool(steps.max() <= _BAD_STEP), "seams", value, "bad", remedy)
-    if _STEP < steps.max() <= _BAD_STEP:
-        seams = Finding("seams", value, "warning", remedy)
+    verdict: Literal["warning", "bad"] = "warning" if steps.max() <= _BAD_STEP else "bad"
+    seams = Finding.unless(bool(steps.max() <= _STEP), "seams", value, verdict, remedy)
     return [seams, *_exposure(places), _vignette(source), *_slips(places)]
 
 
@@ -97,16 +101,6 @@ def slips(cube: Cube) -> dict[str, float]:
         )
         for face, turn in proven_turns(cube).items()
     }
-
-
-def _draw_worst(source: Source, worst: Place, path: Path) -> None:
-    """Write the pixels on both sides of the worst edge of a place; the edge is the line in the middle."""
-    recorded = RecordedViews(source.recorded_views() or ())
-    cube = Cube.recorded(source, recorded, np.array(worst.center), source.state)
-    assert cube is not None
-    a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
-    with whole_file(path) as part:
-        part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
 
 
 def _exposure(places: Sequence[Place]) -> Iterator[Finding]:

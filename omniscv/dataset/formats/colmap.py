@@ -7,7 +7,7 @@ in our world frame: Z up. Ids count from 1 in the order of the names. A mask, bl
 is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +56,6 @@ class Colmap(Format):
         images = out / "images"
         pictures = {frame.key: copy_lit(frame, images / frame.camera_name) for frame in frames}
         model = _Model(rigs(frames))
-        texts = {"cameras": model.cameras_text(), "rigs": _lines(model.rig_lines())}
-        texts["frames"] = _lines(model.frame_lines())
         paths = [pictures[frame.key] for frame in model.images]
         names = [path.relative_to(images).as_posix() for path in paths]
         if spaced := [name for name in names if " " in name]:
@@ -68,17 +66,19 @@ class Colmap(Format):
         if options.points is not None:
             ids, limit = model.image_ids, options.max_relative_error
             clouds = (_observed(frame, ids[frame.key], limit) for frame in frames)
-            points = _Observations(merged(clouds, options.points))
-        texts["images"] = _lines(model.image_lines(names, points))
-        texts["points3D"] = _lines(points.lines() if points else ())
+            points = _Observations(merged(clouds, options.points), len(model.images))
+        lines = {
+            "cameras": model.camera_lines(),
+            "rigs": model.rig_lines(),
+            "frames": model.frame_lines(),
+            "images": model.image_lines(names, points),
+            "points3D": points.lines() if points else (),
+        }
         paths += [mask for mask in masks if mask is not None]
-        return paths + [
-            write_text(out / "sparse" / "0" / f"{name}.txt", text) for name, text in texts.items()
-        ]
-
-
-def _lines(lines: Iterable[str]) -> str:
-    return "".join(f"{line}\n" for line in lines)
+        for name, of_file in lines.items():
+            text = "".join(f"{line}\n" for line in of_file)
+            paths.append(write_text(out / "sparse" / "0" / f"{name}.txt", text))
+        return paths
 
 
 class _Observations:
@@ -86,18 +86,17 @@ class _Observations:
 
     Args:
         points: with the values ``image``, an id, and ``pixel``.
+        images: the number of images; their ids count from 1.
     """
 
-    def __init__(self, points: Points) -> None:
+    def __init__(self, points: Points, images: int) -> None:
         self.points = points
         image = points.values["image"]
         self._order = np.argsort(image, kind="stable")
-        self._starts = np.searchsorted(image[self._order], np.arange(image.max(initial=0) + 2))
+        self._starts = np.searchsorted(image[self._order], np.arange(images + 2))
 
     def of_image(self, image_id: int) -> NDArray[np.intp]:
         """Return the indices of the points that an image observes."""
-        if image_id + 1 >= len(self._starts):
-            return self._order[:0]
         return self._order[self._starts[image_id] : self._starts[image_id + 1]]
 
     def lines(self) -> Iterator[str]:
@@ -138,10 +137,10 @@ class _Model:
         self.images = [frame for rig in rigs for moment, _ in rig.moments for frame in moment.values()]
         self.image_ids = {frame.key: i for i, frame in enumerate(self.images, start=1)}
 
-    def cameras_text(self) -> str:
-        """Return ``cameras.txt``."""
-        cameras = {str(self.camera_ids[name]): camera for name, camera in self.cameras.items()}
-        return colmap.write_colmap({number: without_limit(camera) for number, camera in cameras.items()})
+    def camera_lines(self) -> Sequence[str]:
+        """Return the lines of ``cameras.txt``."""
+        cameras = {str(self.camera_ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
+        return colmap.write_colmap(cameras).splitlines()
 
     def rig_lines(self) -> Iterator[str]:
         """Yield the lines of ``rigs.txt``."""

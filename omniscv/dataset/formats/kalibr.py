@@ -14,12 +14,11 @@ import yaml
 
 from omniscv.calibration.kalibr import rig_to_kalibr, write_kalibr
 from omniscv.cameras import Camera
-from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.cameras.rig import Rig
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.geometry import Array
 from omniscv.records import NoOptions
 from omniscv.storage.local import write_text
 
@@ -52,19 +51,16 @@ def _chain(rig: Rig) -> str:
     numbered = {f"cam{i}": mounted for i, mounted in enumerate(rig.cameras.values())}
     chain = yaml.safe_load(rig_to_kalibr(Rig(numbered)))
     for camera_name, entry, mounted in zip(rig.cameras, chain.values(), numbered.values(), strict=True):
-        others = [(i, other) for i, other in enumerate(numbered.values()) if other is not mounted]
-        entry["rostopic"] = f"/{camera_name}"
-        entry["cam_overlaps"] = [i for i, other in others if _overlap(mounted, other)]
+        sizes = mounted.camera.width, mounted.camera.height
+        pixels = np.meshgrid(*(np.linspace(0, size, _SAMPLES) for size in sizes))
+        rays = mounted.camera.unproject(np.stack(pixels, axis=-1))
+        directions = rays.directions[rays.valid]  # of points far away
+        entry["rostopic"], entry["cam_overlaps"] = f"/{camera_name}", []
+        for i, other in enumerate(numbered.values()):
+            R_other_camera = other.pose.rotation.T @ mounted.pose.rotation
+            if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
+                entry["cam_overlaps"].append(i)
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
-
-
-def _overlap(mounted: RigCamera, other: RigCamera) -> bool:
-    """Whether two cameras share directions of points far away."""
-    camera, R_other_camera = mounted.camera, other.pose.rotation.T @ mounted.pose.rotation
-    u, v = np.meshgrid(np.linspace(0, camera.width, _SAMPLES), np.linspace(0, camera.height, _SAMPLES))
-    rays = camera.unproject(np.stack([u, v], axis=-1))
-    directions: Array = rays.directions[rays.valid] @ R_other_camera.T
-    return bool(other.camera.project(directions)[1].any())
 
 
 register(Kalibr())

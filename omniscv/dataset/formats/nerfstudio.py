@@ -14,7 +14,7 @@ Cameras: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` 
 OPENCV_FISHEYE; ``equirectangular``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -111,21 +111,13 @@ def _write_camera(
             paths["mask_path"] = mask
         names = {key: path.relative_to(folder).as_posix() for key, path in paths.items()}
         entries.append({**names, "transform_matrix": opengl(frame.pose)})
-    content = {
-        **intrinsics(camera),
-        "orientation_override": "none",
-        **_splits(frames, entries),
-        "frames": entries,
-    }
-    return [*written, write_json(folder / "transforms.json", content)]
-
-
-def _splits(frames: Sequence[Frame], entries: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """The files of each split; nerfstudio needs all three lists if there is one."""
-    if not any(frame.split in _SPLITS for frame in frames):
-        return {}
-    files = [(frame.split, str(entry["file_path"])) for frame, entry in zip(frames, entries, strict=True)]
-    return {f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS}
+    content: dict[str, Any] = {**intrinsics(camera), "orientation_override": "none"}
+    if any(frame.split in _SPLITS for frame in frames):  # nerfstudio needs all three lists if there is one
+        files = [(frame.split, entry["file_path"]) for frame, entry in zip(frames, entries, strict=True)]
+        content |= {
+            f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS
+        }
+    return [*written, write_json(folder / "transforms.json", {**content, "frames": entries})]
 
 
 register(Nerfstudio())

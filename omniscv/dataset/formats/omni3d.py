@@ -52,18 +52,18 @@ class Omni3d(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
         """Write the boxes of frames; ArgumentError for a frame without the truth ``boxes3d``."""
         ordered = sorted(frames, key=lambda frame: frame.key)
-        images, annotations = entries(ordered, lambda frame, number: _image(frame, number, out), _annotations)
+
+        def image(frame: Frame, image_id: int) -> dict[str, Any]:
+            entry = image_entry(frame, image_id, out)
+            entry["file_path"] = entry.pop("file_name")
+            if (K := matrix_of(frame.camera)) is not None:
+                entry["K"] = K.tolist()
+            return entry | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
+
+        images, annotations = entries(ordered, image, _annotations)
         info = {"id": 0, "source": "omniscv", "name": "omniscv", "split": "", "version": "1", "url": ""}
         content = {"info": info, "images": images, "categories": category_entries(ordered, stuff=False)}
         return [write_compact(out / "omni3d.json", {**content, "annotations": annotations})]
-
-
-def _image(frame: Frame, image_id: int, out: Path) -> dict[str, Any]:
-    entry = image_entry(frame, image_id, out)
-    entry["file_path"] = entry.pop("file_name")
-    if (K := matrix_of(frame.camera)) is not None:
-        entry["K"] = K.tolist()
-    return entry | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
 
 
 @lru_cache(maxsize=16)
@@ -97,6 +97,9 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
         size, R_c_o = size[[0, 2, 1]], R_c_b @ _R_B_O
         corners = ObjectBox(center, R_c_o, size, box["source"]).corners_w()  # in the camera's frame
         projected = _projected(frame.camera, corners)
+        x, y, width, height = entry["bbox"]
+        most = 2 * (float(frame.camera.width), float(frame.camera.height))
+        inside = [min(max(0.0, value), edge) for value, edge in zip(projected, most, strict=True)]
         yield {
             "dataset_id": 0,
             "category_id": entry["category_id"],
@@ -104,9 +107,9 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
             "instance_id": box["instance_id"],
             "name": box["name"],
             "valid3D": not box.get("partial", False),
-            "bbox2D_tight": _corners(entry["bbox"]),
+            "bbox2D_tight": [x, y, x + width, y + height],
             "bbox2D_proj": projected,
-            "bbox2D_trunc": _NO_BOX if projected == _NO_BOX else _within(projected, frame.camera),
+            "bbox2D_trunc": _NO_BOX if projected == _NO_BOX else inside,
             "bbox3D_cam": corners.tolist(),
             "center_cam": box["center_camera"],
             "dimensions": size[[2, 1, 0]].tolist(),
@@ -118,11 +121,6 @@ def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
             "lidar_pts": _UNKNOWN,
             "depth_error": _UNKNOWN,
         }
-
-
-def _corners(box: Sequence[float]) -> list[float]:
-    x, y, width, height = box
-    return [x, y, x + width, y + height]
 
 
 def _projected(camera: Camera, corners_c: Array) -> list[float]:
@@ -139,11 +137,6 @@ def _projected(camera: Camera, corners_c: Array) -> list[float]:
     if not valid.all() or (camera.wraps and np.ptp(pixels[:, 0]) > camera.width / 2):
         return _NO_BOX
     return [*map(float, pixels.min(axis=0)), *map(float, pixels.max(axis=0))]
-
-
-def _within(box: Sequence[float], camera: Camera) -> list[float]:
-    most = (camera.width, camera.height, camera.width, camera.height)
-    return [min(max(0.0, value), float(edge)) for value, edge in zip(box, most, strict=True)]
 
 
 register(Omni3d())

@@ -64,9 +64,13 @@ class Structured3d(Format):
             with within(frame.key):
                 lines[frame.key] = layout_labels.corner_lines(frame.layout, frame.camera, frame.pose)
         rooms = [room_of(frame.layout) for frame in frames]
-        distinct, order = _distinct(rooms)
+        first: list[int] = []  # of each distinct room
+        for index, room in enumerate(rooms):
+            if not any(_same(room, rooms[i]) for i in first):
+                first.append(index)
+        order = first + [i for i in range(len(rooms)) if i not in first]
         scene = out / "scene_00000"
-        text = json.dumps(annotation(distinct, R_s_w), allow_nan=False)
+        text = json.dumps(annotation([rooms[index] for index in first], R_s_w), allow_nan=False)
         written, rows = [write_text(scene / "annotation_3d.json", f"{text}\n")], []
         for number, index in enumerate(order):
             frame = frames[index]
@@ -152,15 +156,6 @@ def _scene_frame(frames: Sequence[Frame]) -> Array:
     return np.stack([first[:, 0], first[:, 2], -first[:, 1]])
 
 
-def _distinct(rooms: Sequence[Room]) -> tuple[list[Room], list[int]]:
-    """The distinct rooms, and the indices of all rooms: the first of each distinct one before the others."""
-    first: list[int] = []
-    for index, room in enumerate(rooms):
-        if not any(_same(room, rooms[i]) for i in first):
-            first.append(index)
-    return [rooms[index] for index in first], first + [i for i in range(len(rooms)) if i not in first]
-
-
 def _same(room: Room, other: Room) -> bool:
     if room.corners_w.shape != other.corners_w.shape:
         return False
@@ -178,7 +173,10 @@ def _panorama(frame: Frame, folder: Path, room: Room, lines: str, R_s_w: Array) 
     with within(frame.key):
         pictures: dict[str, NDArray[Any]] = {}
         if "labels" in frame.files:
-            pictures["semantic"], pictures["instance"] = _semantic(frame, room), _instances(frame, room)
+            labels, surfaces = frame.layer("labels"), {*room.walls, room.floor, room.ceiling}
+            background = [0, *(number for name, number in frame.instances.items() if name in surfaces)]
+            pictures["semantic"] = _semantic(frame, room)
+            pictures["instance"] = np.where(np.isin(labels, background), np.uint16(_BACKGROUND), labels)
         if "depth" in frame.files:
             pictures["depth"], _ = encode(frame.layer("depth"), frame.camera, PRESETS["mm"])
         written += [write_pixels(full / f"{kind}.png", pixels) for kind, pixels in pictures.items()]
@@ -197,13 +195,6 @@ def _semantic(frame: Frame, room: Room) -> NDArray[np.uint8]:
         known = nyu40.of(object_name) if nyu40 else None
         ids[instance] = known.id if known else of_room.get(object_name, _OTHER)
     return np.asarray(ids[labels])
-
-
-def _instances(frame: Frame, room: Room) -> NDArray[np.uint16]:
-    labels = frame.layer("labels")
-    surfaces = {*room.walls, room.floor, room.ceiling}
-    background = [instance for name, instance in frame.instances.items() if name in surfaces]
-    return np.where(np.isin(labels, [0, *background]), np.uint16(_BACKGROUND), labels)
 
 
 register(Structured3d())
