@@ -210,7 +210,9 @@ class WorldState:
 
     instant: Instant | None = checked(optional(nested(Instant)), default=None)
     boxes: Mapping[str, ObjectBox] = checked(named(nested(ObjectBox)), default_factory=dict)
-    asked: str | None = checked(optional(lambda name, value: value and text(name, value)), default=None)
+    asked: str | None = checked(
+        optional(lambda name, value: "" if value == "" else text(name, value)), default=None
+    )
     poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
 
     def object_poses(self) -> dict[str, Pose]:
