@@ -98,7 +98,7 @@ def _make_parts(
             with suppress(OSError, ValueError):  # the scheduler is gone, or the plugin was not registered
                 client.unregister_worker_plugin(name)
     if warnings and warn:
-        warn(f"{warnings} images have unsure or occluded pixels: see their STEM.unsure.png and occluded.png")
+        warn(f"{warnings} images have unsure or occluded pixels: see their layers unsure and occluded")
     return job, Made(written, kept)
 
 

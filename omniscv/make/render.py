@@ -123,7 +123,7 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
-            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
+            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer})"
 
 
 def capture(
