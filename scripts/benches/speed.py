@@ -20,7 +20,7 @@ from benches import Figure, Reference, best_ms, start
 from benches._faces import Noise, made_map
 from omniscv import Renderer, RenderOptions, cameras, jobs
 from omniscv.cameras import Camera
-from omniscv.chart.central import peers
+from omniscv.chart.central import PAPER, peers
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.planning import ImageRays
 from omniscv.sources import Request, View
@@ -86,8 +86,9 @@ def ways(camera: Camera, face_size: int) -> dict[str, Callable[[], object]]:
     }
     if camera.name == "equirectangular":
         square = source.face(face_size)
-        found |= peers({name: square for name, _ in cube_rotations()}, camera)
-        del found["the paper's algorithm"]
+        for name, peer in peers({name: square for name, _ in cube_rotations()}, camera).items():
+            if name != PAPER:
+                found[name] = partial(peer, 0)
     return found
 
 
