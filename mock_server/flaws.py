@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 TONES = ("srgb", "film", "linear")
 _MIDDLE_GREY = {"": 0.5, "srgb": 0.18, "film": 0.18, "linear": 0.18}
 _BLOOM = 1 / 8  # standard deviation, of the picture's width
-_MIRRORED = 0.5
 _TOE, _SHOULDER, _LINE = -0.390277, -0.606186, 0.901641  # log10 of light; film curve
 
 
@@ -186,10 +185,10 @@ class Film:
         return np.clip(np.round(255 * light), 0, 255).astype(np.uint8)
 
 
-def mixed(first: Array, second: Array, share: float = _MIRRORED) -> Array:
-    """Return colours 0..1 whose light is that of two colours, ``share`` of the second."""
+def mixed(first: Array, second: Array) -> Array:
+    """Return colours 0..1 whose light is half that of each of two colours."""
     one, other = (to_light(np.clip(color, 0, 1)) for color in (first, second))
-    return to_srgb((1 - share) * one + share * other)
+    return to_srgb(0.5 * one + 0.5 * other)
 
 
 def to_light(color: Array) -> Array:

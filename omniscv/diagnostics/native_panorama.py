@@ -4,6 +4,7 @@ Only closed builds have panoramas, and no document says where they begin, which 
 depth means. Nothing here is used for captures: the findings say how such a picture would be converted.
 """
 
+import io
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from omniscv.arguments import shown
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.self_calibration import GREY, Picture, sample
 from omniscv.diagnostics.server import FACES, RawCamera
@@ -18,8 +20,8 @@ from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.codecs import UNREAL_SKY
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.replies import Reply, bmp_colors
-from omniscv.sources.unreal.shared_memory import SharedPictures, npy_of, region_reader
+from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 
 COLORS = "vget /camera/[uint]/panoramic [str] [uint] [uint]"
 DEPTH = "vget /camera/[uint]/panoramic/depth_shared [uint] [uint]"
@@ -79,6 +81,17 @@ def _colors(connection: Connection, camera: RawCamera, yaw_deg: float) -> Array:
 
     width, height = _SIZE
     return connection.read([f"vget /camera/{camera.driver.camera}/panoramic bmp {width} {height}"], grey)[0]
+
+
+def bmp_colors(reply: Reply, width: int, height: int) -> NDArray[np.uint8]:
+    """Return (H, W, 3) RGB of a BMP of 32 bits; BadReplyError for another size.
+
+    Open plugins repeat the byte count behind a header of 54 bytes, Dev builds do not. The pixels come last.
+    """
+    count = 4 * width * height
+    if not isinstance(reply, bytes) or not reply.startswith(b"BM") or len(reply) - count not in (54, 58):
+        raise BadReplyError(f"expected a BMP of {width} x {height}, got {shown(reply[:100])}")
+    return np.frombuffer(reply[-count:], np.uint8).reshape(height, width, 4)[..., 2::-1]
 
 
 def _directions(fit: _Fit) -> Array:
@@ -156,7 +169,8 @@ def _depth(connection: Connection, camera: RawCamera, fit: _Fit) -> list[Finding
         faces.append(Picture(metres, face.pose))
     camera.go(0)
     command = "vget /camera/{}/panoramic/depth_shared {} {}".format(camera.driver.camera, *_SIZE)
-    theirs: NDArray[Any] = npy_of(SharedPictures(read).payload(connection.text(command)))[_middle()]
+    payload = SharedPictures(read).payload(connection.text(command))
+    theirs: NDArray[Any] = np.load(io.BytesIO(payload), allow_pickle=False)[_middle()]
     directions = _directions(fit)
     planar = np.abs(directions).max(axis=-1)  # of a cube along the world's axes; the camera looks along one
     ratio = np.log(np.maximum(theirs, 1e-6) / _seen(faces, camera, directions))

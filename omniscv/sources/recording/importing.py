@@ -110,7 +110,8 @@ def _faces_in_folder(folder: Path, name: str) -> tuple[Faces, list[str]]:
     files: dict[str, list[Path]] = defaultdict(list)
     for file in sorted(folder.rglob("*")):
         if file.suffix.lower() in _SUFFIXES:
-            files[_mode(file.relative_to(folder))].append(file)
+            words = set(re.split(r"[^a-z]+", str(file.relative_to(folder).with_suffix("")).lower()))
+            files[next((mode for mode, known in _MODE_WORDS.items() if words & known), "lit")].append(file)
     if not files or "normals" in files:
         got = "normals, whose frame is not known" if files else "none"
         raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
@@ -221,9 +222,3 @@ def _attribute(file: Path, name: str) -> str:
 
     source = OpenImageIO.ImageInput.open(str(file)) if file.suffix != ".npy" else None
     return str(source.spec().get_string_attribute(name)) if source else ""
-
-
-def _mode(file: Path) -> str:
-    """The mode that the words in a path say; colours if none does."""
-    words = set(re.split(r"[^a-z]+", str(file.with_suffix("")).lower()))
-    return next((mode for mode, known in _MODE_WORDS.items() if words & known), "lit")

@@ -170,18 +170,14 @@ def _ob3d(folder: Path) -> Sequence:
         number = file.name.removesuffix("_cam.json")
         with within(file.name):
             outer = parse_json(read_bytes(file, MOST_JSON_BYTES))[0]["extrinsics"]
-            R_c_w = _orthonormal(np.array(outer["rotation"], float))
+            # The nearest rotation, because files have six digits:
+            R_c_w = Rotation.from_matrix(np.array(outer["rotation"], float)).as_matrix()
             t_w_c = -R_c_w.T @ np.array(outer["translation"], float)
         for kind, ending, mode in (("images", "rgb.png", "lit"), ("depths", "depth.exr", "depth")):
             picture = folder / kind / f"{number}_{ending}"
             if picture.exists():
                 pictures.append((picture, mode, R_c_w.T, t_w_c, 360.0, ""))
     return Sequence(pictures, panoramas=True)
-
-
-def _orthonormal(R: Array) -> Array:
-    """The nearest rotation: files have six digits."""
-    return np.asarray(Rotation.from_matrix(R).as_matrix())
 
 
 SEQUENCES: dict[str, tuple[str, Callable[[Path], Sequence]]] = {

@@ -265,7 +265,7 @@ class Connection:
 
     def supports(self, template: str) -> bool:
         """Return whether the server has a command, such as ``vget /camera/[uint]/cine/enabled``."""
-        return self.plugin.supports(template)
+        return template in self.plugin.templates
 
     def check_scene(self) -> None:
         """Raise SceneChangedError if the server shows another scene than before."""

@@ -159,19 +159,13 @@ DIALECTS = {
 
 @dataclass(frozen=True)
 class Plugin:
-    """The plugin of one server: its dialect, a key of ``DIALECTS``, and the templates of its commands."""
+    """The plugin of one server: its dialect, a key of ``DIALECTS``, and the templates of its commands.
+
+    Templates have ``[uint]`` for a camera's number.
+    """
 
     dialect: str
     templates: frozenset[str]
-
-    def supports(self, template: str) -> bool:
-        """Return whether it has a command, by its template with ``[uint]`` for a camera's number."""
-        return template in self.templates
-
-    @property
-    def batches(self) -> bool:
-        """Whether requests that ``vbatch`` announces are answered in one tick."""
-        return DIALECTS[self.dialect].batches
 
 
 def identify(connection: Connection) -> Plugin:

@@ -14,7 +14,6 @@ from omniscv.geometry import Pose
 from omniscv.sources.codecs import decode_png, picture_size
 from omniscv.sources.requests import View
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import EXPOSURE_METHOD
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.replies import Reply
 from omniscv.sources.world import EXPOSURE_LIMITS
@@ -24,14 +23,6 @@ _EDGE_PX = 64  # of the pictures
 _MOST = 8  # pictures in one direction, in which automatic exposure settles
 _SETTLED, _EQUAL, _NEAR = 0.5, 1.0, 8.0  # grey levels, of mean brightness
 _PRECISION = 2  # decimals of a bias
-
-
-def check(connection: Connection) -> None:
-    """Raise ServerRefusedError for a server that cannot set the exposure of one camera."""
-    if not connection.supports(EXPOSURE_METHOD):
-        expected = "expected a server that sets the exposure of one camera (N2 or later)"
-        got = f"got dialect {connection.plugin.dialect}; use fix_exposure"
-        raise ServerRefusedError(f"{connection.address}: {expected}, {got}")
 
 
 def by_hand(camera: str | int, bias: float) -> list[str]:

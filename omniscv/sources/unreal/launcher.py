@@ -79,7 +79,11 @@ def launch(
     with ExitStack() as host:
         with ExitStack() as settings:
             for folder in settings_folders(path):
-                text = _settings(port, size, fov_deg)
+                # Without input, because a click in the window would break the stream:
+                text = (
+                    f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
+                    "EnableInput=False\nEnableRightEye=False\n"
+                )
                 settings.enter_context(temporary_settings(folder, text, startup_timeout_s))
             watcher, output = host.enter_context(_running(path))
             source = _reachable(path, watcher, output, port, startup_timeout_s, connect)
@@ -142,13 +146,6 @@ def _put_back_after_a_kill(file: Path, backup: Path) -> None:
         backup.replace(file)
     elif is_ours:
         file.unlink()
-
-
-def _settings(port: int, size: tuple[int, int], fov_deg: float) -> str:
-    return (
-        f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
-        "EnableInput=False\nEnableRightEye=False\n"  # a click in the window would break the stream
-    )
 
 
 @contextmanager

@@ -3,9 +3,6 @@
 import math
 from contextlib import suppress
 
-import numpy as np
-from numpy.typing import NDArray
-
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.sources.codecs import picture_size
@@ -67,14 +64,3 @@ def described(reply: Reply) -> str:
         with suppress(BadReplyError):
             size = ", {} x {} px".format(*picture_size(reply))
     return f"{form}, {len(reply)} bytes{size}"
-
-
-def bmp_colors(reply: Reply, width: int, height: int) -> NDArray[np.uint8]:
-    """Return (H, W, 3) RGB of a BMP of 32 bits; BadReplyError for another size.
-
-    Open plugins repeat the byte count behind a header of 54 bytes, Dev builds do not. The pixels come last.
-    """
-    count = 4 * width * height
-    if not isinstance(reply, bytes) or not reply.startswith(b"BM") or len(reply) - count not in (54, 58):
-        raise BadReplyError(f"expected a BMP of {width} x {height}, got {shown(reply[:100])}")
-    return np.frombuffer(reply[-count:], np.uint8).reshape(height, width, 4)[..., 2::-1]

@@ -12,10 +12,8 @@ import math
 import os
 import re
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
@@ -55,11 +53,6 @@ def region_reader(endpoint: object) -> ReadRegion | None:
     """Return how this process reads regions of a game at an endpoint; None where it cannot."""
     local = isinstance(endpoint, tuple) and endpoint[0] in ("localhost", "127.0.0.1", "::1")
     return windows_region if local and os.name == "nt" else None
-
-
-def npy_of(payload: bytes) -> NDArray[Any]:
-    """Return the array of a payload of :class:`SharedPictures`."""
-    return np.asarray(np.load(io.BytesIO(payload), allow_pickle=False))
 
 
 class SharedPictures:

@@ -23,9 +23,8 @@ from omniscv.sources.base import (
     View,
     closed_error,
 )
-from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
-from omniscv.sources.unreal.commands import checked
+from omniscv.sources.unreal.commands import EXPOSURE_METHOD, checked
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
@@ -278,8 +277,10 @@ def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> Cam
 
     ServerRefusedError for options that the plugin does not have.
     """
-    if options.exposure not in (None, "game"):
-        exposure.check(connection)
+    if options.exposure not in (None, "game") and not connection.supports(EXPOSURE_METHOD):
+        expected = "expected a server that sets the exposure of one camera (N2 or later)"
+        got = f"got dialect {connection.plugin.dialect}; use fix_exposure"
+        raise ServerRefusedError(f"{connection.address}: {expected}, {got}")
     if connection.plugin.dialect != "0.3.10":
         return ModernDriver(connection, options)
     if options.camera:

@@ -58,7 +58,7 @@ class UnrealWorld(World):
         self._clock = clock_of(driver)
         self._stands = False  # whether it was paused here
         self.freeze = "puppet" if freeze == "auto" else freeze
-        if freeze == "batch" and not self._connection.plugin.batches:
+        if freeze == "batch" and not DIALECTS[self._connection.plugin.dialect].batches:
             raise self._cannot("answer a batch in one tick")
 
     def objects(self) -> list[str]:

@@ -10,10 +10,10 @@ import mock_server
 import omniscv
 from mock_server import pixels
 from omniscv.diagnostics import native_panorama
+from omniscv.diagnostics.native_panorama import bmp_colors
 from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import BadReplyError
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.replies import bmp_colors
 
 
 def test_a_world_is_frozen_but_for_the_pawn_and_goes_on_afterwards():

@@ -27,7 +27,7 @@ def plugin_of(uri):
 
 
 def supported(plugin):
-    return {template for template in (LEVEL, BOUNDS, METHOD, CINE) if plugin.supports(template)}
+    return {template for template in (LEVEL, BOUNDS, METHOD, CINE) if template in plugin.templates}
 
 
 @pytest.mark.parametrize("dialect", HAVE)
@@ -38,7 +38,7 @@ def test_commands_are_known_from_the_list_or_the_help_and_without_both_by_the_di
     with serve(dialect) as server:
         plugin = plugin_of(server.uri)
         assert (plugin.dialect, supported(plugin)) == (dialect, HAVE[dialect])
-        assert plugin.batches == (dialect in ("N2", "N3"))
+        assert DIALECTS[dialect].batches == (dialect in ("N2", "N3"))
         with relayed(server, no_texts) as uri:
             without = plugin_of(uri)
     # Without its list N3 answers as N2 does, and the commands of cine cameras are not known.
@@ -63,7 +63,7 @@ def test_the_dev_build_is_known_by_how_it_names_cameras():
     with serve("N3") as server, relayed(server, dev) as uri:
         plugin = plugin_of(uri)
     assert plugin.dialect == "Dev"
-    assert plugin.supports(CINE)
+    assert CINE in plugin.templates
 
 
 def test_a_game_that_wants_a_token_is_refused_in_one_line():
