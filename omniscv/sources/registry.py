@@ -160,7 +160,7 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         known = list(inspect.signature(opener).parameters)[1:]
         expected = f"options among {', '.join(known)}" if known else "no options"
         got = ", ".join(sorted(options))
-        address = shown(storage.without_secrets(text) if opener is resolve_name(_RECORDING) else text)
+        address = shown(storage.without_secrets(text))
         raise ArgumentError(f"options: expected {expected} for {address}, got {got}") from None
     if transfer is not None:
         one_of("transfer", transfer, TRANSFERS)

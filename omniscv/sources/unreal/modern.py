@@ -68,9 +68,9 @@ class ModernDriver(CameraDriver):
     _shared: SharedPictures | None = None
     _may_share = True  # until shared memory has failed
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
-    _exposed = False  # whether its exposure was ever set
+    _changed_by_hand = False  # whether its exposure was ever set
     _exposure: Exposure = "game"  # of the camera's colours
-    _exposed_as: SharedExposure | None = None  # what it was set for
+    _exposed_for: SharedExposure | None = None  # the last one that it was set for
     _matched: tuple[tuple[float, ...], Exposure] | None = None  # where the game's was measured last, and it
 
     def attach(self) -> None:
@@ -101,10 +101,9 @@ class ModernDriver(CameraDriver):
             raise ArgumentError(
                 f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {fov_deg:.6g}"
             )
-
-        own = self.capabilities
-        if own.lens is not None and (view.width, view.height) != own.image_size:
-            expected = "expected {} x {} px of the camera".format(*own.image_size or ())
+        size = self.capabilities.image_size
+        if self.capabilities.lens is not None and size and (view.width, view.height) != size:
+            expected = f"expected {size[0]} x {size[1]} px of the camera"
             raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
 
     def aim(self, before: View | None, view: View) -> list[str]:
@@ -116,7 +115,7 @@ class ModernDriver(CameraDriver):
 
     def _spawn(self, number: int) -> None:
         self.spawned += 1
-        self._exposed, self._stops, self._exposed_as = False, 0.0, None
+        self._changed_by_hand, self._stops, self._exposed_for = False, 0.0, None
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
         self.camera = number
         if self.connection.supports(CAMERA_IDS):  # numbers change where a level gains or loses cameras
@@ -162,7 +161,7 @@ class ModernDriver(CameraDriver):
     def expose(self, requests: Requests) -> None:
         colors = [request for request in requests if request.mode == "lit"]
         shared, chosen = self.shared_exposure, self._options.exposure
-        if not colors or self._exposed_as is shared:
+        if not colors or self._exposed_for is shared:
             return
         if chosen is None and (self._options.camera or not self.connection.supports(EXPOSURE_METHOD)):
             chosen = "game"
@@ -176,7 +175,7 @@ class ModernDriver(CameraDriver):
             if self._is_gone():
                 raise BadReplyError(f"{refused}; the camera is gone") from refused
             raise
-        self._exposed_as = shared
+        self._exposed_for = shared
 
     def _matching(self, pose: Pose) -> Exposure:
         """Return the manual exposure that matches the game's own, which is kept if none does."""
@@ -184,9 +183,9 @@ class ModernDriver(CameraDriver):
         location_cm, _ = (pose if position is None else Pose(position, pose.rotation)).to_unreal()
         if self._matched and (position is None or self._matched[0] == tuple(location_cm)):
             return self._matched[1]
-        if self._exposed:  # an earlier attempt was cut short
+        if self._changed_by_hand:  # an earlier attempt was cut short
             self._spawn_another()
-        self._exposed, why = True, "no manual exposure matches it"
+        self._changed_by_hand, why = True, "no manual exposure matches it"
         try:
             bias = exposure.matching_bias(self.connection, self.camera, location_cm)
         except ServerRefusedError as refused:
@@ -204,12 +203,12 @@ class ModernDriver(CameraDriver):
         if chosen != "game":
             self.connection.set(exposure.lumen(self.camera))
             self.color_settings = {"exposure": exposure_to_text(chosen)}
-        elif self._exposed:
+        elif self._changed_by_hand:
             self._spawn_another()
             self.color_settings = {}
         else:
             return
-        self._exposure, self._exposed = chosen, chosen != "game"
+        self._exposure, self._changed_by_hand = chosen, chosen != "game"
         self.stale_frames.reset()  # the last pictures were others than captures
         self.forget()
 
@@ -242,13 +241,13 @@ class ModernDriver(CameraDriver):
 
     def forget(self) -> None:
         super().forget()
-        self._stops = None if self._exposed else 0.0
+        self._stops = None if self._changed_by_hand else 0.0
 
     def _change_stops(self, before: float | None, stops: float | None) -> list[str]:
         """Return the commands that change the exposure: from the first one on, it is set by hand."""
         if stops == before:
             return []
-        self._exposed = True
+        self._changed_by_hand = True
         bias = 0.0 if self._exposure == "game" else self._exposure
         return exposure.by_hand(self.camera, bias + (stops or 0.0))
 

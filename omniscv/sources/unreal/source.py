@@ -176,17 +176,25 @@ class UnrealSource(Source):
     def _captures_of_turn(self, requests: list[Request]) -> Iterator[Capture]:
         """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""
         captures: list[Capture] = []
-        fault: SourceError | None = None
         try:
-            with self._journal.turn():
+            with self._journal.turn(), self._connection.attempts() as attempted:
                 state = self.state  # which does not change within a turn
                 for request in requests:
                     request.check_state(state, self._connection.address)
-                while len(captures) < len(requests):
-                    left = requests[len(captures) :]
+                while left := requests[len(captures) :]:
+                    fault: SourceError | None = None
                     batch = left if self._driver.one_tick else in_flight(left)
-                    collected, fault = self._collect(batch, fault)
-                    captures += collected
+                    client = self._client()
+                    try:
+                        self._driver.expose(batch)
+                        for capture in self._driver.collect(client, batch):
+                            captures.append(capture)
+                    except RETRIED as cause:
+                        fault = cause
+                    if len(captures) > len(requests) - len(left):
+                        attempted(None)
+                    if fault is not None and len(captures) < len(requests):
+                        attempted(fault)
                 self._driver.check_scene()  # the level may change behind the same connection
         except SceneChangedError:
             raise  # which captures of this turn show the other scene is not known
@@ -197,28 +205,6 @@ class UnrealSource(Source):
             if self._journal.closed:
                 raise closed_error(self._connection.address)
             yield capture
-
-    def _collect(
-        self, batch: list[Request], fault: SourceError | None
-    ) -> tuple[list[Capture], SourceError | None]:
-        """Return captures of the first requests, one at least, and the fault that came after them.
-
-        Recover from the fault of an earlier call first.
-        """
-        with self._connection.attempts() as attempted:
-            while True:
-                if fault is not None:
-                    attempted(fault)
-                captures: list[Capture] = []
-                client, fault = self._client(), None
-                try:
-                    self._driver.expose(batch)
-                    for capture in self._driver.collect(client, batch):
-                        captures.append(capture)
-                except RETRIED as cause:
-                    fault = cause
-                if captures or fault is None:
-                    return captures, fault
 
 
 def turns(
