@@ -97,7 +97,8 @@ class Settings:
         ):
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
-            fits = _within(getattr(self, key), least, most)
+            value: Any = getattr(self, key)
+            fits = isinstance(value, Real) and not isinstance(value, bool) and bool(least <= value <= most)
             self._expect(key, fits, f"a number from {least:g} to {most:g},")
         for key in _WHOLE:
             self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
@@ -117,11 +118,6 @@ class Settings:
     def window_size(self) -> tuple[int, int]:
         """Width and height of the game's window, px."""
         return self.window or self.size
-
-
-def _within(value: Any, least: float, most: float) -> bool:
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    return number and bool(least <= value <= most)
 
 
 def _is_host(text: Any) -> bool:

@@ -47,8 +47,7 @@ _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
-_CACHED_COMMANDS, _CACHED_LENGTH = 512, 200
-"""Most commands whose handlers are cached, and their length at most: clients repeat few, short ones."""
+_LONG = 200  # characters of a command that is first searched for a template's fixed texts
 
 
 class Command:
@@ -69,7 +68,7 @@ class Command:
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
-        if len(text) > _CACHED_LENGTH and not all(literal in text for literal in self._literals):
+        if len(text) > _LONG and not all(literal in text for literal in self._literals):
             return None  # much faster than the pattern
         match = self._pattern.search(text)
         if match is None:
@@ -118,6 +117,8 @@ class Dialect(ABC):
     request: ClassVar[re.Pattern[bytes]] = re.compile(rb"(\d{1,8}):(.*)")
     """The id and the command; searched, so that the last 8 digits of a longer id count."""
     encoding: ClassVar[str] = "latin-1"
+    strict_verb: ClassVar[bool] = False
+    """Whether the first word of a command must be the template's."""
     requests_per_frame: ClassVar[int | None] = None
     has_unix: ClassVar[bool] = False
     """Whether the plugin on Linux continues on a Unix socket after its first client."""
@@ -135,7 +136,6 @@ class Dialect(ABC):
         self.held = 0
         """How many requests the next frames hold until all of them have come."""
         self.commands = [Command(*row) for row in self.rows()]
-        self._find_again = functools.lru_cache(_CACHED_COMMANDS)(self._find)
 
     @abstractmethod
     def rows(self) -> list[Row]:
@@ -163,24 +163,13 @@ class Dialect(ABC):
         """Return the reply to a command; an empty one is sent as ``ok``."""
         if self.world.faults.strike("authentication"):
             return "error Authentication required, use: vset /unrealcv/auth <token>"
-        command = self._find(text) if len(text) > _CACHED_LENGTH else self._find_again(text)
-        if command is None:
-            return self.unknown.format(text)
-        handler, arguments = command
-        reply: Reply = handler(*arguments)
-        return reply
-
-    def _find(self, text: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
-        """Return the handler of a command and its arguments; None for an unknown command."""
         for command in reversed(self.commands):  # templates registered later win
-            arguments = self.match(command, text)
-            if arguments is not None:
-                return command.handler, arguments
-        return None
-
-    def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
-        """Return the arguments of a command; None if it does not match."""
-        return command.match(text)
+            if self.strict_verb and not text.startswith(f"{command.verb} "):
+                continue
+            if (arguments := command.match(text)) is not None:
+                reply: Reply = command.handler(*arguments)
+                return reply
+        return self.unknown.format(text)
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
         """Return a handler that looks up a camera by its number, or replies that it is missing."""

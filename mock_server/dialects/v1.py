@@ -3,10 +3,9 @@
 import re
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from mock_server import pixels
-from mock_server.dialects.common import THREE, Command, Dialect, Reply, Row, color, numbers, ok, paint, sets
+from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, numbers, ok, paint, sets
 from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
 
@@ -212,14 +211,11 @@ class Branch52(Plugin1):
     requests_per_frame = 32
     taken = "object exists"
     status_on_unix = "Client Connected"
+    strict_verb = True
 
     def parse(self, payload: bytes) -> tuple[int, str] | None:
         parsed = super().parse(payload)
         return parsed and (max(0, parsed[0]), parsed[1])
-
-    def match(self, command: Command, text: str) -> tuple[Any, ...] | None:
-        """The first word must be the template's."""
-        return command.match(text) if text.partition(" ")[0] == command.verb else None
 
     def status(self) -> str:
         return re.sub(r"FOV: .*", f"FOV: {self.settings.fov_deg:.1f}", super().status()).rstrip("\n")

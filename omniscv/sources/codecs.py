@@ -63,8 +63,6 @@ _UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; th
 
 
 class _Codec(NamedTuple):
-    """An encoding, as :func:`register` got it."""
-
     decoder: Decoder
     modes: Sequence[str] | None
     precision: Precision
@@ -160,7 +158,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 def check_png(payload: bytes, view: View) -> None:
     """Raise BadReplyError unless the header is that of a PNG of the view's size."""
-    if not payload.startswith(_PNG) or len(payload) < png.HEADER_BYTES:
+    if not payload.startswith(_PNG):
         raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
     width, height = picture_size(payload)
     if (width, height) != (view.width, view.height):

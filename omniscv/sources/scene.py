@@ -30,7 +30,7 @@ from omniscv.sources.base import (
 from omniscv.sources.registry import split_address
 
 if TYPE_CHECKING:
-    from mock_server import Hits, Scene
+    from mock_server import Scene
 
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
@@ -80,7 +80,13 @@ class SceneSource(Source):
         # Removed by without(); with those that the instant hides:
         self._without, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
         known_objects(self._hidden.union(instant.poses), scene.objects, f"scene {scene.name}")
-        self.scene = scene if instant.state == "" else _scene_at(scene, instant)
+        self.scene = scene
+        if instant.time is not None or instant.poses:
+            poses = {name: (pose.rotation, pose.position) for name, pose in instant.poses.items()}
+            try:
+                self.scene = scene.at(scene.time if instant.time is None else instant.time, poses)
+            except ValueError as wrong:
+                raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -185,32 +191,19 @@ class SceneSource(Source):
                 "depth": (hits.distance / lengths).astype(np.float32),
                 "normals": hits.normal.astype(np.float32),
             }
-            return pixels | {"lit": self._lit_of(hits)} if colored else pixels
+            if colored and self._lit == "float32":
+                pixels["lit"] = hits.color.astype(np.float32)
+            elif colored:
+                lit = np.clip(hits.color, 0, 1)
+                lit *= 255
+                pixels["lit"] = np.round(lit, out=lit).astype(np.uint8)
+            return pixels
 
         blocks = row_blocks(block, view.height, view.width, _BLOCK_PX)
         images = {mode: np.concatenate([pixels[mode] for pixels in blocks]) for mode in blocks[0]}
         for image in images.values():
             image.flags.writeable = False
         return images
-
-    def _lit_of(self, hits: Hits) -> NDArray[Any]:
-        """Return colours as captures have them."""
-        if self._lit == "float32":
-            return hits.color.astype(np.float32)
-        lit = np.clip(hits.color, 0, 1)
-        lit *= 255
-        return np.round(lit, out=lit).astype(np.uint8)
-
-
-def _scene_at(scene: Scene, instant: Instant) -> Scene:
-    """Return the scene at an instant's time, with its poses."""
-    if instant.time is None and not instant.poses:
-        return scene
-    poses = {name: (pose.rotation, pose.position) for name, pose in instant.poses.items()}
-    try:
-        return scene.at(scene.time if instant.time is None else instant.time, poses)
-    except ValueError as wrong:
-        raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
 
 
 def room_of(scene: Scene) -> Room | None:

@@ -104,10 +104,9 @@ class BlenderSource(Source):
             for index, request in enumerate(window):
                 if request not in rendered:
                     pixels = self._render(request)
-                    same_view = (later for later in window[index:] if later.view == request.view)
-                    rendered.update(
-                        {later: pixels[later.mode] for later in same_view if later.mode in pixels}
-                    )
+                    for later in window[index:]:
+                        if later.view == request.view and later.mode in pixels:
+                            rendered[later] = pixels[later.mode]
                 again = request in window[index + 1 :]
                 picture = rendered[request] if again else rendered.pop(request)
                 encoding = codecs.NEAR_MIDDLE if request.mode == "depth" else None

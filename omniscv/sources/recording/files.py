@@ -75,14 +75,9 @@ def written_for(target: Path) -> Iterator[Path]:
     with contextlib.ExitStack() as stack:
         with errors_of(target, write=True):
             target.parent.mkdir(parents=True, exist_ok=True)
-            remove_leftovers(target)
+            remove_scratch(target.parent, f".{target.name}-")  # which killed processes have left
             folder = stack.enter_context(scratch_folder(target.parent, f".{target.name}-"))
         yield folder / target.name
-
-
-def remove_leftovers(target: Path) -> None:
-    """Remove the scratch folders that killed processes left of a file that was to be moved to a path."""
-    remove_scratch(target.parent, f".{target.name}-")
 
 
 def publish(file: Path, target: Path) -> None:

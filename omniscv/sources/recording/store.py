@@ -29,7 +29,6 @@ from omniscv.sources.recording.files import (
     followed,
     kind_of,
     publish_new,
-    remove_leftovers,
     settle_journal,
     target_of,
     written_for,
@@ -52,6 +51,7 @@ from omniscv.sources.recording.rows import (
     table_conflict,
 )
 from omniscv.sources.world import Exposure, exposure_from_text
+from omniscv.storage.local import remove_scratch
 
 _ADVICE = "run 'omniscv recording check'"
 _COLUMNS = ", ".join(Row._fields)
@@ -393,7 +393,7 @@ class Store:
                     with written_for(self._file) as file:
                         schema.create(file)
                         publish_new(file, self._file)
-                remove_leftovers(self._file)
+                remove_scratch(self._file.parent, f".{self._file.name}-")
             elif (kind := kind_of(self._file)) != "a file":
                 got = kind or "nothing there; record one first"
                 raise NotARecordingError(f"expected a recording, got {got}")
