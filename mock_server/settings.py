@@ -98,8 +98,8 @@ class Settings:
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
             value: Any = getattr(self, key)
-            fits = isinstance(value, Real) and not isinstance(value, bool) and bool(least <= value <= most)
-            self._expect(key, fits, f"a number from {least:g} to {most:g},")
+            is_number = isinstance(value, Real) and not isinstance(value, bool)
+            self._expect(key, is_number and least <= value <= most, f"a number from {least:g} to {most:g},")
         for key in _WHOLE:
             self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
         for key, size in (("size", self.size), ("window", self.window_size)):
