@@ -183,10 +183,17 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
         line_of_text(title, round(2.2 * em)),
         line_of_text("large: colour    beside it, downwards: labels, depth, normals", em),
     ]
+    wide, one, many = _SECTIONS
     for heading, columns in _SECTIONS.items():
         cell = (width - (columns - 1) * em) // columns
-        section = {name: image for name, image in images.items() if _section(image) == heading}
-        tiles = {name: _scaled(tile(image, most), cell, image) for name, image in section.items()}
+        tiles = {}
+        for name, image in images.items():
+            camera = image.camera
+            is_wide = camera.width >= _WIDE * camera.height
+            if heading == (wide if is_wide else one if camera.central else many):
+                pixels = tile(image, most)
+                height = round(pixels.shape[0] * cell / pixels.shape[1])
+                tiles[name] = resized(pixels, (cell, height), transfer_shown(image))
         if tiles:
             blocks += [line_of_text(heading, round(1.3 * em)), captioned(tiles, columns, em)]
     metres = np.linspace(1e-3, most, width // 2, dtype=np.float32)
@@ -205,13 +212,6 @@ def contact_sheet(images: Mapping[str, OmniImage], objects: ObjectTable, path: P
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.concatenate(page)).save(path, compress_level=3)
     return path
-
-
-def _section(image: OmniImage) -> str:
-    wide, one, many = _SECTIONS
-    if image.camera.width >= _WIDE * image.camera.height:
-        return wide
-    return one if image.camera.central else many
 
 
 def tile(image: OmniImage, most: float) -> Picture:
@@ -233,9 +233,3 @@ def beside(large: Picture, small: Sequence[Picture]) -> Picture:
 def truths(image: OmniImage, most: float) -> tuple[Picture, Picture, Picture]:
     """Return (H, W, 3) RGB of an image's labels, depth and normals."""
     return picture(image, "labels"), picture(image, "depth", most), picture(image, "normals")
-
-
-def _scaled(pixels: Picture, width: int, image: OmniImage) -> Picture:
-    """Return a picture of an image at another width."""
-    height = round(pixels.shape[0] * width / pixels.shape[1])
-    return resized(pixels, (width, height), transfer_shown(image))

@@ -12,8 +12,9 @@ from omniscv.arguments import one_of, within
 from omniscv.calibration import aria, colmap, intrinsics, kalibr, nvidia, ocamcalib, opencv
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, StorageError
 from omniscv.storage.bounded import read_text
+from omniscv.storage.local import write_text
 
 FormatName = Literal[
     "json",
@@ -158,7 +159,7 @@ def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: Forma
     """
     one_of("format", format, _FORMATS)
     with within(path):
-        _write_text(Path(path), dumps(cameras, format, Path(path).suffix))
+        _write(Path(path), dumps(cameras, format, Path(path).suffix))
 
 
 def dumps(cameras: Mapping[str, Camera], format: FormatName, suffix: str = "") -> str:
@@ -210,13 +211,11 @@ def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
         else:
             texts = {path: _RIG_WRITERS[format](rig)}
         for file, text in texts.items():
-            _write_text(file, text, make_folder=True)
+            _write(file, text)
 
 
-def _write_text(path: Path, text: str, make_folder: bool = False) -> None:
+def _write(path: Path, text: str) -> None:
     try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as cause:
+        write_text(path, text)
+    except (OSError, StorageError) as cause:
         raise ArgumentError(f"expected a file that can be written, got {cause}") from cause

@@ -355,25 +355,3 @@ def finding(rows: Sequence[Row]) -> str:
     silent = [row for row in fails if row.said == "silent"]
     said = len(fails) - len(silent)
     return f"Of {len(fails)} failures, {said} are refused, found or marked; {len(silent)} are silent"
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Return a Markdown table of the strengths at which each strategy breaks, and of the answers there."""
-    lines = [
-        "| cause | strengths | " + " | ".join(COLUMNS) + " | the doctor |",
-        "|---" * (len(COLUMNS) + 3) + "|",
-    ]
-    for cause in dict.fromkeys(row.cause for row in rows):
-        mine = [row for row in rows if row.cause == cause]
-        strengths = ", ".join(dict.fromkeys(str(row.strength) for row in mine))
-        cells = []
-        for column in COLUMNS:
-            broken = [row for row in mine if row.column == column and row.said != "holds"]
-            answers = [row for i, row in enumerate(broken) if i == 0 or broken[i - 1].said != row.said]
-            cells.append("; ".join(f"{row.strength}: {row.said}" for row in answers) or "holds")
-        findings = next((row.findings for row in mine if row.findings), ())
-        lines.append(
-            f"| {cause} | {strengths} {mine[0].unit}".rstrip()
-            + f" | {' | '.join(cells)} | {'; '.join(findings[:3])} |"
-        )
-    return "\n".join(lines) + "\n"

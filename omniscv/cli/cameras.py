@@ -52,24 +52,18 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
     from omniscv.cameras import model
 
     console.document(f"{name}\n\n{inspect.getdoc(model(name))}\n")
-    console.line(f"Example: {_example(name)}")
+    camera = model(name).example(256)
+    settings = (f"--set {shlex.quote(f'camera.{key}={text}')}" for key, text in _typical(name).items())
+    turned = [f"--pitch {camera.typical_pitch_deg:g}"] if camera.typical_pitch_deg else []
+    view = f"--camera {name} --size {camera.width}x{camera.height}"
+    words = ["omniscv render --source mock://four-wall", view, *settings, *turned, "--out out/"]
+    console.line(f"Example: {' '.join(words)}")
 
 
 def _summary(cls: type) -> str:
     """Return the start of a model's description, up to its formula."""
     paragraph = " ".join((inspect.getdoc(cls) or "").partition("\n\n")[0].split())
     return re.split(r"[.:;] |[.:]$", paragraph)[0]
-
-
-def _example(name: str) -> str:
-    """Return a command that renders a typical camera of a model."""
-    from omniscv.cameras import model
-
-    camera = model(name).example(256)
-    settings = (f"--set {shlex.quote(f'camera.{key}={text}')}" for key, text in _typical(name).items())
-    turned = [f"--pitch {camera.typical_pitch_deg:g}"] if camera.typical_pitch_deg else []
-    view = f"--camera {name} --size {camera.width}x{camera.height}"
-    return " ".join(["omniscv render --source mock://four-wall", view, *settings, *turned, "--out out/"])
 
 
 def _typical(name: str) -> dict[str, str]:

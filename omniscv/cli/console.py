@@ -66,17 +66,29 @@ def table(
 
 
 class Display:
-    """Receives progress, and shows nothing; the base of displays.
+    """Receives progress, and shows it as a bar, as a line every few seconds, or not at all.
 
     Args:
         what: is counted, such as "images".
+        style: of the display.
+        every_s: least seconds between lines; the first and the last one are always printed.
     """
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S) -> None:
         from omniscv.progress import Progress
 
         self._what, self._started, self._seconds = what, time.monotonic(), 0.0
         self._now = self._last_image = Progress()  # now, and when the last image was done
+        self._style, self._every_s, self._printed_s, self._printed = style, every_s, -every_s, ""
+        if style == "bar":
+            from rich import progress
+            from rich.console import Console
+
+            columns = progress.BarColumn(), progress.TextColumn("{task.description}")
+            terminal = Console(stderr=True, force_terminal=True)
+            self._bar = progress.Progress(*columns, console=terminal, transient=True)
+            self._task = self._bar.add_task(what, total=1)
+            self._bar.start()
 
     def __call__(self, now: Progress) -> None:
         """Show a :class:`omniscv.progress.Progress`; raise KeyboardInterrupt after a signal."""
@@ -85,7 +97,10 @@ class Display:
         if now.images != self._now.images:
             self._last_image = now
         self._now = now
-        self._show()
+        if self._style == "bar":
+            self._bar.update(self._task, completed=self.fraction, description=self.line())
+        elif self._style == "plain" and self._seconds - self._printed_s >= self._every_s:
+            self._print()
 
     def steps(self, done: int, total: int) -> None:
         """Show the progress of work that has no captures."""
@@ -93,11 +108,18 @@ class Display:
 
         self(Progress(done, total))
 
-    def _show(self) -> None:
-        pass
-
     def close(self) -> None:
         """End the display."""
+        if self._style == "bar":
+            self._bar.stop()
+        elif self._printed:
+            self._print()
+
+    def _print(self) -> None:
+        line = self.line()
+        if line != self._printed:
+            print(line, file=sys.stderr, flush=True)
+        self._printed, self._printed_s = line, self._seconds
 
     @property
     def fraction(self) -> float:
@@ -114,53 +136,11 @@ class Display:
             rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
             parts.append(f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}")
         if self.fraction > 0:
-            parts.append(f"{_clock(self._seconds * (1 / self.fraction - 1))} left")
+            minutes, rest = divmod(round(self._seconds * (1 / self.fraction - 1)), 60)
+            hours, minutes = divmod(minutes, 60)
+            clock = f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+            parts.append(f"{clock} left")
         return ", ".join(parts)
-
-
-class Lines(Display):
-    """A line every few seconds; the first and the last always.
-
-    Args:
-        what: is counted.
-        every_s: least seconds between lines.
-    """
-
-    def __init__(self, what: str, every_s: float = _LINES_EVERY_S) -> None:
-        super().__init__(what)
-        self._every_s, self._printed_s, self._printed = every_s, -every_s, ""
-
-    def _show(self) -> None:
-        if self._seconds - self._printed_s >= self._every_s:
-            self._print()
-
-    def _print(self) -> None:
-        line = self.line()
-        if line != self._printed:
-            print(line, file=sys.stderr, flush=True)
-        self._printed, self._printed_s = line, self._seconds
-
-    def close(self) -> None:
-        if self._printed:
-            self._print()
-
-
-class _Bar(Display):
-    def __init__(self, what: str) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-
-        super().__init__(what)
-        columns = BarColumn(), TextColumn("{task.description}")
-        self._bar = Progress(*columns, console=Console(stderr=True, force_terminal=True), transient=True)
-        self._task = self._bar.add_task(what, total=1)
-        self._bar.start()
-
-    def _show(self) -> None:
-        self._bar.update(self._task, completed=self.fraction, description=self.line())
-
-    def close(self) -> None:
-        self._bar.stop()
 
 
 @contextmanager
@@ -172,17 +152,9 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
         style: by default a bar if standard error is a terminal, else nothing.
     """
     style = style or ("bar" if sys.stderr and sys.stderr.isatty() else "none")  # None: it is closed
-    displays: dict[Style, type[Display]] = {"bar": _Bar, "plain": Lines, "none": Display}
-    with closing(displays[style](what)) as shown:
+    with closing(Display(what, style)) as shown:
         yield shown
 
 
 def _megabytes(nbytes: float) -> str:
     return f"{nbytes / 1e6:.1f} MB"
-
-
-def _clock(seconds: float) -> str:
-    """``75`` as 1:15."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -54,6 +54,13 @@ def make(
     if cluster is not None and (shard is not None or workers != 1 or keep_going or overwrite):
         others = "--shard, --workers, --keep-going and --overwrite"
         raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
+    part = None
+    if shard is not None:
+        index, _, count = shard.partition("/")
+        if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
+            wanted = "expected I/N with I from 0 to N - 1, such as 0/4"
+            raise ArgumentError(f"--shard: {wanted}, got {shard!r}")
+        part = int(index), int(count)
     with display("frames", progress) as show:
         if cluster is not None:
             from omniscv.cluster import make, workers_of
@@ -68,7 +75,7 @@ def make(
             resume=resume,
             overwrite=overwrite,
             keep_going=keep_going,
-            shard=None if shard is None else _shard(shard),
+            shard=part,
             workers=workers,
             progress=show,
             warn=console.error,
@@ -155,18 +162,12 @@ def object_names(scene: str) -> tuple[str, ...]:
     from omniscv.sources.registry import open_source, scheme_of
     from omniscv.storage import SCHEMES, folder
 
-    address = scene
-    if scheme_of(address) in (None, *SCHEMES) and folder(scene).exists(manifest.DATASET):
+    scheme, path = scheme_of(scene), Path(scene)
+    if scheme in (None, *SCHEMES) and folder(scene).exists(manifest.DATASET):
         return tuple(sorted(manifest.read(scene).names))
-    if scheme_of(address) is None and not _recorded(Path(address)):
-        address = f"scene://{address}"  # a scene's name, or its file
-    with open_source(address) as source:
+    is_recording = path.exists() and path.suffix not in (".yaml", ".yml", ".json")
+    with open_source(scene if scheme or is_recording else f"scene://{scene}") as source:
         return tuple(source.objects().names())
-
-
-def _recorded(path: Path) -> bool:
-    """Return whether a path exists and is not the file of a scene: a recording."""
-    return path.exists() and path.suffix not in (".yaml", ".yml", ".json")
 
 
 @app.command(cls=accepting(OF_FORMATS), epilog="Example: omniscv dataset pack dataset --as webdataset")
@@ -205,11 +206,3 @@ def video(
     with display("frames", progress) as show:
         written = write_video(frames, out, rate=rate, quality=quality, progress=show.steps)
     console.line(without_secrets(written))
-
-
-def _shard(text: str) -> tuple[int, int]:
-    """Return ``0/4`` as (0, 4)."""
-    index, _, count = text.partition("/")
-    if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
-        raise ArgumentError(f"--shard: expected I/N with I from 0 to N - 1, such as 0/4, got {text!r}")
-    return int(index), int(count)

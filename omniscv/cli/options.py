@@ -151,20 +151,18 @@ def is_calibration(camera: str) -> bool:
 
 
 def _camera(text: str) -> Keys:
-    if is_calibration(text):
-        return {"cameras": {Path(text).stem.replace(".", "-"): {"file": text}}, "rig": None}
-    return {"cameras": {text: {"model": text}}, "rig": None}
-
-
-def _settings(texts: list[str]) -> Keys:
-    return dict(map(setting, texts))
+    is_file = is_calibration(text)
+    name = Path(text).stem.replace(".", "-") if is_file else text
+    return {"cameras": {name: {"file" if is_file else "model": text}}, "rig": None}
 
 
 MODES = JobOption(
     key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
 )
 
-SET: Mapping[str, JobOption] = {"set": JobOption(_settings, list[str], [], _SET_HELP, _ANY, _key_names)}
+SET: Mapping[str, JobOption] = {
+    "set": JobOption(lambda texts: dict(map(setting, texts)), list[str], [], _SET_HELP, _ANY, _key_names)
+}
 
 VIEW: Mapping[str, JobOption] = {
     "source": JobOption(key("source"), str, "mock://four-wall", SOURCE_HELP, _OUTPUT),
@@ -244,15 +242,25 @@ class JobArguments:
         unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
         if self.file is None:
             names = self.options.keys() - ({"size"} - self.given if unsized else set())
-            return _print_assumptions(read(overridden(self.described, self._keys(names)), Path()))
-        keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
-        if self.file.resolve().parent != Path.cwd():
-            keys |= {name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None}
-            for camera in keys.get("cameras", {}).values() if unsized else ():
-                camera["file"] = str(Path.cwd() / camera["file"])
-        job = _print_assumptions(load(self.file, keys))
-        if self.given:
-            console.error(f"{self.file}: {'; '.join(map(self._overriding, self._ordered(self.given)))}")
+            job = read(overridden(self.described, self._keys(names)), Path())
+        else:
+            keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
+            if self.file.resolve().parent != Path.cwd():
+                keys |= {
+                    name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None
+                }
+                for camera in keys.get("cameras", {}).values() if unsized else ():
+                    camera["file"] = str(Path.cwd() / camera["file"])
+            job = load(self.file, keys)
+        if job.assumed:
+            console.error(job.assumed)
+        overriding = []
+        for name in self._ordered(self.given) if self.file else ():
+            values = self.options[name].keys(self.values[name])
+            changed = " and ".join(key for key, value in values.items() if value is not None or name == "set")
+            overriding.append(f"--{name.replace('_', '-')} overrides {changed}")
+        if overriding:
+            console.error(f"{self.file}: {'; '.join(overriding)}")
         return job
 
     def _keys(self, names: Iterable[str]) -> Keys:
@@ -265,18 +273,6 @@ class JobArguments:
     def _ordered(self, names: Iterable[str]) -> list[str]:
         """Return names in the order of the options: a camera before its size, ``--set`` last."""
         return sorted(names, key=[*(name for name in self.options if name != "set"), "set"].index)
-
-    def _overriding(self, name: str) -> str:
-        keys = self.options[name].keys(self.values[name])
-        listed = " and ".join(key for key, value in keys.items() if value is not None or name == "set")
-        return f"--{name.replace('_', '-')} overrides {listed}"
-
-
-def _print_assumptions(job: Job) -> Job:
-    """Print what was assumed of a job on standard error, and return the job."""
-    if job.assumed:
-        console.error(job.assumed)
-    return job
 
 
 def with_job(

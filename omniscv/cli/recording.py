@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Exit, Option, Typer
 
@@ -32,16 +32,13 @@ def info(file: Recording, as_json: options.AsJson = False) -> None:
     states = summary.pop("states")
     console.summary(summary)
     if states.keys() - {""}:
-        console.table(("state", "captures", "time", "placed", "hidden"), map(_state_row, states.items()))
-
-
-def _state_row(item: tuple[str, dict[str, Any]]) -> tuple[str, ...]:
-    """Return a row of the table of states."""
-    name, state = item
-    instant = state["instant"] or {"time": None, "poses": {}, "hidden": []}
-    time = "" if instant["time"] is None else f"{instant['time']:.9g} s"
-    names = (", ".join(sorted(instant[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
-    return name or "still", str(state["captures"]), time, *names
+        rows = []
+        for name, state in states.items():
+            instant = state["instant"] or {"time": None, "poses": {}, "hidden": []}
+            time = "" if instant["time"] is None else f"{instant['time']:.9g} s"
+            names = (", ".join(sorted(instant[key])[:_MOST_NAMES]) for key in ("poses", "hidden"))
+            rows.append((name or "still", state["captures"], time, *names))
+        console.table(("state", "captures", "time", "placed", "hidden"), rows)
 
 
 @app.command(epilog="Example: omniscv recording check room.sqlite")

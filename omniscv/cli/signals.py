@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
@@ -30,15 +30,6 @@ def _unraisable(lost: Any) -> None:
         sys.__unraisablehook__(lost)
 
 
-def _end(number: int, _: FrameType | None) -> None:
-    os._exit(128 + (_received or [number])[0])
-
-
-def _ignore(numbers: Sequence[int]) -> None:
-    for number in numbers:
-        signal.signal(number, signal.SIG_IGN)
-
-
 def unwound(command: Callable[[], int]) -> int:
     """Run a command and return its exit code: 128 + the signal's number if a signal stopped it.
 
@@ -55,12 +46,15 @@ def unwound(command: Callable[[], int]) -> int:
             _received.append(number)
             raise KeyboardInterrupt
 
+    def end(number: int, _: FrameType | None) -> None:
+        os._exit(128 + (_received or [number])[0])
+
     numbers = [signal.SIGINT, signal.SIGTERM]
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     for number in numbers:
         signal.signal(number, stop)
-    atexit.register(_ignore, numbers)  # Python's shutdown restores the default, which kills
+        atexit.register(signal.signal, number, signal.SIG_IGN)  # the shutdown restores the default: it kills
     sys.unraisablehook = _unraisable
     try:
         code = command()
@@ -72,5 +66,5 @@ def unwound(command: Callable[[], int]) -> int:
         code = STOPPED  # an interrupted import may raise anything
     finally:
         for number in numbers:
-            signal.signal(number, _end)  # a second signal ends the process at once
+            signal.signal(number, end)  # a second signal ends the process at once
     return 128 + _received[0] if code == STOPPED and _received else code

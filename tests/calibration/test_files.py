@@ -47,7 +47,7 @@ def test_a_file_that_cannot_be_read_or_written_is_refused(tmp_path: Path) -> Non
     for call in (
         lambda: calibration.load(tmp_path / "missing"),
         lambda: calibration.load(tmp_path),
-        lambda: calibration.save(tmp_path / "missing" / "file", {"1": PINHOLE}, "colmap"),
+        lambda: calibration.save(tmp_path, {"1": PINHOLE}, "colmap"),
     ):
         with pytest.raises(ArgumentError) as error:
             call()

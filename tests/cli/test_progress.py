@@ -9,7 +9,7 @@ from threading import Thread
 import pytest
 
 from omniscv.cli import run
-from omniscv.cli.console import Display, Lines, display
+from omniscv.cli.console import Display, display
 from omniscv.jobs import load
 from omniscv.jobs import run as run_job
 from omniscv.progress import Meter, Progress, without_images
@@ -72,7 +72,7 @@ def test_plain_progress_is_lines(job, capfd):
 
 
 def test_lines_come_at_a_bounded_rate(capsys):
-    with contextlib.closing(Lines("images", every_s=3600)) as shown:
+    with contextlib.closing(Display("images", "plain", every_s=3600)) as shown:
         for done in range(100):
             shown.steps(done, 100)
     assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")

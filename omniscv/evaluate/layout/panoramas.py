@@ -17,6 +17,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.sources import Source
+from omniscv.storage.local import write_text
 from omniscv.truth import layout, project_layout
 from omniscv.truth.layout_labels import Map, cor_id, original_maps
 from omniscv.truth.room_in_image import inside
@@ -99,9 +100,8 @@ def write(panorama: Panorama, folder: Path) -> None:
     write_pixels(folder / "img" / f"{name}.png", panorama.lit)
     for suffix, pixels in zip(("EM", "CM"), panorama.maps, strict=True):
         write_pixels(folder / f"{suffix}_gt" / f"{name}_{suffix}.png", pixels)
-    label = folder / "label_cor" / f"{name}.txt"
-    label.parent.mkdir(exist_ok=True)
-    label.write_text("".join(f"{x:.3f} {y:.3f}\n" for x, y in panorama.corners.tolist()), "ascii")
+    lines = (f"{x:.3f} {y:.3f}\n" for x, y in panorama.corners.tolist())
+    write_text(folder / "label_cor" / f"{name}.txt", "".join(lines))
 
 
 def _extent(settings: Settings) -> tuple[int, int]:

@@ -11,7 +11,8 @@ Sources: cfernandezlab/CFL test_CFL.py, sunset1995/HorizonNet inference.py and e
 import io
 import json
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -94,7 +95,14 @@ def _find_files(folder: Path, names: Sequence[str]) -> dict[str, dict[str, Path]
     by_name: dict[str, list[Path]] = defaultdict(list)
     for path in sorted(folder.rglob("*")):
         by_name[path.name].append(path)
-    files = {form: _files_of_form(form, by_name, names, folder) for form in _SUFFIXES}
+    files: dict[str, dict[str, Path]] = {form: {} for form in _SUFFIXES}
+    for form, name in product(_SUFFIXES, names):
+        paths = [path for suffix in _SUFFIXES[form] for path in by_name.get(name + suffix, ())]
+        if len(paths) > 1:
+            got = " and ".join(str(path.relative_to(folder)) for path in paths[:2])
+            raise ArgumentError(f"predictions: expected one file of the {form} of {name}, got {got}")
+        if paths:
+            files[form][name] = paths[0]
     forms = {form for form, paths in files.items() if paths} or {"corners"}
     if "edges" in forms or "corner_map" in forms:
         forms |= {"edges", "corner_map"}
@@ -107,21 +115,6 @@ def _find_files(folder: Path, names: Sequence[str]) -> dict[str, dict[str, Path]
             got = next((file for file in others if file not in expected), "no other file")
             raise ArgumentError(f"predictions: expected {expected_names}, {lack}; got {got}")
     return {form: files[form] for form in forms}
-
-
-def _files_of_form(
-    form: str, by_name: Mapping[str, Sequence[Path]], names: Sequence[str], folder: Path
-) -> dict[str, Path]:
-    """Return the files of a form by the name of their panorama."""
-    files = dict[str, Path]()
-    for name in names:
-        paths = [path for suffix in _SUFFIXES[form] for path in by_name.get(name + suffix, ())]
-        if len(paths) > 1:
-            got = " and ".join(str(path.relative_to(folder)) for path in paths[:2])
-            raise ArgumentError(f"predictions: expected one file of the {form} of {name}, got {got}")
-        if paths:
-            files[name] = paths[0]
-    return files
 
 
 def _read_corners(path: Path, width: int) -> Array:

@@ -20,7 +20,7 @@ from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry.pose_estimation import load_pycolmap, reconstruct
+from omniscv.evaluate.odometry.pose_estimation import SEED, load_pycolmap, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import (
     TrajectoryErrors,
     path_length,
@@ -92,7 +92,7 @@ def evaluate(settings: Settings) -> Report:
         "path_m": path_length(truth),
         "origin of eps_t": [0.0, 0.0, 0.0],
         "pycolmap": pycolmap.__version__,
-        "seed": 0,
+        "seed": SEED,
     }
     figures = [figure for name, errors in runs.items() for figure in _figures(name, truth, errors)]
     rows = [row for name, errors in runs.items() for row in _rows(name, times, errors)]

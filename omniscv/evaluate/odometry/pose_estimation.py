@@ -19,14 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, create
-from omniscv.compose.files import write_picture
+from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Pose
-from omniscv.modalities import Modality
 from omniscv.planning import densities
 
+SEED = 0
+"""Of COLMAP's random numbers."""
+
 _FATAL_ONLY = 3  # of glog's levels: a missing model is a result, and no error
-_MASK = Modality("mask", ("uint8",))
 _RIM_PX = 6  # SIFT finds the rim of the image circle; features this near to it are left out
 
 
@@ -58,13 +59,12 @@ def inner_mask(camera: Camera) -> NDArray[np.uint8]:
     return np.asarray(cv2.erode(valid, around, borderType=cv2.BORDER_CONSTANT, borderValue=255), np.uint8)
 
 
-def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[int, Pose]:
+def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
     """Return the poses of the images that COLMAP registers in its largest model, by index; none if it fails.
 
     Args:
         images: files in one folder.
         camera: of all images, central; it is not refined.
-        seed: of COLMAP's random numbers.
 
     Raises:
         OmniscvError: no pycolmap, or too old a one.
@@ -72,7 +72,7 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
     pycolmap = load_pycolmap()
     folder, names = images[0].parent, [path.name for path in images]
     with TemporaryDirectory() as scratch:
-        pycolmap.set_random_seed(seed)
+        pycolmap.set_random_seed(SEED)
         database = Path(scratch) / "database.db"
         pycolmap.extract_features(
             database,
@@ -80,13 +80,13 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
             image_names=names,
             camera_mode=pycolmap.CameraMode.SINGLE,
             reader_options=pycolmap.ImageReaderOptions(
-                camera_mask_path=write_picture(Path(scratch) / "mask.png", inner_mask(camera), _MASK),
+                camera_mask_path=write_pixels(Path(scratch) / "mask.png", inner_mask(camera)),
             ),
             extraction_options=pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1),
         )
         _move_to_panorama(database, camera)
         verification = pycolmap.TwoViewGeometryOptions()
-        verification.ransac.random_seed = seed
+        verification.ransac.random_seed = SEED
         pycolmap.match_exhaustive(
             database,
             matching_options=pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=1),
@@ -94,7 +94,7 @@ def reconstruct(images: Sequence[Path], camera: Camera, seed: int = 0) -> dict[i
         )
         mapping = pycolmap.IncrementalPipelineOptions(
             num_threads=1,
-            random_seed=seed,
+            random_seed=SEED,
             ba_refine_focal_length=False,
             ba_refine_principal_point=False,
             ba_refine_extra_params=False,
