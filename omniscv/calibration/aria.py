@@ -18,24 +18,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.intrinsics import (
-    HALF_PIXEL,
-    FormatModel,
-    camera_of,
-    format_models,
-    known,
-    parse_mapping,
-    read_known,
-    read_numbers,
-    write_numbers,
-)
+from omniscv.calibration import intrinsics
+from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.records import checked, record
 
-_MODELS = format_models("""
+_MODELS = intrinsics.format_models("""
 FisheyeRadTanThinPrism fisheye624     f cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3
 KannalaBrandtK3        kannala-brandt fx fy cx cy k1 k2 k3 k4
 Fisheye62              fisheye624     f cx cy k0 k1 k2 k3 k4 k5 p0 p1
@@ -74,15 +65,16 @@ class _Entry:
     """A camera of a device."""
 
     label: str = checked(one_of, words=tuple(_SIZES), key="Label")
-    projection: _Projection = checked(known(_Projection), key="Projection")
-    T_device_camera: _Transform = checked(known(_Transform), key="T_Device_Camera")
+    projection: _Projection = checked(intrinsics.known(_Projection), key="Projection")
+    T_device_camera: _Transform = checked(intrinsics.known(_Transform), key="T_Device_Camera")
     time_offset: float = checked(number, default=0.0, key="TimeOffsetSec_Device_Camera")
 
     def mounted(self) -> RigCamera:
         """Return the camera with its pose in the device's frame."""
         row = _MODELS[self.projection.name]
         values = numbers("Projection.Params", self.projection.parameters, (len(row.numbers),)).tolist()
-        camera = camera_of(row.model, *_SIZES[self.label], read_numbers(row, values, HALF_PIXEL))
+        lens = intrinsics.read_numbers(row, values, HALF_PIXEL)
+        camera = intrinsics.camera_of(row.model, *_SIZES[self.label], lens)
         with within("T_Device_Camera"):
             pose = Pose.from_quaternion(self.T_device_camera.translation, self.T_device_camera.quaternion)
         return RigCamera(camera, pose, self.time_offset)
@@ -100,12 +92,12 @@ def write_aria(cameras: Mapping[str, Camera]) -> str:
 
 def rig_from_aria(text: str) -> Rig:
     """Return the cameras of a device's calibration with their poses in the device's frame."""
-    entries = parse_mapping(text).get("CameraCalibrations")
+    entries = intrinsics.parse_mapping(text).get("CameraCalibrations")
     if not isinstance(entries, list) or not entries:
         raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
     mounted: dict[str, RigCamera] = {}
     for i, data in enumerate(entries):
-        entry = read_known(_Entry, data, f"CameraCalibrations[{i}]")
+        entry = intrinsics.read_known(_Entry, data, f"CameraCalibrations[{i}]")
         with within(f"CameraCalibrations[{i}]"):
             if entry.label in mounted:
                 raise ArgumentError(f"Label: expected each label once, got {entry.label} again")
@@ -136,10 +128,10 @@ def rig_to_aria(rig: Rig) -> str:
     return json.dumps({"CameraCalibrations": entries}, indent=1)
 
 
-def _projection(label: str, camera: Camera) -> tuple[FormatModel, list[float]]:
+def _projection(label: str, camera: Camera) -> tuple[intrinsics.FormatModel, list[float]]:
     size = _SIZES[one_of("label", label, _SIZES)]
     expected = "Aria: expected fisheye624 with one focal length or kannala-brandt, unskewed"
-    row_and_values = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
+    row_and_values = intrinsics.write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
     if (camera.width, camera.height) != size:
         got = f"{camera.width}x{camera.height}"
         raise ArgumentError(f"size: expected {size[0]}x{size[1]} px of {label}, got {got}")

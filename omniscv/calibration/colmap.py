@@ -17,20 +17,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from omniscv.arguments import numbers, one_of, shown, within
-from omniscv.calibration.intrinsics import (
-    camera_of,
-    check_first_is_origin,
-    format_models,
-    read_numbers,
-    whole_number,
-    write_numbers,
-)
+from omniscv.calibration import intrinsics
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
-MODELS = format_models("""
+MODELS = intrinsics.format_models("""
 SIMPLE_PINHOLE             pinhole          f cx cy
 PINHOLE                    pinhole          fx fy cx cy
 SIMPLE_RADIAL              pinhole          f cx cy k1
@@ -81,7 +74,7 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
     ]
     for name, camera in cameras.items():
         with within(name):
-            camera_id = whole_number("name", name)
+            camera_id = intrinsics.whole_number("name", name)
             line = camera_line(camera_id, camera)
         if _sees_backwards(camera):
             lines.append(f"# {camera_id}: COLMAP uses only the rays less than 90 degrees off the axis.")
@@ -94,7 +87,8 @@ def camera_line(camera_id: int, camera: Camera) -> str:
     if isinstance(camera, Equirectangular):
         return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
     known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
-    row, values = write_numbers(camera, _WRITTEN, 0.0, f"COLMAP: expected equirectangular, {known}, unskewed")
+    expected = f"COLMAP: expected equirectangular, {known}, unskewed"
+    row, values = intrinsics.write_numbers(camera, _WRITTEN, 0.0, expected)
     return " ".join(map(str, [camera_id, row.name, camera.width, camera.height, *values]))
 
 
@@ -141,14 +135,14 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
                     raise ArgumentError(f"expected HAS_POSE 1, got {shown(words[:1])}")
                 pose, words = pose_of(words[1:8]), words[8:]
             sensors[name] = RigCamera(known[name], pose)
-    if len(sensors) != whole_number("NUM_SENSORS", count):
+    if len(sensors) != intrinsics.whole_number("NUM_SENSORS", count):
         raise ArgumentError(f"rigs.txt: NUM_SENSORS: expected {len(sensors)}, as listed, got {count}")
     return Rig(sensors)
 
 
 def rig_to_colmap(rig: Rig) -> tuple[str, str]:
     """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by their ids."""
-    check_first_is_origin(rig, "COLMAP")
+    intrinsics.check_first_is_origin(rig, "COLMAP")
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:
             got = f"{mounted.time_offset:.15g}"
@@ -187,8 +181,8 @@ def _camera(words: list[str]) -> tuple[str, Camera]:
     if len(words) < 4:
         raise ArgumentError(f"expected 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got {shown(' '.join(words))}")
     model = one_of("MODEL", words[1], NAMES)
-    name = str(whole_number("CAMERA_ID", words[0]))
-    width, height = whole_number("WIDTH", words[2]), whole_number("HEIGHT", words[3])
+    name = str(intrinsics.whole_number("CAMERA_ID", words[0]))
+    width, height = intrinsics.whole_number("WIDTH", words[2]), intrinsics.whole_number("HEIGHT", words[3])
     if model == "EQUIRECTANGULAR":
         size = numbers(f"PARAMS of {model}", words[4:], (2,)).tolist()
         if size != [width, height]:
@@ -198,7 +192,7 @@ def _camera(words: list[str]) -> tuple[str, Camera]:
         return name, Equirectangular(width, height)
     row = MODELS[model]
     values = numbers(f"PARAMS of {model}", words[4:], (len(row.numbers),)).tolist()
-    return name, camera_of(row.model, width, height, read_numbers(row, values, 0.0))
+    return name, intrinsics.camera_of(row.model, width, height, intrinsics.read_numbers(row, values, 0.0))
 
 
 def _sees_backwards(camera: Camera) -> bool:

@@ -34,15 +34,18 @@ _COLMAP_FILES = ("cameras.txt", "rigs.txt")
 
 
 class _Format(NamedTuple):
-    """A format: its tests of a file's text (None: ``opencv.model_of``), reader and writer."""
+    """A format: its test of a file's text, reader and writer."""
 
-    recognises: Callable[[str], object] | None
+    recognises: Callable[[str], object]
     read: Callable[..., dict[str, Camera]]
     write: Callable[..., str]
 
 
 def _opencv(model: str) -> _Format:
-    return _Format(None, partial(opencv.read, model), partial(opencv.write, model))
+    def recognises(text: str) -> bool:
+        return opencv.model_of(text) == model
+
+    return _Format(recognises, partial(opencv.read, model), partial(opencv.write, model))
 
 
 def _read_json(text: str) -> dict[str, Camera]:
@@ -122,16 +125,12 @@ def loads(
 
 def _format_of(text: str) -> str:
     """Return the format that a file's content shows."""
-    opencv_model = opencv.model_of(text)  # parses the file, so only once
-    others = not opencv.is_own_yaml(text)
-    matches = [
-        name
-        for name, known in _FORMATS.items()
-        if (others and known.recognises(text) if known.recognises else name == opencv_model)
-    ]
+    matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
+    if opencv.is_own_yaml(text):
+        matches = [name for name in matches if name.startswith("opencv")]
     if len(matches) == 1:
         return matches[0]
-    if opencv_model == opencv.EITHER:
+    if opencv.model_of(text) == opencv.EITHER:
         raise ArgumentError(
             "expected coefficients of one model, got four, which may be of two: give format opencv "
             "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), such as "

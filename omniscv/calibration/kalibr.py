@@ -39,17 +39,8 @@ import numpy as np
 import yaml
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.intrinsics import (
-    HALF_PIXEL,
-    camera_of,
-    check_first_is_origin,
-    format_models,
-    image_size,
-    parse_mapping,
-    read_known,
-    read_numbers,
-    write_numbers,
-)
+from omniscv.calibration import intrinsics
+from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel
 from omniscv.cameras.rig import Rig, RigCamera
@@ -57,7 +48,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.records import checked, mapping, record
 
-_MODELS = format_models("""
+_MODELS = intrinsics.format_models("""
 pinhole-none        pinhole          fx fy cx cy
 pinhole-radtan      pinhole          fx fy cx cy k1 k2 p1 p2
 pinhole-equidistant kannala-brandt   fx fy cx cy k1 k2 k3 k4
@@ -79,7 +70,7 @@ class _Entry:
     distortion_model: Any
     intrinsics: Any
     distortion_coeffs: Any
-    resolution: tuple[int, int] = checked(image_size)
+    resolution: tuple[int, int] = checked(intrinsics.image_size)
 
 
 def read_kalibr(text: str) -> dict[str, Camera]:
@@ -123,7 +114,7 @@ def rig_to_kalibr(rig: Rig) -> str:
         raise ArgumentError(
             f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(rig.cameras))}"
         )
-    check_first_is_origin(rig, "Kalibr")
+    intrinsics.check_first_is_origin(rig, "Kalibr")
     shifted = any(mounted.time_offset for mounted in rig.cameras.values())
     chain = {}
     previous: Pose | None = None
@@ -141,7 +132,7 @@ def rig_to_kalibr(rig: Rig) -> str:
 
 def _entries(text: str) -> dict[str, dict[str, Any]]:
     """Return the entries of a chain that are cameras."""
-    chain = parse_mapping(text)
+    chain = intrinsics.parse_mapping(text)
     entries = {name: mapping(name, entry) for name, entry in chain.items() if _NAME.fullmatch(name)}
     if not entries:
         raise ArgumentError(f"expected cameras cam0, cam1, ..., got {shown(list(chain))}")
@@ -153,7 +144,7 @@ def _dump(chain: dict[str, Any]) -> str:
 
 
 def _camera(name: str, entry: dict[str, Any]) -> Camera:
-    data = read_known(_Entry, entry, name)
+    data = intrinsics.read_known(_Entry, entry, name)
     with within(name):
         model = one_of(
             "camera_model-distortion_model", f"{data.camera_model}-{data.distortion_model}", _MODELS
@@ -162,11 +153,11 @@ def _camera(name: str, entry: dict[str, Any]) -> Camera:
         split = row.numbers.index("cy") + 1
         lens = numbers("intrinsics", data.intrinsics, (split,)).tolist()
         terms = numbers("distortion_coeffs", data.distortion_coeffs, (len(row.numbers) - split,)).tolist()
-        values = read_numbers(row, [*lens, *terms], HALF_PIXEL)
+        values = intrinsics.read_numbers(row, [*lens, *terms], HALF_PIXEL)
         width, height = data.resolution
         if row.name == "omni-none" and min(values["fx"], values["fy"]) < 0:
             return _mirror(width, height, **values)
-        return camera_of(row.model, width, height, values)
+        return intrinsics.camera_of(row.model, width, height, values)
 
 
 def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
@@ -194,7 +185,7 @@ def _entry(name: str, camera: Camera) -> dict[str, Any]:
         if isinstance(camera, SphereModel):
             row, values = _MODELS["omni-none"], _mirror_values(camera)
         else:
-            row, values = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
+            row, values = intrinsics.write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
     split = row.numbers.index("cy") + 1
     model, distortion = row.name.split("-")
     return {

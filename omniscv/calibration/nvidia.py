@@ -26,18 +26,8 @@ from typing import Any
 import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.calibration.intrinsics import (
-    HALF_PIXEL,
-    camera_of,
-    format_models,
-    only_camera,
-    parse_mapping,
-    read_known,
-    read_numbers,
-    refuse_limit,
-    whole_number,
-    write_numbers,
-)
+from omniscv.calibration import intrinsics
+from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera, FTheta, create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
@@ -54,7 +44,7 @@ _APIS = {
     "opencvPinhole": "OmniLensDistortionOpenCvPinholeAPI",
     "opencvFisheye": "OmniLensDistortionOpenCvFisheyeAPI",
 }
-_MODELS = format_models("""
+_MODELS = intrinsics.format_models("""
 opencvPinhole pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
 opencvFisheye kannala-brandt fx fy cx cy k1 k2 k3 k4
 """)
@@ -97,7 +87,7 @@ def write_isaac(cameras: Mapping[str, Camera]) -> str:
 def _pixels(name: str, value: object) -> int:
     """Return a number of pixels, which may be given as a float."""
     size = number(name, value)
-    return whole_number(name, int(size) if size.is_integer() else value)
+    return intrinsics.whole_number(name, int(size) if size.is_integer() else value)
 
 
 def _pair(name: str, value: str) -> list[str]:
@@ -128,20 +118,21 @@ def _isaac_camera(attributes: Mapping[str, str]) -> Camera:
         key.partition(":")[2]: value for key, value in attributes.items() if key.startswith(f"{model}:")
     }
     if model == "ftheta":
-        f = read_known(_IsaacFTheta, values)
+        f = intrinsics.read_known(_IsaacFTheta, values)
         limit = None if f.max_fov_deg == 360 else f.max_fov_deg / 2
         polynomial = [f.k0, f.k1, f.k2, f.k3, f.k4]
         return _ftheta([f.width, f.height], f.center, polynomial, "pixel-to-angle", limit)
     row = _MODELS[model]
-    terms = read_numbers(row, (number(key, values.get(key, 0.0)) for key in row.numbers), HALF_PIXEL)
+    given = (number(key, values.get(key, 0.0)) for key in row.numbers)
+    terms = intrinsics.read_numbers(row, given, HALF_PIXEL)
     width, height = (_pixels("imageSize", word) for word in _pair("imageSize", values.get("imageSize", "")))
-    return camera_of(row.model, width, height, terms)
+    return intrinsics.camera_of(row.model, width, height, terms)
 
 
 def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
     cx, cy = (camera.center - HALF_PIXEL).tolist()
     if isinstance(camera, FTheta):
-        refuse_limit(camera)
+        intrinsics.refuse_limit(camera)
         c = camera.polynomial.tolist()
         if camera.reference != "pixel-to-angle" or any(c[5:]) or camera.linear.tolist() != [1, 0, 0]:
             expected = "a polynomial from pixel to angle of degree 4 at most, without linear terms"
@@ -151,7 +142,7 @@ def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
         values = {"nominalWidth": camera.width, "nominalHeight": camera.height, "opticalCenter": (cx, cy)}
         return "ftheta", values | {"maxFov": most} | {f"k{i}": [*c, 0, 0, 0][i] for i in range(5)}
     expected = "Isaac: expected ftheta, pinhole or kannala-brandt, unskewed"
-    row, terms = write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
+    row, terms = intrinsics.write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
     size = {"imageSize": (camera.width, camera.height)}
     return row.name, size | dict(zip(row.numbers, terms, strict=True))
 
@@ -182,8 +173,8 @@ class _NCore:
 
 def read_ncore(document: str) -> dict[str, Camera]:
     """Return the camera, named ``cam0``, of NCore's f-theta parameters in JSON."""
-    data = parse_mapping(document)
-    f = read_known(_NCore, data.get("camera_model_parameters", data))
+    data = intrinsics.parse_mapping(document)
+    f = intrinsics.read_known(_NCore, data.get("camera_model_parameters", data))
     key = f"{f.reference.lower()}_poly"
     polynomial = numbers(key, getattr(f, key), (None,))
     max_angle_deg = float(np.degrees(f.max_angle))
@@ -194,10 +185,10 @@ def read_ncore(document: str) -> dict[str, Camera]:
 
 def write_ncore(cameras: Mapping[str, Camera]) -> str:
     """Return the JSON of one ``ftheta`` camera; its name is not carried."""
-    with only_camera(cameras, "NCore") as camera:
+    with intrinsics.only_camera(cameras, "NCore") as camera:
         if not isinstance(camera, FTheta):
             raise ArgumentError(f"NCore: expected a camera ftheta, got {camera.name}")
-        refuse_limit(camera)
+        intrinsics.refuse_limit(camera)
         if camera.polynomial[_DEGREE + 1 :].any():
             got = len(camera.polynomial) - 1
             raise ArgumentError(f"polynomial: expected degree {_DEGREE} at most, got {got}")

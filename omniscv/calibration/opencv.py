@@ -25,29 +25,22 @@ calibration samples.
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, shown
-from omniscv.calibration.intrinsics import (
-    HALF_PIXEL,
-    camera_of,
-    format_models,
-    only_camera,
-    parse_mapping,
-    read_known,
-    whole_number,
-    write_numbers,
-)
+from omniscv.calibration import intrinsics
+from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, record
 
 Floats = NDArray[np.float64]
 
-_MODELS = format_models("""
+_MODELS = intrinsics.format_models("""
 opencv-4       pinhole        fx fy cx cy k1 k2 p1 p2
 opencv-5       pinhole        fx fy cx cy k1 k2 p1 p2 k3
 opencv-8       pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
@@ -80,7 +73,7 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
         got = f"{len(values)}: {shown(values)}"
         raise ArgumentError(f"D: expected 4, 5, 8 or 12 coefficients (and no tilt), got {got}")
     terms = _MODELS["opencv-12"].numbers[4:]
-    return camera_of("pinhole", width, height, matrix | dict(zip(terms, values, strict=False)))
+    return intrinsics.camera_of("pinhole", width, height, matrix | dict(zip(terms, values, strict=False)))
 
 
 def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
@@ -102,7 +95,7 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
         width, height: image size, px; K and D do not hold it.
     """
     k = dict(zip(("k1", "k2", "k3", "k4"), _vector(D, 4), strict=True))
-    return camera_of("kannala-brandt", width, height, _matrix_numbers(K) | k)
+    return intrinsics.camera_of("kannala-brandt", width, height, _matrix_numbers(K) | k)
 
 
 def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
@@ -126,7 +119,7 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
     """
     terms = dict(zip(("k1", "k2", "p1", "p2"), _vector(D, 4), strict=True))
     xi = number("xi", np.asarray(xi, dtype=object).item() if np.size(xi) == 1 else xi)
-    return camera_of("unified", width, height, _matrix_numbers(K) | terms | {"xi": xi})
+    return intrinsics.camera_of("unified", width, height, _matrix_numbers(K) | terms | {"xi": xi})
 
 
 def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
@@ -151,7 +144,7 @@ def _vector(D: ArrayLike, count: int | None) -> list[float]:
 
 def _values(camera: Camera, model: str, expected: str) -> list[float]:
     rows = [row for row in _MODELS.values() if row.model == model]
-    return write_numbers(camera, rows, HALF_PIXEL, expected)[1]
+    return intrinsics.write_numbers(camera, rows, HALF_PIXEL, expected)[1]
 
 
 def _matrix(values: list[float], skew: float = 0.0) -> Floats:
@@ -188,7 +181,7 @@ def write(model: str, cameras: Mapping[str, Camera], suffix: str = ".yml") -> st
         cameras: one, by name.
         suffix: ``.yml``, ``.xml`` or ``.json``.
     """
-    with only_camera(cameras, "OpenCV") as camera:
+    with intrinsics.only_camera(cameras, "OpenCV") as camera:
         if model == "opencv":
             K, D = to_opencv(camera)
             values = {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}
@@ -201,6 +194,7 @@ def write(model: str, cameras: Mapping[str, Camera], suffix: str = ".yml") -> st
     return _dump(camera, values, suffix)
 
 
+@lru_cache(maxsize=1)  # three formats are recognised by it
 def model_of(text: str) -> str | None:
     """Return which of the three formats a file has, also as ROS's ``camera_info`` or as bare ``K`` and ``D``.
 
@@ -263,8 +257,8 @@ def _scalar(name: str, value: object) -> float:
 class _File:
     """The keys of ``cv2.FileStorage`` that describe a camera."""
 
-    image_width: int = checked(whole_number)
-    image_height: int = checked(whole_number)
+    image_width: int = checked(intrinsics.whole_number)
+    image_height: int = checked(intrinsics.whole_number)
     camera_matrix: Floats = checked(lambda name, value: _data(name, value, 9).reshape(3, 3))
     coefficients: Floats = checked(_data, key=_D)
     fisheye_model: Any = None
@@ -282,7 +276,7 @@ class _File:
 
 def _values_of(text: str) -> dict[str, Any]:
     xml = text.lstrip("\ufeff \t\r\n").startswith("<")
-    values = _from_xml(text) if xml else parse_mapping(_NOT_YAML.sub("", text))
+    values = _from_xml(text) if xml else intrinsics.parse_mapping(_NOT_YAML.sub("", text))
     return {_OTHER_KEYS.get(key, key): value for key, value in values.items()}
 
 
@@ -298,7 +292,7 @@ def _parsed(text: str, size: tuple[int, int] | None, fisheye: int | None = None)
     for key in ("image_width", "image_height"):
         if key not in values:
             raise ArgumentError(f"missing key {key!r}: add it, or give the size (--size)")
-    file = read_known(_File, values)
+    file = intrinsics.read_known(_File, values)
     if fisheye is not None and file.fisheye_model not in (None, fisheye, str(fisheye)):
         raise ArgumentError(
             f"fisheye_model: expected {fisheye}, {_MODEL_NAMES[fisheye]}, got {shown(file.fisheye_model)}; "

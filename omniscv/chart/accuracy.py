@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
 
 from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
@@ -15,17 +17,15 @@ from omniscv.chart.failures import wrong_depth
 from omniscv.chart.truth import traced
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
+from omniscv.render_options import PRICE, Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
 from omniscv.sources.scene import SceneSource, open_scene
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 QUICK = {"width": 64, "asked": (0.1,)}
 
 PAPER, ASKED = "the paper", "accuracy="
 AIMS = (0.01, 0.003, 0.001, 0.0003)
-MS_REQUEST, MS_MEGAPIXEL = 5.0, 25.0
+MS_REQUEST, MS_MEGAPIXEL = PRICE
 LATENCIES_MS = (5, 30)
 
 _SIZES = (0.5, 1, 2, 4, 8)  # of faces, in quarters of the widest image
@@ -114,8 +114,8 @@ def measure(
         compose_s = time.perf_counter() - started - source.seconds
         off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
         wrong = float(off[image.valid].mean())
-        of_pixels = MS_MEGAPIXEL * source.pixels / 1e9
-        seconds_at = {ms: ms * source.requests / 1e3 + of_pixels for ms in LATENCIES_MS}
+        prices = {ms: Price(ms, MS_MEGAPIXEL) for ms in LATENCIES_MS}
+        seconds_at = {ms: price.of(source.requests, source.pixels) / 1e3 for ms, price in prices.items()}
         rows.append(
             Row(
                 name, series, options.get("viewpoints"), options.get("face_size"), source.requests,

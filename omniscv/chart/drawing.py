@@ -12,15 +12,18 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from omniscv.compose.files import finite, write_json
 from omniscv.storage.local import whole_file
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
 
 INK, MUTED, SHADE, RING = "#1c2330", "#6b7280", "#e9ebef", "#d55e00"
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
@@ -71,9 +74,6 @@ def front(ways: Sequence[Dot]) -> list[Dot]:
 
 def figure(columns: int, height_in: float, title: str, lines: int = 1) -> tuple[Figure, list[Axes]]:
     """Return a figure 800 px wide and its panels, row by row."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
@@ -85,8 +85,6 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
     NaN becomes null. The folder is made if missing. Equal figures have equal bytes.
     """
-    import matplotlib as mpl
-
     out.mkdir(parents=True, exist_ok=True)
     data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
     svg, png = out / f"{name}.svg", out / f"{name}.png"
@@ -99,8 +97,6 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
 def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     """Draw ways with their labels on logarithmic axes, and shade the region that they beat."""
-    from matplotlib.colors import to_rgb
-
     axes.set(xscale="log", yscale="log")
     for (series, look), hollow in product(looks.items(), (False, True)):
         group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
@@ -134,8 +130,6 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
 
 def plain(axis: Axis, ticks: Sequence[int] = (1, 2, 5)) -> None:
     """Label the ticks of a logarithmic axis with plain numbers: 1, 2, 5, 10, and so on."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     axis.set_major_locator(LogLocator(subs=ticks))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     axis.set_minor_formatter(NullFormatter())

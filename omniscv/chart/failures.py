@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from omniscv import light
 from omniscv.cameras import Camera, create
@@ -29,8 +30,6 @@ from omniscv.sources.registry import Deadlines, open_source
 from omniscv.sources.scene import open_scene
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from mock_server import Hits, Scene
 
 QUICK = {"width": 32, "causes": ("radial depth",)}

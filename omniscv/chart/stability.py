@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from omniscv import cameras
 from omniscv.chart import drawing
 from omniscv.chart.limits import approaches
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 QUICK = {"models": ("equirectangular", "division")}
 

@@ -10,7 +10,7 @@ import asyncio
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 from distributed import Client, Future, WorkerPlugin, as_completed, get_worker
 
@@ -87,10 +87,10 @@ def _make_parts(
             (job,) = _results(client, [client.submit(with_poses, job, **TASK_OPTIONS)])
         client.register_plugin(JobPlugin(job))
         for done in _results(client, client.map(make_part, parts_of(job), **TASK_OPTIONS)):
-            if done.refused is not None:
-                raise done.refused
-            written, kept = written + done.written, kept + done.kept
-            warnings += done.warnings
+            if isinstance(done, Exception):
+                raise done
+            made, marked = done
+            written, kept, warnings = written + made.written, kept + made.kept, warnings + marked
             if progress:
                 progress(written + kept, len(job))
     finally:
@@ -202,34 +202,22 @@ class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported w
         self.job = job
 
 
-class Done(NamedTuple):
-    """The result of a task.
+def make_part(part: Part) -> tuple[Made, int] | Exception:
+    """Make a part of the worker's job with its server.
 
-    Attributes:
-        written, kept: frames, as :func:`omniscv.make.run_part`.
-        warnings: number of images with unsure or occluded pixels.
-        refused: what is wrong with the job; another attempt would not help.
+    Returns:
+        The counts of frames, and how many have unsure or occluded pixels; or what is wrong with the job,
+        which another attempt would not mend.
     """
+    plugins, warnings = get_worker().plugins, list[str]()
 
-    written: int = 0
-    kept: int = 0
-    warnings: int = 0
-    refused: Exception | None = None
-
-
-def make_part(part: Part) -> Done:
-    """Make a part of the worker's job with its server."""
-    warnings: list[str] = []
-
-    def work(source: Source) -> Done:
-        made = run_part(_plugin(JOB_PLUGIN).job, part, source=source, warn=warnings.append)
-        return Done(made.written, made.kept, len(warnings))
+    def work(source: Source) -> Made:
+        return run_part(plugins[JOB_PLUGIN].job, part, source=source, warn=warnings.append)
 
     try:
-        done: Done = _plugin(SERVER_PLUGIN).use(work)
+        return plugins[SERVER_PLUGIN].use(work), len(warnings)
     except (ArgumentError, DatasetError) as refused:
-        return Done(refused=refused)
-    return done
+        return refused
 
 
 def with_poses(job: Job) -> Job:
@@ -239,9 +227,5 @@ def with_poses(job: Job) -> Job:
         with opened(job, source) as (sampled, _):
             return sampled
 
-    sampled: Job = _plugin(SERVER_PLUGIN).use(work)
+    sampled: Job = get_worker().plugins[SERVER_PLUGIN].use(work)
     return sampled
-
-
-def _plugin(name: str) -> Any:
-    return get_worker().plugins[name]

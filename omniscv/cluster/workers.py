@@ -22,11 +22,11 @@ import re
 import signal
 import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import Any, Protocol
+from typing import Any
 
 from dask import config
 from distributed import Client, LocalCluster
@@ -64,17 +64,6 @@ def dask_setup(worker: object) -> None:
     """Ignore SIGINT in local workers, which preload this module: Ctrl-C reaches them too, and the command
     ends them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-class Workers(Protocol):
-    """Where workers run."""
-
-    def client(self, sources: Sequence[str]) -> AbstractContextManager[Client]:
-        """Give a client of a scheduler with workers that have, or will have, one server each.
-
-        Args:
-            sources: addresses of the job's source; if there are several, each is for one worker.
-        """
 
 
 @dataclass(frozen=True)
@@ -261,6 +250,11 @@ def _check_job(script: str) -> None:
             got = str(cause)
     if got:
         raise ClusterError(f"expected SLURM to take a job, got: {got}")
+
+
+Workers = Local | Address | Slurm
+"""``client(sources)`` gives a client of a scheduler whose workers have, or will have, one server each; the
+addresses of a job's source are each for one worker if there are several."""
 
 
 def workers_of(place: str) -> Workers:

@@ -8,20 +8,20 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib import figure
 
 from omniscv.arguments import one_of
 from omniscv.compose.files import finite, write_json
 from omniscv.errors import ArgumentError
 from omniscv.storage.local import whole_file
 
-if TYPE_CHECKING:
-    import matplotlib.figure
-
 NAMES = ("layout", "calibration", "lines", "odometry")
 
 INK = "#1c2330"
 BLUE, ORANGE, GREEN, RED, SKY, PINK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7"
+COLORS = BLUE, ORANGE, GREEN, RED, SKY, PINK
 """Okabe and Ito's colours, which people with any colour vision tell apart."""
 
 Row = Mapping[str, Any]
@@ -117,11 +117,9 @@ def run(name: str, settings: Settings) -> Report:
 
 
 @contextmanager
-def chart(path: Path, width: int, height: int) -> Iterator[matplotlib.figure.Figure]:
+def chart(path: Path, width: int, height: int) -> Iterator[figure.Figure]:
     """Yield an empty drawing of a size in px, and write it as a PNG at the end."""
-    from matplotlib.figure import Figure as Drawing
-
-    drawing = Drawing(figsize=(width / 100, height / 100), dpi=100, layout="constrained")
+    drawing = figure.Figure(figsize=(width / 100, height / 100), dpi=100, layout="constrained")
     yield drawing
     with whole_file(path) as part:
         drawing.savefig(part)

@@ -94,11 +94,11 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
             yield Moment(tuple(frames), tuple(_takes(job, path, i, frames)))
 
 
-def _frames(job: Job, path: Trajectory | None, i: int, late: float = 0.0) -> Iterator[Frame]:
+def _frames(job: Job, path: Trajectory | None, i: int, delay_s: float = 0.0) -> Iterator[Frame]:
     """Yield the images at a pose, or some seconds later, along the poses as along a trajectory."""
     digits = len(str(max(0, len(job.poses) - 1)))
-    pose, time = job.poses[i], None if job.times is None else job.times[i] + late
-    if path is not None and time is not None and late:
+    pose, time = job.poses[i], None if job.times is None else job.times[i] + delay_s
+    if path is not None and time is not None and delay_s:
         pose = path.at(time, steps_beyond=1)
     mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
     offsets = {} if job.rig is None else {name: mount.time_offset for name, mount in job.rig.cameras.items()}
@@ -137,8 +137,8 @@ def _chosen(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -
         start = 0.0 if rolling else -seconds / 2
         moves = job.exposure.camera == "moves" and not rolling
         ends = [
-            {other.key: other.pose for other in _frames(job, path, i, late if moves else 0.0)}[frame.key]
-            for late in (start, start + seconds)
+            {other.key: other.pose for other in _frames(job, path, i, delay_s if moves else 0.0)}[frame.key]
+            for delay_s in (start, start + seconds)
         ]
         at = frame.time or 0.0
         span = (at + start, at + start + seconds)
@@ -155,11 +155,11 @@ def _lateral(job: Job, instant: Instant, views: Sequence[tuple[Camera, Pose]]) -
         yield Take(instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",))
 
 
-def _instant(job: Job, time: float | None, late: float = 0.0) -> Instant:
+def _instant(job: Job, time: float | None, delay_s: float = 0.0) -> Instant:
     """Return the instant of a time, or some seconds later."""
     if not job.moves:
         return Instant()
-    at = None if time is None else time + late
+    at = None if time is None else time + delay_s
     return Instant({name: motion.at(at) for name, motion in job.motions.items()}, time=at)
 
 
@@ -171,8 +171,8 @@ def _path(job: Job) -> Trajectory | None:
         ArgumentError: times that do not increase.
     """
     exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
-    late = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
-    return Trajectory(job.poses, job.times) if late or exposed else None
+    staggered = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
+    return Trajectory(job.poses, job.times) if staggered or exposed else None
 
 
 @contextmanager
@@ -222,12 +222,12 @@ def images_of(
                 return
             parts.append(list(images))
     for place, frame in enumerate(moment.frames[i] for i in chosen):
-        # A take has one image of each frame; lateral colour's has two, and follows each other take.
-        of_frame = [images[place :: len(chosen)] for images in parts]
-        taken = [images[0] for images in of_frame if len(images) == 1]
-        red_blue = [pair for pair in of_frame if len(pair) == 2]
+        # A take has one image of each frame; one of lateral colour has two, red and blue.
+        by_take = [images[place :: len(chosen)] for images in parts]
+        instants = [images[0] for images in by_take if len(images) == 1]
+        red_blue = [images for images in by_take if len(images) == 2]
         camera = frame.camera
-        image = _read_out(camera, taken) if isinstance(camera, RollingShutter) else _exposed(taken)
+        image = _read_out(camera, instants) if isinstance(camera, RollingShutter) else _exposed(instants)
         yield _sensed(job, frame, image, [_exposed(color) for color in zip(*red_blue, strict=True)])
 
 

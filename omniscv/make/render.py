@@ -149,10 +149,10 @@ def capture(
     check(job)
     needed: dict[Request, None] = {}
     meter = Meter(len(job), progress)
-    held = _requested_views(path) if border_px == "overscan" else frozenset[View]()
+    recorded = _requested_views(path) if border_px == "overscan" else frozenset[View]()
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
-            border_px = _overscan_px(job, source, held)
+            border_px = _overscan_px(job, source, recorded)
         check_modes(source, job.options.sampled(job.modes))
         check_face_size(job, source)
         source.objects()
@@ -187,14 +187,14 @@ def _requested_views(path: Path) -> frozenset[View]:
         return frozenset(map(view_from_json, {row.asked for row in store.listing()}))
 
 
-def _overscan_px(job: Job, source: Source, held: Collection[View]) -> int | None:
+def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | None:
     """Return how much wider the faces of a job's cube maps are on every side; None for other views."""
-    edge, own = job.options.face_size, source.capabilities
-    fixed = not (own.can_set_size and own.can_set_fov) or source.recorded_views() is not None
+    edge, can = job.options.face_size, source.capabilities
+    fixed = not (can.can_set_size and can.can_set_fov) or source.recorded_views() is not None
     if job.options.strategy != "cube" or edge == "auto" or fixed:
         return None
-    of_edge = [view.width - edge for view in held if abs(2 * view.focal_px / edge - 1) < _SAME_PITCH]
-    return min(of_edge) // 2 if of_edge else max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
+    wider_px = [view.width - edge for view in recorded if abs(2 * view.focal_px / edge - 1) < _SAME_PITCH]
+    return min(wider_px) // 2 if wider_px else max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
 
 
 class _Noting(SourceWrapper):
@@ -325,8 +325,8 @@ def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
     """Return the seconds that a capture takes; 0 for a recording, which captures nothing."""
     if source.recorded_views() is not None:
         return 0.0
-    own = source.capabilities
-    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge)), own.lens
+    can = source.capabilities
+    shape = can.fov_deg or 90.0, *(can.image_size or (edge, edge)), can.lens
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
     requests = [Request(View(pose, *shape), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view

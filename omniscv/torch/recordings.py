@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from torch.utils.data import Dataset
@@ -25,12 +25,8 @@ from omniscv.torch.samples import Epochs, Sample, bound_threads, sample_of
 from omniscv.torch.sampling import check_central
 from omniscv.truth.classes import class_rules
 
-
-class Draw(Protocol):
-    """Draws the camera and the orientation of a sample: any function that can be pickled for workers."""
-
-    def __call__(self, random: np.random.Generator) -> tuple[Camera, Array]:
-        """Return a central camera and (3, 3) ``R_w_c``, from the generator alone."""
+Draw = Callable[[np.random.Generator], tuple[Camera, Array]]
+"""Draws a central camera and (3, 3) ``R_w_c`` from the generator alone; can be pickled for workers."""
 
 
 def _cameras(name: str, value: Any) -> tuple[Camera, ...]:
@@ -67,7 +63,7 @@ class RandomTurns:
     roll_deg: tuple[float, float] = checked(_range, default=(0.0, 0.0))
 
     def __call__(self, random: np.random.Generator) -> tuple[Camera, Array]:
-        """Return a camera and an orientation; see :class:`Draw`."""
+        """Return a camera and an orientation (3, 3), camera to world."""
         camera = self.cameras[int(random.integers(len(self.cameras)))]
         ranges = self.yaw_deg, self.pitch_deg, self.roll_deg
         angles = [float(random.uniform(*interval)) for interval in ranges]

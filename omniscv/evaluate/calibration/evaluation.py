@@ -16,20 +16,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
 from omniscv.evaluate.calibration.edges import find_edges, group_by_line
 from omniscv.evaluate.calibration.estimation import LineImages, calibrate, models
-from omniscv.evaluate.registry import (
-    BLUE,
-    GREEN,
-    INK,
-    ORANGE,
-    PINK,
-    RED,
-    SKY,
-    Figure,
-    Report,
-    Row,
-    Settings,
-    chart,
-)
+from omniscv.evaluate.registry import COLORS, INK, Figure, Report, Row, Settings, chart
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.planning import RenderOptions
@@ -53,7 +40,7 @@ _VIEWPOINTS: tuple[tuple[str, Triple, Triple], ...] = (
 )
 """Scenes, positions in metres, and yaw, pitch, roll in degrees of the axis that the image's middle sees."""
 
-_COLORS, _MARKERS = (BLUE, ORANGE, GREEN, RED, SKY, PINK), "osD^vX"
+_MARKERS = "osD^vX"
 _TOLERANCE_PERCENT = 2.0  # shaded in the chart
 
 
@@ -220,7 +207,7 @@ def draw(rows: Sequence[Row], path: Path) -> Path:
         errors.axhline(0, color=INK, lw=1)
         for i, name in enumerate(names):
             true, mean, spread = means_of(rows, "rendered", name).T
-            style: dict[str, Any] = {"color": _COLORS[i], "marker": _MARKERS[i], "ms": 5, "ls": ""}
+            style: dict[str, Any] = {"color": COLORS[i], "marker": _MARKERS[i], "ms": 5, "ls": ""}
             style |= {"capsize": 2, "elinewidth": 1}
             axes.errorbar(true, mean, spread, label=name, **style)
             shifted = true + 0.008 * (i - (len(names) - 1) / 2)

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from omniscv.arguments import within
 from omniscv.errors import ArgumentError
@@ -21,9 +21,6 @@ from omniscv.evaluate.layout.panoramas import Panorama
 from omniscv.evaluate.layout.predictions import Prediction, visible_curves
 from omniscv.evaluate.registry import INK, RED, Figure, Report, Row, Settings, chart
 from omniscv.truth.metrics import LayoutScores, layout_scores, map_scores
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 OPTIONS = frozenset({"predictions"})
 

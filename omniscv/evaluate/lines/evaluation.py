@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from omniscv import cameras
 from omniscv.cameras import Camera
@@ -26,9 +27,6 @@ from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
 from omniscv.planning import RenderOptions
 from omniscv.sources.registry import open_source
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 OPTIONS: frozenset[str] = frozenset()
 

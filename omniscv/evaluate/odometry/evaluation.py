@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
@@ -34,9 +35,6 @@ from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.registry import open_source
 from omniscv.storage.local import write_text
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 OPTIONS = frozenset({"trajectory"})
 
