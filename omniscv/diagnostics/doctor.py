@@ -31,12 +31,12 @@ from omniscv.sources.base import Color
 from omniscv.sources.codecs import UNREAL_SKY, show_light
 from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
-from omniscv.sources.unreal import exposure, replies
+from omniscv.sources.unreal import exposure, protocol
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_MODE, SCENE, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_MODE, SCENE, VERSION
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
@@ -94,7 +94,7 @@ def examine_address(
             # Depth says what the field of view is only if it is known which depth it is.
             aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
             unit, scale = (camera.driver.table.depth[1], None) if quick else depth_unit(camera)
-            version, scene = map(replies.name, connection.texts([VERSION, SCENE]))
+            version, scene = map(protocol.name, connection.texts([VERSION, SCENE]))
             name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
             dialect = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
             findings = [
@@ -132,7 +132,7 @@ def _examine_file(path: str, picture: Path | None) -> list[Finding]:
 
 def view_mode(connection: Connection) -> Finding:
     """Report what the game's window shows: depth and normals there spoil colour captures."""
-    mode = replies.name(connection.text("vget /viewmode"))
+    mode = protocol.name(connection.text("vget /viewmode"))
     return Finding.unless(mode == "lit", "view mode", mode, "bad", LIT_VIEW_MODE)
 
 

@@ -9,11 +9,10 @@ from omniscv.diagnostics import Finding
 from omniscv.diagnostics.server import RawCamera, largest_object
 from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import IS_PAUSED, VERSION
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
 from omniscv.sources.unreal.objects import colors
-from omniscv.sources.unreal.replies import numbers
+from omniscv.sources.unreal.protocol import IS_PAUSED, VERSION, numbers
 
 _TICKS, _FRAMES = 6, 8  # for how long to watch objects, and frames after a move
 _AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface

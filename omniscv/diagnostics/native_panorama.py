@@ -20,7 +20,7 @@ from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array
 from omniscv.sources.codecs import UNREAL_SKY
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.protocol import Reply
 from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 
 COLORS = "vget /camera/[uint]/panoramic [str] [uint] [uint]"

@@ -15,10 +15,9 @@ from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import checked
 from omniscv.sources.unreal.level_cameras import LevelCamera, level_cameras
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.replies import Reply, described, fov
+from omniscv.sources.unreal.protocol import Reply, checked, described, fov
 from omniscv.sources.unreal.source import open_driver
 
 FACES = {

@@ -6,9 +6,9 @@ from itertools import groupby
 
 from omniscv.sources import Request
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.protocol import LEGACY, LIT_VIEW_MODE
 
 POSE = "vget /camera/0/pose"
 SETTLES = 3  # sequential exchanges that a move of plugin 0.3.10 needs (protocol reference, section 7.2)

@@ -31,8 +31,7 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
-from omniscv.sources.unreal.commands import VERSION, Plugin, identify, is_repeatable
-from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.protocol import VERSION, Plugin, Reply, identify, is_repeatable
 
 T = TypeVar("T")
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket

@@ -11,9 +11,18 @@ from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, Sou
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, normal_codes, show_light
 from omniscv.sources.unreal.client import Client, Connection
-from omniscv.sources.unreal.commands import EXPOSURE_METHOD, FIX_EXPOSURE, LEVEL, SCENE, VERSION, CameraTable
 from omniscv.sources.unreal.objects import paint
-from omniscv.sources.unreal.replies import Reply, name, numbers
+from omniscv.sources.unreal.protocol import (
+    EXPOSURE_METHOD,
+    FIX_EXPOSURE,
+    LEVEL,
+    SCENE,
+    VERSION,
+    CameraTable,
+    Reply,
+    name,
+    numbers,
+)
 from omniscv.sources.world import CameraExposure, SharedExposure
 
 Requests = Sequence[Request]

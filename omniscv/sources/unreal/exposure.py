@@ -15,7 +15,7 @@ from omniscv.sources.codecs import decode_png, picture_size
 from omniscv.sources.requests import View
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.driver import SETTLED
-from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.protocol import Reply
 from omniscv.sources.world import EXPOSURE_LIMITS
 
 _YAWS_DEG = (0, 90, 180, 270)

@@ -20,9 +20,17 @@ from omniscv.geometry.unreal_frame import (
 )
 from omniscv.sources.base import closed_error
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import IS_PAUSED, OBJECTS, PAUSE, PAUSE_ALL, RESUME, RESUME_ALL
 from omniscv.sources.unreal.driver import CameraDriver
-from omniscv.sources.unreal.replies import names, numbers
+from omniscv.sources.unreal.protocol import (
+    IS_PAUSED,
+    OBJECTS,
+    PAUSE,
+    PAUSE_ALL,
+    RESUME,
+    RESUME_ALL,
+    names,
+    numbers,
+)
 
 Key = tuple[str, str]
 """The kind of a change, such as ``pose``, and the object's name, which is empty for changes of the game."""

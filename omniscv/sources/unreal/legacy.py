@@ -12,11 +12,10 @@ from omniscv.arguments import shown
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, View
 from omniscv.sources.codecs import picture_size
-from omniscv.sources.unreal import replies
+from omniscv.sources.unreal import protocol
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import LEGACY, LIT_VIEW_MODE
 from omniscv.sources.unreal.driver import CameraDriver, Requests
-from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.protocol import LEGACY, LIT_VIEW_MODE, Reply
 
 _POSE = "vget /camera/0/pose"
 _FOV = f"vget /camera/0/{LEGACY.fov}"
@@ -48,10 +47,10 @@ class LegacyDriver(CameraDriver):
         settings = re.search(r"^FOV: (\d{1,3}(?:\.\d*)?)$", status, re.MULTILINE | re.ASCII)
         if settings is None:
             raise self._refused(f"a status with a line such as 'FOV: 90.000000', got {shown(status)}")
-        self.mask_fov_deg = replies.fov(settings[1])
+        self.mask_fov_deg = protocol.fov(settings[1])
         *_, pose = [self.connection.text(_POSE) for _ in range(_POLLS)]
         fov = self.connection.text(_FOV)
-        player, fov_deg = replies.numbers(pose, 6), replies.fov(fov)
+        player, fov_deg = protocol.numbers(pose, 6), protocol.fov(fov)
         if not self._restore:
             self._restore = [
                 f"vset /camera/0/{LEGACY.fov} {fov_deg:.3f}",
@@ -139,7 +138,7 @@ class LegacyDriver(CameraDriver):
                 f"{_excerpt(afterwards)}; is a player controlling the pawn?"
             )
         window = View(pose, self.mask_fov_deg or view.fov_deg, *self._window)
-        fov_deg = replies.fov(fov)
+        fov_deg = protocol.fov(fov)
         actual = View(pose, view.fov_deg if abs(fov_deg - view.fov_deg) <= _PRINTED else fov_deg, *self._size)
         return (reading, fov), [
             self._capture(
@@ -160,7 +159,7 @@ class LegacyDriver(CameraDriver):
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
         """Return the pose that was set where it reads back, else the reading; refuse a pose far away."""
         location_cm, rotation_deg = view.pose.to_unreal()
-        target, read = np.array([*location_cm, *rotation_deg]), np.array(replies.numbers(reading, 6))
+        target, read = np.array([*location_cm, *rotation_deg]), np.array(protocol.numbers(reading, 6))
         read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]
         off = np.abs(target - read)
         if off[:3].max() > _STRAY_CM:

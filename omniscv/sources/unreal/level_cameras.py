@@ -7,9 +7,9 @@ from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry import Pose, pinhole
 from omniscv.sources.base import Lens
-from omniscv.sources.unreal import replies
+from omniscv.sources.unreal import protocol
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import CAMERAS, CINE_ENABLED
+from omniscv.sources.unreal.protocol import CAMERAS, CINE_ENABLED
 
 _MOST_TEXT = 1 << 16  # characters of intrinsics that are read
 _KEYS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -55,9 +55,9 @@ class LevelCamera(NamedTuple):
 def level_cameras(connection: Connection) -> list[LevelCamera]:
     """Return the cameras of a level; nothing is set, so no cine model is switched on."""
     result = []
-    for number, name in enumerate(replies.names(connection.text(CAMERAS))):
+    for number, name in enumerate(protocol.names(connection.text(CAMERAS))):
         location, rotation = (
-            replies.numbers(connection.text(f"vget /camera/{number}/{what}"), 3)
+            protocol.numbers(connection.text(f"vget /camera/{number}/{what}"), 3)
             for what in ("location", "rotation")
         )
         cine = cine_intrinsics(connection, number)
@@ -83,14 +83,14 @@ def cine_intrinsics(connection: Connection, camera: str | int) -> Intrinsics | N
         width, height, *numbers = (float(fields[key]) for key in _KEYS)
     except (ValueError, TypeError, KeyError, RecursionError):
         width, height, numbers = 0.0, 0.0, []
-    if not (1 <= width <= replies.MAX_NAMES and 1 <= height <= replies.MAX_NAMES and min(numbers[:2]) > 0):
+    if not (1 <= width <= protocol.MAX_NAMES and 1 <= height <= protocol.MAX_NAMES and min(numbers[:2]) > 0):
         expected = f"expected intrinsics as JSON with {', '.join(_KEYS)}"
         raise BadReplyError(f"{connection.address}: {expected}, got {shown(reply[:100])}")
     return Intrinsics(int(width), int(height), *numbers)
 
 
 def _plain(connection: Connection, camera: int) -> Intrinsics:
-    width, height = map(int, replies.numbers(connection.text(f"vget /camera/{camera}/size"), 2))
-    fov = replies.fov(connection.text(f"vget /camera/{camera}/fov"))
+    width, height = map(int, protocol.numbers(connection.text(f"vget /camera/{camera}/size"), 2))
+    fov = protocol.fov(connection.text(f"vget /camera/{camera}/fov"))
     focal = pinhole.focal_px(max(width, height), fov)  # engines take it along the longer side
     return Intrinsics(width, height, focal, focal, width / 2, height / 2)

@@ -15,7 +15,9 @@ from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.codecs import decode
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.commands import (
+from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
+from omniscv.sources.unreal.level_cameras import cine_intrinsics
+from omniscv.sources.unreal.protocol import (
     CAMERA_IDS,
     CAMERAS,
     EXPOSURE_METHOD,
@@ -23,10 +25,11 @@ from omniscv.sources.unreal.commands import (
     SHARED,
     SHARED_MASK,
     VERSION,
+    Reply,
+    name,
+    names,
+    numbers,
 )
-from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
-from omniscv.sources.unreal.level_cameras import cine_intrinsics
-from omniscv.sources.unreal.replies import Reply, name, names, numbers
 from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 

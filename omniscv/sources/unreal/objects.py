@@ -14,10 +14,9 @@ from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_unreal
 from omniscv.sources.base import Color, ObjectTable
-from omniscv.sources.unreal import replies
+from omniscv.sources.unreal import protocol
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import ANNOTATE, BOUNDS, OBJECTS, VERTICES
-from omniscv.sources.unreal.replies import Reply, names
+from omniscv.sources.unreal.protocol import ANNOTATE, BOUNDS, OBJECTS, VERTICES, Reply, names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
 _EXACT = (0, *(value for value in range(122, 256) if value != 145))
@@ -166,7 +165,7 @@ def _numbers(command: str, reply: Reply) -> Array | None:
     if command.endswith("/vertex_location"):
         return _vertices(command, reply)
     count = 6 if command.endswith("/bounds") else 3
-    values = np.array(replies.numbers(reply, count))
+    values = np.array(protocol.numbers(reply, count))
     return values.reshape(2, 3) if count == 6 else values
 
 

@@ -18,9 +18,9 @@ from omniscv.sources.base import Capabilities, ProcessBound, Source
 from omniscv.sources.registry import Opener, did_you_mean, read_size, split_address
 from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
-from omniscv.sources.unreal.commands import MODERN
 from omniscv.sources.unreal.driver import CameraOptions
 from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
+from omniscv.sources.unreal.protocol import MODERN
 from omniscv.sources.unreal.source import connect
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
-from omniscv.sources.unreal.replies import Reply
+from omniscv.sources.unreal.protocol import Reply
 
 ReadRegion = Callable[[str, int], bytes]
 """Return a copy of so many bytes of a region, by its name; OSError if there is none, or a smaller one."""

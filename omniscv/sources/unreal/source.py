@@ -24,12 +24,12 @@ from omniscv.sources.base import (
     closed_error,
 )
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
-from omniscv.sources.unreal.commands import EXPOSURE_METHOD, checked
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
 from omniscv.sources.unreal.objects import boxes, colors, object_table
+from omniscv.sources.unreal.protocol import EXPOSURE_METHOD, checked
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, SharedExposure, World
 

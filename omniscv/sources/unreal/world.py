@@ -14,7 +14,6 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import known_objects
-from omniscv.sources.unreal.commands import BOUNDS, DIALECTS, changes_world
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import (
     Journal,
@@ -29,7 +28,7 @@ from omniscv.sources.unreal.instants import (
     set_commands,
 )
 from omniscv.sources.unreal.objects import upright_box
-from omniscv.sources.unreal.replies import described, numbers
+from omniscv.sources.unreal.protocol import BOUNDS, DIALECTS, changes_world, described, numbers
 from omniscv.sources.world import Freeze, World
 
 _CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras

@@ -10,7 +10,7 @@ from support.worlds import serve
 import omniscv
 from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.commands import DIALECTS
+from omniscv.sources.unreal.protocol import DIALECTS
 
 LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"
 METHOD, CINE = "vset /camera/[uint]/exposure_method [str]", "vget /camera/[uint]/cine/enabled"
