@@ -8,7 +8,7 @@ import time
 import pytest
 
 import mock_server
-from mock_server.engine import MAX_WAITING, Statistics
+from mock_server.server import MAX_WAITING, Statistics
 
 
 @pytest.mark.parametrize(
