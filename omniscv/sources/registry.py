@@ -118,8 +118,8 @@ def is_recording(path: Path) -> bool:
         return False
 
 
-def did_you_mean(address: str) -> str:
-    """Return ``; write ADDRESS`` with the whole address of a server or a scene; else nothing."""
+def advice_on(address: str) -> str:
+    """Return ``; write ADDRESS``, with a scheme, for a host and port or a scene's name; else nothing."""
     from mock_server import scene_names
 
     if _HOST_AND_PORT.fullmatch(address):
@@ -150,7 +150,7 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
     text = str(uri)
     scheme = scheme_of(text)
-    if scheme is None and (advice := did_you_mean(Path(text).name)) and not Path(text).exists():
+    if scheme is None and (advice := advice_on(Path(text).name)) and not Path(text).exists():
         raise ArgumentError(f"source: expected an address or a recording, got {shown(text)}{advice}")
     transfer = options.pop("transfer", None)
     opener = resolve_name(_RECORDING) if scheme is None else _opener(scheme, text)

@@ -148,8 +148,11 @@ def _order_of(choice: Choice, orders: Sequence[tuple[Layout, list[int]]]) -> lis
 def _faces_in_picture(file: Path, name: str) -> tuple[Faces, list[str]]:
     """Return the faces in one picture of colours, and what was decided."""
     picture = read_picture(file)
-    if name == "auto":
-        name = _ENVIRONMENTS.get(_attribute(file, "textureformat"), name)
+    if name == "auto" and file.suffix != ".npy":
+        import OpenImageIO
+
+        if opened := OpenImageIO.ImageInput.open(str(file)):
+            name = _ENVIRONMENTS.get(opened.spec().get_string_attribute("textureformat"), name)
     if name == "auto" and picture.shape[1] == 2 * picture.shape[0]:
         name = "latlong"
     if name in PANORAMAS:
@@ -215,10 +218,3 @@ def _planar_m(pixels: Pixels, view: View, depth: str) -> NDArray[np.float32]:
     metres = plane * _UNITS[unit] / (view.ray_lengths() if kind == "ray" else 1)
     none = ~np.isfinite(metres) | (metres <= 0 if plane.dtype.kind == "u" else metres < 0)
     return np.where(none, np.inf, metres).astype(np.float32)
-
-
-def _attribute(file: Path, name: str) -> str:
-    import OpenImageIO
-
-    source = OpenImageIO.ImageInput.open(str(file)) if file.suffix != ".npy" else None
-    return str(source.spec().get_string_attribute(name)) if source else ""

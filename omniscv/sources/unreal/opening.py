@@ -15,7 +15,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, ProcessBound, Source
-from omniscv.sources.registry import Opener, did_you_mean, read_size, split_address
+from omniscv.sources.registry import Opener, advice_on, read_size, split_address
 from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.driver import CameraOptions
@@ -42,7 +42,7 @@ _MOCK_DIALECTS = {"1.x": "N3", "M": "M", "N1": "N1", "N2": "N2", "N3": "N3"}
 def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
     """Return the opener for a function that opens an address, given how to connect to an endpoint."""
 
-    def open_source(
+    def opener(
         address: str,
         timeout_s: float = TIMEOUT_S,
         patience_s: float = PATIENCE_S,
@@ -64,7 +64,7 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
 
         return ProcessBound(open_address(address, connect_to), address)
 
-    return open_source
+    return opener
 
 
 @_opener
@@ -141,7 +141,7 @@ def _endpoint(address: str) -> Endpoint:
         ):
             return parts.hostname, 9000 if parts.port is None else parts.port
     wanted = "expected unreal://host:port or unreal+unix:///path"
-    raise ArgumentError(f"source: {wanted}, got {shown(address)}{did_you_mean(address)}")
+    raise ArgumentError(f"source: {wanted}, got {shown(address)}{advice_on(address)}")
 
 
 def _camera(address: str) -> str:
