@@ -79,5 +79,5 @@ def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
         with pyexiv2.Image(str(frame.files["lit"])) as file:
             headings[frame.key] = file.read_xmp().get("Xmp.GPano.PoseHeadingDegrees")
     assert headings == {"equirectangular": "280", "fisheye-equidistant": None}
-    with pytest.raises(ArgumentError, match=r"media\.xmp: expected image_format png or jpg, got jxl"):
+    with pytest.raises(ArgumentError, match=r"media\.xmp: expected store .* png or jpg, got files and jxl"):
         dataset.Writer(tmp_path / "other", image_format="jxl", media={"xmp": True})
