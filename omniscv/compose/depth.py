@@ -19,6 +19,7 @@ from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
 from omniscv.geometry.surfaces import (
     Cell,
     Precision,
+    Shape,
     continued,
     discontinuities,
     fitted_plane,
@@ -69,12 +70,14 @@ class _Pictures(NamedTuple):
     """Pictures of planar depth.
 
     Attributes:
-        depth: (V, h, w) float32 metres.
+        depth: (V h w,) float32 metres, picture by picture, row by row.
+        shape: h and w.
         projections: (V, 4) fx, fy, cx, cy, px.
         precision: of the depth.
     """
 
     depth: Floats
+    shape: Shape
     projections: Array
     precision: Precision
 
@@ -107,15 +110,16 @@ def sample_depth(
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
     distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
-    pictures = _Pictures(stacked(faces), np.array([view.projection for view in views]), precision)
+    stack, projections = stacked(faces), np.array([view.projection for view in views])
+    pictures = _Pictures(stack.reshape(-1), stack.shape[1:], projections, precision)
     run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
     parallax = np.empty_like(lookup.x)
-    least = max(float(pictures.depth.min()), NEAR_PLANE_M)
+    least = max(float(stack.min()), NEAR_PLANE_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
-    reach_px = int(np.ceil(farthest_m * pictures.projections[:, :2].max() / least * _MARGIN)) + 2
-    around = [_surroundings(face, reach_px) for face in pictures.depth]
+    reach_px = int(np.ceil(farthest_m * projections[:, :2].max() / least * _MARGIN)) + 2
+    around = [_surroundings(face, reach_px) for face in stack]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
     run(
         _displace,
@@ -144,7 +148,7 @@ def _sample(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: _Pictures, nearest: bool
 ) -> None:
     """Sample block by block: depths that all rays read are gathered, so that interpolation is vectorized."""
-    height, width = pictures.depth.shape[1], pictures.depth.shape[2]
+    height, width = pictures.shape
     around, at = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK))
     has_cells = min(height, width) >= _CELL_PX
     for first in range(0, view.shape[0], _BLOCK):
@@ -170,28 +174,27 @@ def _sample(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _gather(view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array) -> None:
     """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length."""
-    depth, projections = pictures.depth, pictures.projections
-    height, width, flat = depth.shape[1], depth.shape[2], depth.reshape(-1)
+    depth, projections, (height, width) = pictures.depth, pictures.projections, pictures.shape
     for j in range(view.shape[0]):
         k = max(view[j], 0)
         across, down = int(np.floor(x[j] - 0.5)), int(np.floor(y[j] - 0.5))
         c, r = min(max(across, 1), width - 3), min(max(down, 1), height - 3)
         o = (k * height + r - 1) * width + c
-        around[0, j], around[1, j] = flat[o], flat[o + 1]
+        around[0, j], around[1, j] = depth[o], depth[o + 1]
         o += width
-        around[2, j], around[3, j] = flat[o - 1], flat[o]
-        around[4, j], around[5, j] = flat[o + 1], flat[o + 2]
+        around[2, j], around[3, j] = depth[o - 1], depth[o]
+        around[4, j], around[5, j] = depth[o + 1], depth[o + 2]
         o += width
-        around[6, j], around[7, j] = flat[o - 1], flat[o]
-        around[8, j], around[9, j] = flat[o + 1], flat[o + 2]
+        around[6, j], around[7, j] = depth[o - 1], depth[o]
+        around[8, j], around[9, j] = depth[o + 1], depth[o + 2]
         o += width
-        around[10, j], around[11, j] = flat[o], flat[o + 1]
+        around[10, j], around[11, j] = depth[o], depth[o + 1]
         if c != across or r != down:
             around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
         at[0, j], at[1, j] = x[j] - 0.5 - c, y[j] - 0.5 - r
         at[2, j] = (x[j] - projections[k, 2]) / projections[k, 0]
         at[3, j] = (y[j] - projections[k, 3]) / projections[k, 1]
-        at[4, j] = stored_length(r, c, (height, width), projections[k, 0], pictures.precision)
+        at[4, j] = stored_length(r, c, pictures.shape, projections[k, 0], pictures.precision)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -215,8 +218,8 @@ def _interpolate(
 @njit(cache=True, nogil=True)
 def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[float, float]:
     """Return depth along a ray that has no surface all around it, and the bound on its error."""
-    precision = pictures.precision
-    point = continued(pictures.depth[k], x, y, pictures.projections[k, 0], precision)
+    precision, shape, focal = pictures.precision, pictures.shape, pictures.projections[k, 0]
+    point = continued(pictures.depth, k * shape[0] * shape[1], shape, x, y, focal, precision)
     if point.inverse == 0.0:
         return np.inf, np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
     z, length = 1.0 / point.inverse, _ray_length(pictures, k, x, y)
@@ -226,9 +229,9 @@ def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[
 @njit(cache=True, nogil=True)
 def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
     """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
-    face = pictures.depth[k]
-    r, c = nearest_pixel(face.shape, x, y)
-    return float(face[r, c] * _ray_length(pictures, k, x, y))
+    height, width = pictures.shape
+    r, c = nearest_pixel(pictures.shape, x, y)
+    return float(pictures.depth[(k * height + r) * width + c] * _ray_length(pictures, k, x, y))
 
 
 @njit(cache=True, nogil=True)
@@ -245,7 +248,7 @@ def _displace(
     pictures: _Pictures, around: _Surroundings, R_c_w: Array,
 ) -> None:  # fmt: skip
     """Add the error of rays that start elsewhere than at the centre; write their parallax."""
-    height, width, offset = pictures.depth.shape[1], pictures.depth.shape[2], np.empty(3)
+    shape, depth, offset = pictures.shape, pictures.depth, np.empty(3)
     for i in range(view.shape[0]):
         k, parallax[i] = view[i], 0.0
         if k < 0:
@@ -262,16 +265,17 @@ def _displace(
         along = (offset[0] * u + offset[1] * v + offset[2]) / length
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         aside = np.sqrt(max(0.0, size * size - along * along))
-        r, c = nearest_pixel((height, width), px, py)
+        r, c = nearest_pixel(shape, px, py)
         near = max(around.least[k, r, c], NEAR_PLANE_M / length)
         parallax[i] = _MARGIN * aside / (near * length)
-        point = surface_point(pictures.depth[k], px, py, fx, pictures.precision)
+        first = k * shape[0] * shape[1]
+        point = surface_point(depth, first, shape, px, py, fx, pictures.precision)
         if point.inverse > 0.0:
             a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, fx, fy)
             shift = abs(a * offset[0] + b * offset[1] + e * offset[2])
             right = fx * (offset[0] - u * offset[2]) * point.inverse  # px to where the pixel's own ray passes
             below = fy * (offset[1] - v * offset[2]) * point.inverse
-            there = surface_point(pictures.depth[k], px + right, py + below, fx, pictures.precision)
+            there = surface_point(depth, first, shape, px + right, py + below, fx, pictures.precision)
             if there.inverse > 0.0:  # a curved surface has another slope there
                 a, b, e = plane_of(there.inverse, there.across, there.down, dx + right, dy + below, fx, fy)
                 shift = max(shift, abs(a * offset[0] + b * offset[1] + e * offset[2]))

@@ -91,29 +91,45 @@ class Cell(NamedTuple):
     s1: float
 
 
+Shape = tuple[int, int]
+"""Height and width, px."""
+
+
 @njit(cache=True, nogil=True)
-def surface_point(face: Floats, x: float, y: float, focal: float, precision: Precision) -> Point:
-    """Return the surface at continuous pixel (x, y) of a picture of planar depth (h, w), metres.
+def surface_point(
+    depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
+) -> Point:
+    """Return the surface at continuous pixel (x, y) of a picture of planar depth.
 
     Where there is none ``inverse`` is 0.
+
+    Args:
+        depth: (N,) metres, pictures one after the other, row by row.
+        first: index of the picture's first pixel.
+        shape: of the picture.
+        x, y: px.
+        focal: of the picture, px.
+        precision: of the picture.
     """
-    height, width = face.shape
+    height, width = shape
     px, py = x - 0.5, y - 0.5
     c, r = int(np.floor(px)), int(np.floor(py))
     if 1 <= c < width - 2 and 1 <= r < height - 2:
+        o = first + r * width + c
+        up, down, below = o - width, o + width, o + 2 * width
         cell = Cell(
-            inverse_depth(face[r - 1, c]), inverse_depth(face[r - 1, c + 1]),
-            inverse_depth(face[r, c - 1]), inverse_depth(face[r, c]),
-            inverse_depth(face[r, c + 1]), inverse_depth(face[r, c + 2]),
-            inverse_depth(face[r + 1, c - 1]), inverse_depth(face[r + 1, c]),
-            inverse_depth(face[r + 1, c + 1]), inverse_depth(face[r + 1, c + 2]),
-            inverse_depth(face[r + 2, c]), inverse_depth(face[r + 2, c + 1]),
+            inverse_depth(depth[up]), inverse_depth(depth[up + 1]),
+            inverse_depth(depth[o - 1]), inverse_depth(depth[o]),
+            inverse_depth(depth[o + 1]), inverse_depth(depth[o + 2]),
+            inverse_depth(depth[down - 1]), inverse_depth(depth[down]),
+            inverse_depth(depth[down + 1]), inverse_depth(depth[down + 2]),
+            inverse_depth(depth[below]), inverse_depth(depth[below + 1]),
         )  # fmt: skip
-        length = stored_length(r, c, face.shape, focal, precision)
+        length = stored_length(r, c, shape, focal, precision)
         point = interpolated(cell, px - c, py - r, length, max(height, width), precision)
         if point.inverse > 0.0:
             return point  # type: ignore[no-any-return]
-    return continued(face, x, y, focal, precision)  # type: ignore[no-any-return]
+    return continued(depth, first, shape, x, y, focal, precision)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -245,49 +261,57 @@ def _bend(before: float, a: float, b: float, after: float, at: float, noise: flo
 
 
 @njit(cache=True, nogil=True)
-def continued(face: Floats, x: float, y: float, focal: float, precision: Precision) -> Point:
-    """Return the surface of the nearest pixel, continued by its own slope to continuous pixel (x, y)."""
-    r, c = nearest_pixel(face.shape, x, y)
+def continued(
+    depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
+) -> Point:
+    """Return the surface of the nearest pixel, continued by its own slope to continuous pixel (x, y).
+
+    Arguments as :func:`surface_point`.
+    """
+    r, c = nearest_pixel(shape, x, y)
     dx, dy = x - 0.5 - c, y - 0.5 - r
-    z = max(float(face[r, c]), _LEAST_M)
-    jump = _jump(face, r, c)
+    z = max(_at(depth, first, shape, r, c), _LEAST_M)
+    jump = _jump(depth, first, shape, r, c)
     if not z < np.inf:
         return Point(0.0, 0.0, 0.0, 0.0, jump)
-    row = _at(face, r, c - 2), _at(face, r, c - 1), z, _at(face, r, c + 1), _at(face, r, c + 2)
-    column = _at(face, r - 2, c), _at(face, r - 1, c), z, _at(face, r + 1, c), _at(face, r + 2, c)
-    across, known_across = _slope(row, dx)
-    down, known_down = _slope(column, dy)
-    inverse = 1.0 / z + across * dx + down * dy
+    left, far_left = _at(depth, first, shape, r, c - 1), _at(depth, first, shape, r, c - 2)
+    right, far_right = _at(depth, first, shape, r, c + 1), _at(depth, first, shape, r, c + 2)
+    up, far_up = _at(depth, first, shape, r - 1, c), _at(depth, first, shape, r - 2, c)
+    down, far_down = _at(depth, first, shape, r + 1, c), _at(depth, first, shape, r + 2, c)
+    across, known_across = _slope((far_left, left, z, right, far_right), dx)
+    along, known_along = _slope((far_up, up, z, down, far_down), dy)
+    inverse = 1.0 / z + across * dx + along * dy
     most = CONTINUED_M + CONTINUED_RELATIVE * z
     limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
-    length = stored_length(r, c, face.shape, focal, precision)
+    length = stored_length(r, c, shape, focal, precision)
     error = 3.0 * rounding(z, length, precision) / (z * z) + abs(inverse - limited)
-    error += (abs(across) + abs(down)) * precision.middle_px
-    if not (known_across and known_down):
+    error += (abs(across) + abs(along)) * precision.middle_px
+    if not (known_across and known_along):
         error += most / (z * z)
-    return Point(limited, across, down, error, jump)
+    return Point(limited, across, along, error, jump)
 
 
 @njit(cache=True, nogil=True)
-def _at(face: Floats, r: int, c: int) -> float:
+def _at(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return planar depth at a pixel; +inf beyond the picture."""
-    return float(face[r, c]) if 0 <= r < face.shape[0] and 0 <= c < face.shape[1] else np.inf
+    return float(depth[first + r * shape[1] + c]) if 0 <= r < shape[0] and 0 <= c < shape[1] else np.inf
 
 
 @njit(cache=True, nogil=True)
-def _jump(face: Floats, r: int, c: int) -> float:
+def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return the largest difference in depth to the surfaces of the neighbours, metres.
 
     Each is continued to this pixel by its slope on the far side: a wall at a grazing angle recedes by metres
     within a pixel.
     """
-    z, most = face[r, c], 0.0
-    for j in range(max(r - 1, 0), min(r + 2, face.shape[0])):
-        for k in range(max(c - 1, 0), min(c + 2, face.shape[1])):
-            near = face[j, k]
+    z, most = depth[first + r * shape[1] + c], 0.0
+    for j in range(max(r - 1, 0), min(r + 2, shape[0])):
+        for k in range(max(c - 1, 0), min(c + 2, shape[1])):
+            near = depth[first + j * shape[1] + k]
             if near != z:
                 most = max(most, abs(near - z))
-                next_, beyond = _at(face, 2 * j - r, 2 * k - c), _at(face, 3 * j - 2 * r, 3 * k - 2 * c)
+                next_ = _at(depth, first, shape, 2 * j - r, 2 * k - c)
+                beyond = _at(depth, first, shape, 3 * j - 2 * r, 3 * k - 2 * c)
                 step, on = _one_sided(near, next_, beyond, allowed_step(near))
                 if on and near < np.inf:
                     inverse = inverse_depth(near)

@@ -21,18 +21,7 @@ CAPTURED, NEAREST = 0, 1
 """The two ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
-
-
-class FinerViews(NamedTuple):
-    """Views that show parts of a shell more finely, each in a size of its own, the finest first.
-
-    Attributes:
-        pictures: (2, N) float32, those of the views as :class:`DepthShell` has them, one after the other.
-        lenses: (P, 13) as :class:`DepthShell` has them, and where each view's picture starts.
-    """
-
-    pictures: Floats
-    lenses: Array
+_ROUNDING = 1e-9
 
 
 class DepthShell(NamedTuple):
@@ -40,53 +29,63 @@ class DepthShell(NamedTuple):
 
     Attributes:
         center_w: (3,) metres.
-        pictures: (2, V, h, w) float32, planar metres, +inf for the sky; and the depth of the nearest surface
-            within a pixel, where that is another surface than the pixel's own, else the pixel's own depth.
-        slot: (6,) int64, index of each face of a world-aligned cube in ``pictures``; -1 if not captured.
-        cube: whether only the faces of the cube are looked up; else any view that holds a direction.
-        focal, half_width, half_height: px.
-        lenses: (V, 12) of each view, the rows of the rotation from the world to it, its focal length, and
-            half its width and height, px.
+        pictures: (2, N) float32, the pictures of all views, one after the other: planar metres, +inf for the
+            sky; and the depth of the nearest surface within a pixel, where that is another surface than the
+            pixel's own, else the pixel's own depth.
+        lenses: (V, 15) of each view: the rows of the rotation from the world to it, its focal length, half
+            its width and height, where its picture starts, and how far from its middle, across and down, it
+            is looked up; px. Of several views that hold a direction, the first is looked up: the finest.
+        slot: (6,) int64, index of each face of a world-aligned cube among the views; -1 if not captured.
+        by_face: whether the face of the cube that a direction hits is looked up, which is faster.
+        everywhere: whether the views together show all directions that are ever looked up.
+        focal: px, of the coarsest view.
         least, most: of the finite distances, metres.
         precision: of the depth.
-        finer: views that are looked up first, and counted after the others; None if there are none, for
-            which kernels are compiled without them.
     """
 
     center_w: Array
     pictures: Floats
+    lenses: Array
     slot: Ints
-    cube: bool
+    by_face: bool
+    everywhere: bool
     focal: float
-    half_width: float
-    half_height: float
     least: float
     most: float
     precision: Precision
-    lenses: Array
-    finer: FinerViews | None = None
 
     def refined(self, captures: Sequence[Capture]) -> DepthShell:
-        """Return the shell with finer views in place of those that it has.
+        """Return the shell with further, finer views, which are looked up first.
 
         Args:
             captures: depth from the same centre, encoded as the shell's.
         """
-        captures = sorted(captures, key=lambda capture: -capture.view.focal_px)
-        pictures = [_with_nearest(capture.pixels).reshape(2, -1) for capture in captures]
-        starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])[:-1]
-        lenses = np.column_stack([[*map(_lens, captures)], starts])
+        pictures, finer = _views(captures)
+        finer[:, 12] += self.pictures.shape[1]
+        finer[:, 13:] -= _BORDER_PX
+        coarse = self.lenses.copy()
+        if self.by_face:
+            coarse[:, 13:] = (1 + _ROUNDING) * self.focal
+        lenses = np.concatenate([coarse, finer])
         least, most = zip(*map(_range, captures), strict=True)
         return self._replace(
-            finer=FinerViews(np.concatenate(pictures, axis=1), lenses),
+            pictures=stacked(np.concatenate([self.pictures, pictures], axis=1)),
+            lenses=lenses[np.argsort(-lenses[:, 9], kind="stable")],
+            by_face=False,
             least=min(self.least, *least),
             most=max(self.most, *most),
         )
 
 
-def _lens(capture: Capture) -> Array:
-    view = capture.view
-    return np.array([*view.pose.R_w_c.T.ravel(), view.focal_px, view.width / 2, view.height / 2])
+def _views(captures: Sequence[Capture]) -> tuple[Floats, Array]:
+    """Return the pictures and lenses of captures of depth, as :class:`DepthShell` has them."""
+    pictures = [_with_nearest(capture.pixels).reshape(2, -1) for capture in captures]
+    starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])
+    lenses = []
+    for view, start in zip((capture.view for capture in captures), starts, strict=False):
+        half = view.width / 2, view.height / 2
+        lenses.append([*view.pose.R_w_c.T.ravel(), view.focal_px, *half, start, *half])
+    return np.concatenate(pictures, axis=1), np.array(lenses)
 
 
 def _range(capture: Capture) -> tuple[float, float]:
@@ -105,7 +104,6 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
         cube: whether they are the faces of a world-aligned cube, which together see all that is near; other
             views are then passed over. False: views of any orientation.
     """
-    view = captures[0].view
     R_c_w = np.array([capture.view.pose.R_w_c.T for capture in captures])
     slot = np.full(6, -1, np.int64)
     for face, (_, R_w_f) in enumerate(cube_rotations()):
@@ -116,20 +114,19 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
     # captures in addition to a face have its axis.
     axes_w, matched = R_c_w[:, 2], R_c_w[slot[slot >= 0], 2]
     cube = cube and len(matched) > 0 and bool(((axes_w @ matched.T).max(axis=1) > 1 - _SAME_FACE).all())
-    depth = [capture.pixels for capture in captures]
+    pictures, lenses = _views(captures)
     least, most = zip(*map(_range, captures), strict=True)
     return DepthShell(
         stacked(center_w),
-        stacked(np.stack([_with_nearest(face) for face in depth], axis=1)),
-        slot,
-        cube,
-        view.focal_px,
-        view.width / 2,
-        view.height / 2,
+        stacked(pictures),
+        lenses,
+        slot=slot,
+        by_face=cube,
+        everywhere=cube,
+        focal=captures[0].view.focal_px,
         least=min(least),
         most=max(most),
         precision=codecs.precision(captures[0].encoding),
-        lenses=np.array([*map(_lens, captures)]),
     )
 
 
@@ -185,28 +182,12 @@ def _face_of(direction: Any) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _finer_look_up(finer: Any, direction: Any) -> tuple[int, float, float, float]:
-    """Return what :func:`look_up` returns, among the finer views."""
-    if finer is None:
-        return -1, 0.0, 0.0, 1.0
-    for k in range(len(finer.lenses)):
-        lens = finer.lenses[k]
-        u, v, along = _seen_by(lens, direction)
-        if min(min(u, 2.0 * lens[10] - u), min(v, 2.0 * lens[11] - v)) >= _BORDER_PX:
-            return k, u, v, along
-    return -1, 0.0, 0.0, 1.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
 
     -1 if it is in none.
     """
-    k, u, v, along = _finer_look_up(shell.finer, direction)
-    if k >= 0:
-        return len(shell.lenses) + k, u, v, along
-    if shell.cube:
+    if shell.by_face:
         k = shell.slot[_face_of(direction)]
         if k < 0:
             return -1, 0.0, 0.0, 1.0
@@ -214,7 +195,8 @@ def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
         return k, u, v, along
     for k in range(len(shell.lenses)):
         u, v, along = _seen_by(shell.lenses[k], direction)
-        if 0.0 <= u <= 2.0 * shell.half_width and 0.0 <= v <= 2.0 * shell.half_height:
+        off_u, off_v = abs(u - shell.lenses[k, 10]), abs(v - shell.lenses[k, 11])
+        if off_u <= shell.lenses[k, 13] and off_v <= shell.lenses[k, 14]:
             return k, u, v, along
     return -1, 0.0, 0.0, 1.0
 
@@ -223,62 +205,31 @@ def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
 def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
     """Return the pixel of a view in which a direction is, and its component along the view's axis.
 
-    The pixel is (-1, -1) behind the view.
+    The pixel is infinitely far from the view behind it.
     """
     x, y, z = direction
     along = lens[6] * x + lens[7] * y + lens[8] * z
     if along <= 0.0:
-        return -1.0, -1.0, along
+        return np.inf, np.inf, along
     u = lens[9] * (lens[0] * x + lens[1] * y + lens[2] * z) / along + lens[10]
     v = lens[9] * (lens[3] * x + lens[4] * y + lens[5] * z) / along + lens[11]
     return u, v, along
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def lens_of(lenses: Any, finer: Any, k: int) -> Array:
-    """Return the lens of a view of a shell with these lenses and finer views."""
-    if finer is None:
-        return lenses[k]  # type: ignore[no-any-return]
-    return finer.lenses[k - len(lenses)] if k >= len(lenses) else lenses[k]  # type: ignore[no-any-return]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _finer_depth(finer: Any, which: int, k: int, u: float, v: float) -> float:
-    """Return the nearest pixel of a finer view's picture, of either kind."""
-    if finer is None:
-        return 0.0
-    lens = finer.lenses[k]
-    width = int(2.0 * lens[10])
-    r, c = nearest_pixel((int(2.0 * lens[11]), width), u, v)
-    return float(finer.pictures[which, int(lens[12]) + r * width + c])
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
-    """Return the nearest pixel of one of a view's ``pictures``, planar metres."""
-    if k >= len(shell.lenses):
-        return _finer_depth(shell.finer, which, k - len(shell.lenses), u, v)  # type: ignore[no-any-return]
-    r, c = nearest_pixel(shell.pictures.shape[2:], u, v)
-    return float(shell.pictures[which, k, r, c])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _finer_surface(finer: Any, k: int, u: float, v: float, precision: Precision) -> Point:
-    """Return the surface at a continuous pixel of a finer view."""
-    if finer is None:
-        return Point(0.0, 0.0, 0.0, 0.0, 0.0)
-    lens = finer.lenses[k]
-    first, height, width = int(lens[12]), int(2.0 * lens[11]), int(2.0 * lens[10])
-    face = finer.pictures[0, first : first + height * width].reshape((height, width))
-    return surface_point(face, u, v, lens[9], precision)  # type: ignore[no-any-return]
+    """Return the nearest pixel of one of a view's two ``pictures``, planar metres."""
+    width = int(2.0 * shell.lenses[k, 10])
+    r, c = nearest_pixel((int(2.0 * shell.lenses[k, 11]), width), u, v)
+    return float(shell.pictures[which, int(shell.lenses[k, 12]) + r * width + c])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
-    if k >= len(shell.lenses):
-        return _finer_surface(shell.finer, k - len(shell.lenses), u, v, shell.precision)  # type: ignore[no-any-return]
-    return surface_point(shell.pictures[0, k], u, v, shell.focal, shell.precision)  # type: ignore[no-any-return]
+    shape = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
+    first, focal = int(shell.lenses[k, 12]), shell.lenses[k, 9]
+    return surface_point(shell.pictures[CAPTURED], first, shape, u, v, focal, shell.precision)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

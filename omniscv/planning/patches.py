@@ -161,7 +161,7 @@ def _best_windows(
                     worths[count] = worth[i]
                     count += 1
             order = np.argsort(azimuths[:count])
-            ordered, worths[:count] = azimuths[order], worths[order]
+            ordered, weights = azimuths[order], worths[order]
             for s in range(len(spans)):
                 end, total = 0, 0.0
                 for start in range(count):
@@ -169,17 +169,13 @@ def _best_windows(
                         at = ordered[end] if end < count else ordered[end - count] + 2 * np.pi
                         if at > ordered[start] + spans[s]:
                             break
-                        total += worths[end % count]
+                        total += weights[end % count]
                         end += 1
                     ratio = total / prices[h, s]
                     if ratio > windows[k, 0]:
-                        windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = (
-                            ratio,
-                            ordered[start],
-                            h,
-                            s,
-                        )
-                    total -= worths[start]
+                        windows[k, 0], windows[k, 1] = ratio, ordered[start]
+                        windows[k, 2], windows[k, 3] = h, s
+                    total -= weights[start]
 
 
 @njit(cache=True, nogil=True)

@@ -27,7 +27,6 @@ from omniscv.planning.depth_shell import (
     CAPTURED,
     NEAREST,
     DepthShell,
-    lens_of,
     look_up,
     pixel_depth,
     planar_depth,
@@ -266,12 +265,12 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
     start = psi = np.arctan2(h, -foot)
     end = h / (2.0 * shell.most + h) if shell.most > 0 else step
-    if not shell.cube:
+    if not shell.everywhere:
         psi = _first_seen(shell, arc, end, start, step)
     elif h * h + foot * foot < shell.least * shell.least:  # nothing is nearer to the centre than that
         psi = np.arcsin(h / shell.least)
     was_free, first, last_step = False, True, step
-    if not shell.cube and psi < start:
+    if not shell.everywhere and psi < start:
         hits.hidden_from[i], hits.hidden_to[i] = 0.0, foot + h / np.tan(psi)
         first = False
     met_at, passed, ahead = -1.0, np.inf, np.inf
@@ -281,7 +280,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         free = False
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
-            step = _STEP_PX / lens_of(shell.lenses, shell.finer, k)[9]
+            step = _STEP_PX / shell.lenses[k, 9]
             planar = h / np.sin(psi) * along
             captured = pixel_depth(shell, CAPTURED, k, u, v)
             if planar < captured:
@@ -382,7 +381,7 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
         hits.error[i] = np.inf
     if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
         hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
-    focal = lens_of(shell.lenses, shell.finer, look_up(shell, _toward(arc, psi))[0])[9]
+    focal = shell.lenses[look_up(shell, _toward(arc, psi))[0], 9]
     if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / focal):
         hits.error[i], hits.grazes[i] = np.inf, True
 
@@ -402,7 +401,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
     point = surface_at(shell, k, u, v)
     if not point.inverse > 0.0:
         return np.inf, np.inf, np.inf, 0.0
-    lens = lens_of(shell.lenses, shell.finer, k)
+    lens = shell.lenses[k]
     focal, dx, dy = lens[9], u - lens[10], v - lens[11]
     a, b, e = plane_of(point.inverse, point.across, point.down, dx, dy, focal, focal)
     slope = start = parallel = 0.0

@@ -179,7 +179,7 @@ class Search:
 
         Args:
             rows: (N,) the rays.
-            finer: finer depth by the number of its centre, in place of what was finer there.
+            finer: further depth by the number of its centre.
         """
         for number, captures in finer.items():
             self.shells[number] = self.shells[number].refined(captures)

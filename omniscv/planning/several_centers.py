@@ -34,7 +34,7 @@ from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Task
-from omniscv.sources.base import Capture, View
+from omniscv.sources.base import View
 
 _NONE = np.zeros(0, np.int64)
 _HIDDEN = 0.4  # of the aim: as many rays may stay hidden
@@ -64,7 +64,7 @@ class SeveralCenters(Refinement):
         self._search: Search
         self._occluded: Mask | None = None
         self._focal_px = float(self.focal_px[0])  # of coarse views
-        self._finer: dict[int, list[Capture]] = defaultdict(list)  # depth, by the number of its centre
+        self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
 
     def rounds(self) -> Rounds:
         yield from self.counted(self._rounds())
@@ -187,7 +187,7 @@ class SeveralCenters(Refinement):
         rows = rows[~self._doubtful(search.hits.of(rows))]
         for number in np.unique(search.shell_of[rows]):
             mine = rows[search.shell_of[rows] == number]
-            views = [capture.view for capture in self._finer[number]]
+            views = self._finer[number]
             patch_of = _patch_of(search.toward_w(mine), views)
             patches = ((mine[patch_of == patch], view) for patch, view in enumerate(views))
             viewpoints += [
@@ -232,7 +232,7 @@ class SeveralCenters(Refinement):
         found: list[Doubt] = []
         for number in np.unique(search.shell_of[some]):
             mine = np.flatnonzero(search.shell_of[some] == number)
-            views = [capture.view for capture in self._finer[number]]
+            views = self._finer[number]
             focal_px = np.array([*(view.focal_px for view in views), self._focal_px], np.float32)
             patch_of, pixels = _patch_of(toward_w[mine], views), search.pixels[some[mine]]
             coarse = np.where(deep[mine], focal_px[patch_of], self.focal_px[pixels])
@@ -265,11 +265,12 @@ class SeveralCenters(Refinement):
             )
         )
         assert kept is not None
-        for number, captures in zip(views, kept, strict=True):
-            self._finer[number] += captures["depth"]
-            self._finer[number].sort(key=lambda capture: -capture.view.focal_px)
+        finer = {number: captures["depth"] for number, captures in zip(views, kept, strict=True)}
+        for number, captures in finer.items():
+            self._finer[number] += [capture.view for capture in captures]
+            self._finer[number].sort(key=lambda view: -view.focal_px)
         rows = self._rows_of(np.unique(np.concatenate([each.pixels for each in choice.patches])))
-        self._search.march_again(rows, {number: self._finer[number] for number in views})
+        self._search.march_again(rows, finer)
         self._search.adopt_lost()
         return rows, kept
 

@@ -135,6 +135,6 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
         stored = (np.float16(100 * planar(columns)) / np.float32(100)).astype(np.float32)
         face = np.broadcast_to(stored, (8, len(stored))).copy()
         for x in rng.uniform(3, 2 * inside - 3, 100):
-            point = surface_point(face, x, 4.2, focal, HALF_FLOATS_CM)
+            point = surface_point(face.ravel(), 0, face.shape, x, 4.2, focal, HALF_FLOATS_CM)
             true = 1 / planar(x - inside)
             assert abs(point.inverse - true) <= point.error, (radius, away, x)

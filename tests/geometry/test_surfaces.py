@@ -31,7 +31,7 @@ def test_a_wall_at_a_grazing_angle_behind_an_edge_is_within_the_jump(edge_px, tu
         depth = depth.T.copy()
     for x in np.linspace(edge_px, edge_px + 0.5, 9):
         at = (12.2, x) if turned else (x, 12.2)
-        point = surface_point(depth, *at, 100.0, Precision())
+        point = surface_point(depth.ravel(), 0, depth.shape, *at, 100.0, Precision())
         z = 1.0 / point.inverse
         assert abs(z - wall_m(x)) <= z * z * point.error + point.jump
 
@@ -39,7 +39,7 @@ def test_a_wall_at_a_grazing_angle_behind_an_edge_is_within_the_jump(edge_px, tu
 def test_a_pixel_without_neighbours_has_the_bound_of_an_unknown_slope():
     depth = np.full((9, 9), np.inf, np.float32)
     depth[4, 4] = z = 2.0
-    point = surface_point(depth, 4.4, 4.7, 100.0, Precision())
+    point = surface_point(depth.ravel(), 0, depth.shape, 4.4, 4.7, 100.0, Precision())
     assert point.inverse == 1 / z
     assert z * z * point.error >= CONTINUED_M + CONTINUED_RELATIVE * z
 
