@@ -46,9 +46,6 @@ def _refinement(task: Task) -> Refinement:
 class OneCenter(Refinement):
     """The captures of an image whose rays start at one optical centre."""
 
-    def rounds(self) -> Rounds:
-        yield from self.counted(self._rounds())
-
     def _rounds(self) -> Rounds:
         kept = yield from self._first()
         if kept is not None:
@@ -61,21 +58,20 @@ class OneCenter(Refinement):
     def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
         for each in choice.patches:
             self.focal_px[each.pixels] = choice.focal_px
-        by_size = sorted(choice.patches, key=lambda each: (each.patch.view.width, each.patch.view.height))
-        return (
-            yield Round(
-                tuple(
-                    Viewpoint(each.patch.view.pose.t_w_c, (each.patch.view,), each.pixels, self.truth)
-                    for each in by_size
-                )
-            )
+        by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
+        viewpoints = (
+            Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.truth) for each in by_size
         )
+        return (yield Round(tuple(viewpoints)))
 
     def _first(self) -> Generator[Round, Kept | None, Kept | None]:
         """Yield captures of all that the image shows: ground truth in the smallest faces."""
         task = self.task
-        base = self._faces(task.edge)
-        if base is None or not self._sizes_free() or not self.truth:
+        base, options = self._faces(task.edge), task.options
+        one_size = (
+            options.face_size != "auto" or options.truth_scale > 1 or not task.capabilities.can_set_size
+        )
+        if base is None or one_size or not self.truth:
             return (yield from pass_on(strategy.rounds(task)))
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
@@ -83,11 +79,6 @@ class OneCenter(Refinement):
         self.expected_ms = self.local_ms(ROOM)
         self.focal_px[:] = _FINER_FACES * first.views[0].focal_px
         return (yield Round((replace(first, modes=self.truth),)))
-
-    def _sizes_free(self) -> bool:
-        """Return whether ground truth may be captured in another size than colours."""
-        options, capabilities = self.task.options, self.task.capabilities
-        return options.face_size == "auto" and options.truth_scale == 1 and capabilities.can_set_size
 
     def _faces(self, edge: int) -> Viewpoint | None:
         """Return the only viewpoint of a central camera, with views as fine as faces of a size; else None."""

@@ -11,14 +11,13 @@ import heapq
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from omniscv import modalities
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Mask
+from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
 from omniscv.planning.patches import Patch, Precision, held, patches
 from omniscv.planning.recorded_views import RecordedViews
@@ -67,11 +66,21 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Selected:
-    """A patch and the pixels that it captures finer: (N,) flat indices, of what is doubted at a centre."""
+    """A view, the pixels in doubt that it captures finer, and what they are worth.
 
-    patch: Patch
+    Attributes:
+        view: with its border.
+        pixels: (N,) flat indices.
+        center: the number of the doubt's centre.
+        worth: doubtful pixels that it is expected to resolve.
+        price: of its captures, ms.
+    """
+
+    view: View
     pixels: Ints
     center: int
+    worth: float
+    price: float
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,7 @@ class Choice:
 
     def more_held(self, other: Choice | None, recorded: RecordedViews) -> Choice | None:
         """Return this choice or another one, of whose patches a recording holds more; only with these."""
-        held_ones = [each for each in self.patches if recorded.hold([each.patch.view])]
+        held_ones = [each for each in self.patches if recorded.hold([each.view])]
         more = len(held_ones) > (0 if other is None else len(other.patches))
         return replace(self, patches=held_ones) if more else other
 
@@ -124,9 +133,16 @@ class Refinement(ABC):
         self._resolve = 1.0  # part of their worth that patches are expected to resolve
         self._requests, self._pixels, self._limited = 0, 0, False
 
-    @abstractmethod
     def rounds(self) -> Rounds:
-        """Yield the first rounds, and finer ones; a last one has no viewpoints and says why they end."""
+        """Yield the first rounds, and finer ones; a last one has no viewpoints and says why they end.
+
+        They are in the task's state of the world.
+        """
+        yield from pass_on(self._rounds(), self._count)
+
+    @abstractmethod
+    def _rounds(self) -> Rounds:
+        """Yield what :meth:`rounds` yields, in an unchanged world."""
 
     @abstractmethod
     def doubts(self, pixels: Ints) -> list[Doubt]:
@@ -142,18 +158,10 @@ class Refinement(ABC):
 
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
-        planned: list[Round] = []
-        counted = self.counted(self.rounds())
-        with closing(counted):
-            planned.extend(counted)
-        requests = [request for round_ in planned for request in round_.requests(self.task.modes)]
+        requests = [request for round_ in self.rounds() for request in round_.requests(self.task.modes)]
         local = self.expected_ms / (self.price.of(1, _PATCH_PX) or 1)
         pixels = pixels_of(request.view for request in requests)
         return len(requests) + round(local), pixels + round(local * _PATCH_PX)
-
-    def counted(self, rounds: Rounds) -> Rounds:
-        """Yield rounds in the task's state of the world, and count what they capture."""
-        yield from pass_on(rounds, self._count)
 
     def _count(self, planned: Round) -> Round:
         viewpoints = (replace(viewpoint, state=self.task.state) for viewpoint in planned.viewpoints)
@@ -221,14 +229,13 @@ class Refinement(ABC):
         modes, left, target, ms, area = self._modes, float(count), _SAFE * self.aim, 0.0, 0.0
         batch: list[Selected] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
-        for each in heapq.merge(*sources, key=lambda each: -each.patch.worth / each.patch.price):
-            patch = each.patch
-            area += modes * patch.view.width * patch.view.height
+        for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):
+            area += modes * each.view.width * each.view.height
             if self.full(area, modes * (len(batch) + 1)):
                 self._limited = True
                 break
             batch.append(each)
-            ms, left = ms + patch.price, left - self._resolve * patch.worth
+            ms, left = ms + each.price, left - self._resolve * each.worth
             if left <= target or ms > most_ms:
                 break
         if left > target:
@@ -250,7 +257,7 @@ class Refinement(ABC):
         else:
             found = iter(self._finer_faces(doubt, focal_px, worth))
         for patch in found:
-            yield Selected(patch, pixels[patch.rows], doubt.center)
+            yield Selected(patch.view, pixels[patch.rows], doubt.center, patch.worth, patch.price)
 
     def _finer_faces(self, doubt: Doubt, focal_px: float, worth: Array) -> list[Patch]:
         """Return finer faces of a source that cannot set a field of view."""
@@ -258,7 +265,7 @@ class Refinement(ABC):
         if edge > LARGEST_FACE_PX:
             return []
         views = CubeFaces(self.task, edge, 0).views(doubt.center_w, ALL_FACES)
-        view_of = first_view(doubt.directions_w, views, 0)
+        view_of = first_view(doubt.directions_w, views, 0) % len(views)  # rounding: the last one
         for number, view in enumerate(views):
             rows = np.flatnonzero(view_of == number)
             price = self._modes * self.price.of(1, view.width * view.height)
@@ -284,14 +291,9 @@ class Refinement(ABC):
 
 
 def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:
-    """Return (N,) the first view that holds each ray, or the last one."""
-    view_of = np.full(len(directions_w), len(views) - 1)
+    """Return (N,) the first view that holds each ray, and a border around it; -1 where none does."""
+    view_of = np.full(len(directions_w), -1)
     for number, view in reversed(list(enumerate(views))):
-        view_of[inside(directions_w, view, border_px)] = number
+        half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
+        view_of[held(directions_w, view.pose.R_w_c, half)] = number
     return view_of
-
-
-def inside(directions_w: Array, view: View, border_px: int) -> Mask:
-    """Return (N,) whether a view holds rays, and a border around them."""
-    half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
-    return held(directions_w, view.pose.R_w_c, half)

@@ -66,9 +66,8 @@ class Reproject(Strategy):
         for _ in range(self.max_rounds):
             viewpoints = tuple(search.depth_viewpoint(center_w) for center_w in centers_w)
             kept = yield Round(viewpoints)
-            if kept is None:  # only a plan: as if every centre served a pixel
-                known = KnownDepth(*np.zeros((3, 0), np.float32), *np.zeros((2, 0), np.bool_))
-                yield Round(tuple(replace(v, modes=None, keep=False, known_depth=known) for v in viewpoints))
+            if kept is None:  # only a plan
+                yield Round(tuple(map(serving_all, viewpoints)))
                 return
             search.march([captures["depth"] for captures in kept])
             centers_w = self.next_centers(search)
@@ -100,6 +99,12 @@ class Adaptive(Reproject):
         # An estimate: one round's centres; at most: all rounds', and every one of the camera's own.
         added, own = 6 * _MOST_ADDED, 6 * len(task.rays.own_viewpoints.centers)
         return added, (self.max_rounds - 1) * added + own
+
+
+def serving_all(viewpoint: Viewpoint) -> Viewpoint:
+    """Return a viewpoint of depth as if it served all of the image, for plans."""
+    known = KnownDepth(*np.zeros((3, 0), np.float32), *np.zeros((2, 0), np.bool_))
+    return replace(viewpoint, modes=None, keep=False, known_depth=known)
 
 
 class Search:
@@ -134,7 +139,8 @@ class Search:
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
         """Return a viewpoint whose depth is kept, and that serves no pixel yet."""
         views = self._faces.views(center_w, self._hit)
-        return Viewpoint(center_w, views, np.zeros(0, np.int64), modes=("depth",), keep=True)
+        scale, no_pixel = self._task.options.truth_scale, np.zeros(0, np.int64)
+        return Viewpoint(center_w, views, no_pixel, modes=("depth",), keep=True, truth_scale=scale)
 
     def _faces_on_the_way(self, center_w: Array) -> Mask:
         """Return (6,) which faces of a centre see parts of the rays' way."""
@@ -256,6 +262,7 @@ class Search:
             toward_w=toward_w,
             known_depth=self.hits.of(rows).known_depth(),
             occluded=occluded,
+            truth_scale=self._task.options.truth_scale if views is None else 1,
         )
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:

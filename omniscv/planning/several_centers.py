@@ -10,16 +10,15 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import strategy
 from omniscv.planning.cube_faces import FACE_BORDER_PX
-from omniscv.planning.ray_marching import Hits, KnownDepth
+from omniscv.planning.ray_marching import Hits
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
     AIM,
@@ -28,9 +27,9 @@ from omniscv.planning.refinement import (
     Choice,
     Doubt,
     Refinement,
-    inside,
+    first_view,
 )
-from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search
+from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search, serving_all
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Task
@@ -65,9 +64,6 @@ class SeveralCenters(Refinement):
         self._occluded: Mask | None = None
         self._focal_px = float(self.focal_px[0])  # of coarse views
         self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
-
-    def rounds(self) -> Rounds:
-        yield from self.counted(self._rounds())
 
     def steps(self, doubtful: int) -> tuple[float, ...]:
         """Small ones at first: marched rays are known as precisely as depth, and miss patches that are much
@@ -121,26 +117,23 @@ class SeveralCenters(Refinement):
             if groups is first and task.options.viewpoints is not None:
                 continue
             search = Search(task, groups)
-            views = [view for group in groups for view in self._depth_of(search, group).views_of("depth")]
+            viewpoints = [search.depth_viewpoint(task.pose.to_world(group.center_c)) for group in groups]
+            views = [view for viewpoint in viewpoints for view in viewpoint.views_of("depth")]
             if task.recorded is None or task.recorded.hold(views):
                 return groups
         return None
 
-    def _depth_of(self, search: Search, group: RayGroup) -> Viewpoint:
-        return self._coarse(search.depth_viewpoint(self.task.pose.to_world(group.center_c)))
-
-    def _coarse(self, viewpoint: Viewpoint) -> Viewpoint:
-        return replace(viewpoint, truth_scale=self.task.options.truth_scale)
-
     def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
         search, task = self._search, self.task
-        viewpoints, hidden = [self._depth_of(search, group) for group in groups], math.inf
+        centers_w, hidden = [task.pose.to_world(group.center_c) for group in groups], math.inf
+        viewpoints = [search.depth_viewpoint(center_w) for center_w in centers_w]
         while viewpoints:
-            self._reserve(viewpoints)
+            later = [r for viewpoint in map(serving_all, viewpoints) for r in viewpoint.requests(task.modes)]
+            self.reserved = self.reserved[0] + len(later), self.reserved[1] + pixels_of(r.view for r in later)
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
-                yield Round(tuple(map(_serving_all, viewpoints)))
+                yield Round(tuple(map(serving_all, viewpoints)))
                 self.expected_ms = self.local_ms(_ROOMS * ROOM)
                 return False
             search.march([captures["depth"] for captures in kept])
@@ -149,28 +142,21 @@ class SeveralCenters(Refinement):
             most = _MOST_ADDED if helps and hidden > _HIDDEN * self.aim else 0
             more_w = search.hidden_origins(most, max(1.0, _WORTH * self.aim))
             viewpoints, views, requests = [], 0, 0
-            for viewpoint in map(self._coarse, map(search.depth_viewpoint, more_w)):
+            for viewpoint in map(search.depth_viewpoint, more_w):
                 if task.recorded is not None and not task.recorded.hold(viewpoint.views_of("depth")):
                     continue
-                planned = [*viewpoint.requests(task.modes), *_serving_all(viewpoint).requests(task.modes)]
+                planned = [*viewpoint.requests(task.modes), *serving_all(viewpoint).requests(task.modes)]
                 requests, views = requests + len(planned), views + pixels_of(each.view for each in planned)
                 if self.full(views, requests):
                     break
                 viewpoints.append(viewpoint)
         return True
 
-    def _reserve(self, viewpoints: Sequence[Viewpoint]) -> None:
-        """Reserve a part of the budgets for what viewpoints of depth will serve."""
-        planned = [
-            r for viewpoint in map(_serving_all, viewpoints) for r in viewpoint.requests(self.task.modes)
-        ]
-        self.reserved = self.reserved[0] + len(planned), self.reserved[1] + pixels_of(r.view for r in planned)
-
     def _coarse_views(self, rows: Ints, modes: tuple[str, ...]) -> Iterator[Viewpoint]:
         """Yield the viewpoints of rays with coarse views, a centre each."""
         for number in np.unique(self._search.shell_of[rows]):
             mine = rows[self._search.shell_of[rows] == number]
-            yield replace(self._coarse(self._viewpoint(mine)), modes=modes)
+            yield replace(self._viewpoint(mine), modes=modes)
 
     def _serve(
         self, rows: Ints, rate: float, kept: Kept, again: bool = False
@@ -188,7 +174,7 @@ class SeveralCenters(Refinement):
         for number in np.unique(search.shell_of[rows]):
             mine = rows[search.shell_of[rows] == number]
             views = self._finer[number]
-            patch_of = _patch_of(search.toward_w(mine), views)
+            patch_of = first_view(search.toward_w(mine), views, FACE_BORDER_PX)
             patches = ((mine[patch_of == patch], view) for patch, view in enumerate(views))
             viewpoints += [
                 replace(self._viewpoint(some, view), modes=self.truth) for some, view in patches if len(some)
@@ -234,7 +220,8 @@ class SeveralCenters(Refinement):
             mine = np.flatnonzero(search.shell_of[some] == number)
             views = self._finer[number]
             focal_px = np.array([*(view.focal_px for view in views), self._focal_px], np.float32)
-            patch_of, pixels = _patch_of(toward_w[mine], views), search.pixels[some[mine]]
+            patch_of = first_view(toward_w[mine], views, FACE_BORDER_PX)
+            pixels = search.pixels[some[mine]]
             coarse = np.where(deep[mine], focal_px[patch_of], self.focal_px[pixels])
             found.append(Doubt(int(number), search.centers_w[number], pixels, toward_w[mine], coarse))
         return found
@@ -257,7 +244,7 @@ class SeveralCenters(Refinement):
         """Yield depth in patches, march their rays again, and return these."""
         views: dict[int, list[View]] = defaultdict(list)
         for each in choice.patches:
-            views[each.center].append(each.patch.view)
+            views[each.center].append(each.view)
         kept = yield Round(
             tuple(
                 Viewpoint(mine[0].pose.t_w_c, tuple(mine), _NONE, modes=("depth",), keep=True)
@@ -273,17 +260,3 @@ class SeveralCenters(Refinement):
         self._search.march_again(rows, finer)
         self._search.adopt_lost()
         return rows, kept
-
-
-def _serving_all(viewpoint: Viewpoint) -> Viewpoint:
-    """Return the viewpoint of depth as if it served all of the image."""
-    known = KnownDepth(*np.zeros((3, 0), np.float32), *np.zeros((2, 0), np.bool_))
-    return replace(viewpoint, modes=None, keep=False, known_depth=known)
-
-
-def _patch_of(toward_w: Array, views: Sequence[View]) -> Ints:
-    """Return (N,) the first view that holds each direction, with its border; -1 where none does."""
-    patch_of = np.full(len(toward_w), -1)
-    for number, view in reversed(list(enumerate(views))):
-        patch_of[inside(toward_w, view, FACE_BORDER_PX)] = number
-    return patch_of

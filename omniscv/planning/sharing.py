@@ -121,19 +121,15 @@ def _cheapest_new(tasks: list[Task], modes: Sequence[str]) -> list[Plan]:
     for sharing in dict.fromkeys(((True,) * len(tasks), tuple(wide))):
         if sum(sharing) > 1:
             edge = max(task.edge for task, shares in zip(tasks, sharing, strict=True) if shares)
-            plans = [
-                Plan.make(_with_faces(plan.task, edge), modes) if shares else plan
-                for plan, shares in zip(own, sharing, strict=True)
-            ]
+            plans = list(own)
+            for i, task in enumerate(tasks):
+                if sharing[i]:
+                    strategy = "faces" if task.options.strategy == "auto" else task.options.strategy
+                    options = replace(task.options, strategy=strategy, face_size=edge)
+                    plans[i] = Plan.make(replace(task, options=options), modes)
             if (work := _work(plans)) < least:
                 best, least = plans, work
     return best
-
-
-def _with_faces(task: Task, edge: int) -> Task:
-    """Return a task with options by which it takes the faces of a cube map of some size."""
-    strategy = "faces" if task.options.strategy == "auto" else task.options.strategy
-    return replace(task, options=replace(task.options, strategy=strategy, face_size=edge))
 
 
 def _work(plans: Sequence[Plan]) -> float:

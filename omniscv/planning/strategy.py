@@ -172,18 +172,16 @@ def rounds(task: Task) -> Rounds:
         wanted = "expected 1 of a source that cannot set the size"
         raise ArgumentError(f"truth_scale: {wanted}, got {options.truth_scale}")
 
+    scale = options.truth_scale
+
     def finish(viewpoint: Viewpoint) -> Viewpoint:
-        _check_size(viewpoint, options.truth_scale)
-        return replace(viewpoint, truth_scale=options.truth_scale, state=task.state)
+        largest = max((max(view.width, view.height) for view in viewpoint.views), default=0)
+        if scale > 1 and scale * largest > _LARGEST_PX:
+            raise ArgumentError(
+                f"truth_scale: expected views of at most {_LARGEST_PX} px, got {scale} x {largest}; "
+                "give a smaller face_size or truth_scale"
+            )
+        return replace(viewpoint, truth_scale=scale, state=task.state)
 
-    changed = options.truth_scale > 1 or task.state
+    changed = scale > 1 or task.state
     return change_viewpoints(strategy.rounds(task), finish) if changed else strategy.rounds(task)
-
-
-def _check_size(viewpoint: Viewpoint, scale: int) -> None:
-    largest = max((max(view.width, view.height) for view in viewpoint.views), default=0)
-    if scale > 1 and scale * largest > _LARGEST_PX:
-        raise ArgumentError(
-            f"truth_scale: expected views of at most {_LARGEST_PX} px, got {scale} x {largest}; "
-            "give a smaller face_size or truth_scale"
-        )
