@@ -23,7 +23,7 @@ import dask
 from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
-from omniscv.cluster.tasks import TASK_OPTIONS
+from omniscv.cluster.making import TASK_OPTIONS
 from omniscv.cluster.workers import RESOURCE, settings
 
 EACH = 5  # parts of a worker
