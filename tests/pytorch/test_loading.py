@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from support.datasets import made
 from torch.utils.data import ConcatDataset, DataLoader, IterableDataset, get_worker_info
 
 import omniscv
@@ -48,6 +49,14 @@ class All(IterableDataset):
         part = slice(None) if info is None else slice(info.id, None, info.num_workers)
         for i in range(len(self.maps))[part]:
             yield self.maps[i]
+
+
+def test_arrays_are_loaded_as_pictures_are(folder, tmp_path):
+    fast = made(tmp_path, more="truth: {boxes: true}\nstore: fast\n")
+    arrays, pictures = (
+        loaded(FolderDataset(out, cameras=["pano"]), batch_size=None) for out in (fast, folder)
+    )
+    same(arrays, pictures)
 
 
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
