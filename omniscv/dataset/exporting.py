@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import Any, TypeVar
 
 from omniscv import plugins, storage
 from omniscv.arguments import one_of, optional_number, text, within
@@ -23,6 +23,8 @@ from omniscv.frame import Frame, FrameFiles
 from omniscv.records import NoOptions, checked, read, record
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
+
+T = TypeVar("T")
 
 EXPORTS = "exports"
 """The folder of a dataset in which exports are, each in a folder of its own."""
@@ -115,17 +117,19 @@ _NAMES = sorted(module.name for module in iter_modules(formats.__path__))
 _FORMATS: dict[str, Format] = {}
 
 
-def register(format: Any) -> None:
-    """Add a format, or replace the one of its name.
+def register(format: T) -> T:
+    """Add a format, or replace the one of its name; return it, as a decorator of its class does.
 
     Args:
-        format: a :class:`Format`, or an object with ``name``, ``refuses`` and ``write``.
+        format: a :class:`Format`, its class, or an object with ``name``, ``refuses`` and ``write``.
 
     Raises:
         ArgumentError: it lacks one of these.
     """
-    adapted = format if isinstance(format, Format) else _Outside(format)
+    made = format() if isinstance(format, type) else format
+    adapted = made if isinstance(made, Format) else _Outside(made)
     _FORMATS[adapted.name] = adapted
+    return format
 
 
 def names() -> tuple[str, ...]:

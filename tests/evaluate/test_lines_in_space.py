@@ -7,9 +7,14 @@ import pytest
 from scipy.optimize import minimize
 
 import omniscv
-from omniscv.evaluate.lines import plucker, reconstruction
-from omniscv.evaluate.lines.plucker import effective_baseline, free_line, level_line, line_along
-from omniscv.evaluate.lines.reconstruction import ObservedLine
+from omniscv.evaluate.lines import reconstruction
+from omniscv.evaluate.lines.reconstruction import (
+    ObservedLine,
+    effective_baseline,
+    free_line,
+    level_line,
+    line_along,
+)
 
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
 MIRROR = {"width": 1024, "height": 1024, "distance": 0.5}
@@ -34,7 +39,7 @@ def seen_lines(name, count, wanted=5):
             normal = np.cross(observed.directions[0], b - a) / np.linalg.norm(b - a)
             many = effective_baseline(observed.origins, observed.directions)
             if (many if count > 2 else abs(np.diff(observed.origins @ normal)[0])) >= 0.05:
-                lines.append((plucker.through(a, b - a), points, observed))
+                lines.append((reconstruction.through(a, b - a), points, observed))
     return lines
 
 
@@ -53,7 +58,7 @@ def test_exact_rays_give_the_exact_line(name):
         assert np.abs(observed.rows[:, :3] @ axis).max() <= 1e-12
         free = free_line(observed.rows, axis)
         assert off(free, points) <= 1e-9
-        assert plucker.angle_deg(free[:3], line[:3]) <= 1e-7
+        assert reconstruction.angle_deg(free[:3], line[:3]) <= 1e-7
         assert off(observed.refine(free, np.linalg.svd(free[None, :3])[2][1:]), points) <= 1e-9
     for line, points, observed in seen_lines(name, 2):
         assert off(line_along(observed.rows, line[:3]), points) <= 1e-9
@@ -67,13 +72,13 @@ def test_exact_rays_give_the_exact_line(name):
 
 def test_a_line_meets_its_rays_and_points_are_nearest():
     rng = np.random.default_rng(5)
-    line = plucker.through(rng.normal(size=3), rng.normal(size=3))
+    line = reconstruction.through(rng.normal(size=3), rng.normal(size=3))
     origins, directions = rng.normal(size=(2, 6, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    points = plucker.nearest_to_rays(line, origins, directions)
-    assert plucker.distance_to(line, points) == pytest.approx(0, abs=1e-12)
+    points = reconstruction.nearest_to_rays(line, origins, directions)
+    assert reconstruction.distance_to(line, points) == pytest.approx(0, abs=1e-12)
     base = np.cross(line[:3], line[3:])
-    assert plucker.distance_to(line, base[None]) == pytest.approx(0, abs=1e-12)
+    assert reconstruction.distance_to(line, base[None]) == pytest.approx(0, abs=1e-12)
     for point, origin, direction in zip(points, origins, directions, strict=True):
 
         def gap(x, o=origin, d=direction):
@@ -81,7 +86,7 @@ def test_a_line_meets_its_rays_and_points_are_nearest():
 
         best = minimize(gap, (0, 0), tol=1e-14).x[0]
         assert point == pytest.approx(base + best * line[:3], abs=1e-5)
-        row = plucker.incidence(point - 2 * direction, direction)
+        row = reconstruction.incidence(point - 2 * direction, direction)
         assert row @ line == pytest.approx(0, abs=1e-12)
 
 
@@ -126,7 +131,7 @@ def test_refinement_and_priors_each_bring_the_line_nearer():
 
 def test_distances_in_pixels_are_those_from_the_projected_line():
     observed = noisy(*WIDE, 7)
-    line = plucker.through(WIDE[0], WIDE[1] - WIDE[0])
+    line = reconstruction.through(WIDE[0], WIDE[1] - WIDE[0])
     along = 0.02 * (WIDE[1] - WIDE[0])
     curve, _ = PANORAMA.project(np.linspace(WIDE[0] - along, WIDE[1] + along, 8_000))
     gaps = np.linalg.norm(observed.pixels[:, None] - curve, axis=-1).min(axis=1)
@@ -138,10 +143,10 @@ def test_upright_and_level_lines_are_distinguished():
     up = -GRAVITY
     foot = np.array([1.5, 1.0, 2.6])
     upright = noisy(foot, foot + 1.8 * up, 1, px=0.2)
-    assert plucker.angle_deg(reconstruction.with_gravity(upright, GRAVITY)[:3], up) <= 1e-9
+    assert reconstruction.angle_deg(reconstruction.with_gravity(upright, GRAVITY)[:3], up) <= 1e-9
     across = np.cross(up, [1.0, 0, 0.4])
     level = noisy(foot, foot - 3 * across, 2, px=0.2)
-    assert plucker.angle_deg(reconstruction.with_gravity(level, GRAVITY)[:3], up) == pytest.approx(90)
+    assert reconstruction.angle_deg(reconstruction.with_gravity(level, GRAVITY)[:3], up) == pytest.approx(90)
 
 
 def test_a_rooms_directions_come_from_its_level_lines():
@@ -153,8 +158,8 @@ def test_a_rooms_directions_come_from_its_level_lines():
     observed = [noisy(*segment, seed, px=0.3) for seed, segment in enumerate(ends)]
     level = [reconstruction.with_gravity(line, GRAVITY) for line in observed]
     aligned = reconstruction.manhattan(observed, level, GRAVITY)
-    assert plucker.angle_deg(aligned[0][:3], aligned[1][:3]) == pytest.approx(90)
-    assert plucker.angle_deg(aligned[0][:3], aligned[2][:3]) == pytest.approx(0, abs=1e-5)
+    assert reconstruction.angle_deg(aligned[0][:3], aligned[1][:3]) == pytest.approx(90)
+    assert reconstruction.angle_deg(aligned[0][:3], aligned[2][:3]) == pytest.approx(0, abs=1e-5)
     for line, direction, points in zip(aligned, (x, y, x), ends, strict=True):
-        assert plucker.angle_deg(line[:3], direction) <= 0.1
+        assert reconstruction.angle_deg(line[:3], direction) <= 0.1
         assert off(line, np.array(points)) <= 0.03

@@ -52,6 +52,7 @@ class CflOptions(MapOptions):
         return {name: value for name, value in values.items() if value is not None}
 
 
+@register
 class Cfl(Format):
     """See the module."""
 
@@ -73,6 +74,3 @@ class Cfl(Format):
             written.append(write_pixels(out / "EM_gt" / f"{frame.key}_EM.{suffix}", edges))
             written.append(write_pixels(out / "CM_gt" / f"{frame.key}_CM.{suffix}", corners))
         return written
-
-
-register(Cfl())

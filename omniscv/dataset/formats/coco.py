@@ -49,6 +49,7 @@ class CocoOptions:
     )
 
 
+@register
 class Coco(Format):
     """See the module."""
 
@@ -97,6 +98,3 @@ def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out:
     content = {"info": {}, "licenses": [], "images": list(images)}
     content |= {"categories": category_entries(frames, stuff=True), "annotations": annotations}
     return [*written, write_compact(out / "panoptic.json", content)]
-
-
-register(Coco())

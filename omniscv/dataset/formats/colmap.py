@@ -42,6 +42,7 @@ class ColmapOptions(PointOptions):
     )
 
 
+@register
 class Colmap(Format):
     """See the module."""
 
@@ -164,6 +165,3 @@ class _Model:
             indices = points.of_image(image_id).tolist() if points else []
             pixels = points.points.values["pixel"][indices].tolist() if points else []
             yield " ".join(f"{u} {v} {1 + index}" for (u, v), index in zip(pixels, indices, strict=True))
-
-
-register(Colmap())

@@ -46,6 +46,7 @@ class DepthPngOptions:
         return kinds
 
 
+@register
 class DepthPng(Format):
     """See the module."""
 
@@ -66,6 +67,3 @@ class DepthPng(Format):
             lambda frame: encode(frame.layer("depth"), frame.camera, preset),
             description,
         )
-
-
-register(DepthPng())

@@ -48,6 +48,7 @@ _FLO_MAGIC = b"PIEH"  # float32 202021.25
 _KITTI_STEPS, _KITTI_ZERO = 64, 1 << 15
 
 
+@register
 class FlowFiles(Format):
     """See the module."""
 
@@ -166,6 +167,3 @@ def kitti_codes(flow: Flow) -> NDArray[np.uint16]:
     pixels = np.zeros((*known.shape, 3), np.uint16)
     pixels[known] = np.column_stack([codes, np.ones(len(codes))])
     return pixels
-
-
-register(FlowFiles())

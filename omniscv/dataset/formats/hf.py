@@ -40,6 +40,7 @@ class HfOptions:
     license: str = checked(label, default="", help="for the card")
 
 
+@register
 class Hf(Format):
     """See the module."""
 
@@ -143,5 +144,3 @@ Omnidirectional images with exact ground truth, made by omniscv.
 right, y down, z forward. Columns that end in `_path` name files beside the picture: `depth_path` is OpenEXR,
 32-bit floats, metres along the pixel's ray, inf where there is no surface, 0 outside the field of view.
 """
-
-register(Hf())

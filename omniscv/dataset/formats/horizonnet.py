@@ -26,6 +26,7 @@ class HorizonNetOptions:
     image_format: str = checked(one_of, words=("png", "jpg"), default="png", help="of panoramas: png or jpg")
 
 
+@register
 class HorizonNet(Format):
     """See the module."""
 
@@ -48,6 +49,3 @@ class HorizonNet(Format):
             written.append(write_color(out / "img" / f"{frame.key}.{options.image_format}", frame))
             written.append(write_text(out / "label_cor" / f"{frame.key}.txt", texts[frame.key]))
         return written
-
-
-register(HorizonNet())

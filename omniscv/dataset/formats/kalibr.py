@@ -26,6 +26,7 @@ _SAMPLES = 33
 """Rows and columns of the pixels whose directions are compared."""
 
 
+@register
 class Kalibr(Format):
     """See the module."""
 
@@ -61,6 +62,3 @@ def _chain(rig: Rig) -> str:
             if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
                 entry["cam_overlaps"].append(i)
     return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
-
-
-register(Kalibr())

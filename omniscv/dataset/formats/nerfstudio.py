@@ -41,6 +41,7 @@ _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _SPLITS = ("train", "val", "test")
 
 
+@register
 class Nerfstudio(Format):
     """See the module."""
 
@@ -118,6 +119,3 @@ def _write_camera(
             f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS
         }
     return [*written, write_json(folder / "transforms.json", {**content, "frames": entries})]
-
-
-register(Nerfstudio())

@@ -33,6 +33,7 @@ class NormalsPngOptions:
     scale: str = checked(one_of, words=SCALES, default="symmetric", help="how numbers are scaled")
 
 
+@register
 class NormalsPng(Format):
     """See the module."""
 
@@ -59,6 +60,3 @@ def encode(normals: NDArray[np.float32], half: float) -> tuple[NDArray[np.uint16
     known = length > 0
     codes = np.rint(half * (1 + np.where(known, normals, -1).astype(np.float64)))
     return np.minimum(codes, 65535).astype(np.uint16), int(np.count_nonzero(~known))
-
-
-register(NormalsPng())

@@ -43,6 +43,7 @@ _R_B_O = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _NO_BOX = [-1.0, -1.0, -1.0, -1.0]
 
 
+@register
 class Omni3d(Format):
     """See the module."""
 
@@ -137,6 +138,3 @@ def _projected(camera: Camera, corners_c: Array) -> list[float]:
     if not valid.all() or (camera.wraps and np.ptp(pixels[:, 0]) > camera.width / 2):
         return _NO_BOX
     return [*map(float, pixels.min(axis=0)), *map(float, pixels.max(axis=0))]
-
-
-register(Omni3d())

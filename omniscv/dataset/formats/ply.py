@@ -46,6 +46,7 @@ class PlyOptions(PointOptions):
     cloud: bool = checked(flag, default=True, help="write cloud.ply")
 
 
+@register
 class Ply(Format):
     """See the module."""
 
@@ -115,6 +116,3 @@ def _comments(frames: Sequence[Frame]) -> list[str]:
     return [
         f"{word} {number} {printable(names[number])}" for word, names in named for number in sorted(names)
     ]
-
-
-register(Ply())

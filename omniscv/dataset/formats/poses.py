@@ -20,6 +20,7 @@ _WRITERS = {"tum": write_tum, "kitti": write_kitti, "times": write_kitti_times, 
 """By the suffix of a file, the function that returns its text."""
 
 
+@register
 class Poses(Format):
     """See the module."""
 
@@ -40,6 +41,3 @@ class Poses(Format):
             for suffix, content in contents.items():
                 written.append(write_text(out / f"{camera_name}.{suffix}", content))
         return written
-
-
-register(Poses())

@@ -43,6 +43,7 @@ _BACKGROUND = 65535  # of instances
 _WALL, _FLOOR, _CEILING, _OTHER = 1, 2, 22, 40  # of NYU40
 
 
+@register
 class Structured3d(Format):
     """See the module."""
 
@@ -195,6 +196,3 @@ def _semantic(frame: Frame, room: Room) -> NDArray[np.uint8]:
         known = nyu40.of(object_name) if nyu40 else None
         ids[instance] = known.id if known else of_room.get(object_name, _OTHER)
     return np.asarray(ids[labels])
-
-
-register(Structured3d())

@@ -35,6 +35,7 @@ class TumMonoOptions:
     )
 
 
+@register
 class TumMono(Format):
     """See the module."""
 
@@ -71,6 +72,3 @@ class TumMono(Format):
                 optics.write_vignette(folder / optics.VIGNETTE, shares),
             ]
         return written
-
-
-register(TumMono())

@@ -44,6 +44,7 @@ class WebDatasetOptions:
     )
 
 
+@register
 class WebDataset(Format):
     """See the module."""
 
@@ -213,6 +214,3 @@ class Shard:
         if content is None or self._members[name].size > most:
             raise DatasetError(f"{name}: expected at most {most} bytes, got {self._members[name].size}")
         return content.read(most)
-
-
-register(WebDataset())

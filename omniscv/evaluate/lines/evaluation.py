@@ -19,7 +19,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.lines import plucker, reconstruction
+from omniscv.evaluate.lines import reconstruction
 from omniscv.evaluate.lines.true_edges import Seen, room_edges, seen_edges
 from omniscv.evaluate.registry import BLUE, GREEN, INK, RED, Figure, Report, Row, Settings, chart
 from omniscv.geometry import Pose
@@ -139,7 +139,7 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
         for (edge, observed), line in zip(seen, reconstructed, strict=True):
             true = edge.line_c(setup.pose)
             rays = observed.origins, observed.directions
-            off = plucker.nearest_to_rays(line, *rays) - plucker.nearest_to_rays(true, *rays)
+            off = reconstruction.nearest_to_rays(line, *rays) - reconstruction.nearest_to_rays(true, *rays)
             yield {
                 "image": setup.name,
                 "camera": setup.name.split("-")[0],
@@ -148,8 +148,8 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
                 "of": edge.of,
                 "edge": edge.name,
                 "points": len(observed.pixels),
-                "baseline_m": plucker.effective_baseline(*rays),
-                "direction_deg": plucker.angle_deg(line[:3], true[:3]),
+                "baseline_m": reconstruction.effective_baseline(*rays),
+                "direction_deg": reconstruction.angle_deg(line[:3], true[:3]),
                 "distance_m": float(np.linalg.norm(off, axis=1).max()),
                 "rms_px": observed.rms_px(line),
             }
@@ -163,9 +163,11 @@ def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
         pixels, valid = setup.camera.project(points)
         rays = setup.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
-            line = plucker.free_line(plucker.incidence(rays.origins, rays.directions), setup.axis)
-            baseline = plucker.effective_baseline(rays.origins, rays.directions)
-            errors.append((baseline, float(plucker.distance_to(line, points[valid]).max())))
+            line = reconstruction.free_line(
+                reconstruction.incidence(rays.origins, rays.directions), setup.axis
+            )
+            baseline = reconstruction.effective_baseline(rays.origins, rays.directions)
+            errors.append((baseline, float(reconstruction.distance_to(line, points[valid]).max())))
     return errors
 
 
@@ -188,9 +190,9 @@ def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
     segments = []
     for (edge, observed), line in zip(seen, lines, strict=True):
         rays = observed.origins, observed.directions
-        points = plucker.nearest_to_rays(line, *rays)
+        points = reconstruction.nearest_to_rays(line, *rays)
         along = points @ line[:3]
-        if plucker.effective_baseline(*rays) >= _LEAST_BASELINE_M:
+        if reconstruction.effective_baseline(*rays) >= _LEAST_BASELINE_M:
             ends = points[[along.argmin(), along.argmax()]]
             segments.append(Segment(ends, edge.ends_w, observed.pixels))
     return segments

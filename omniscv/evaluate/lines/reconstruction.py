@@ -1,11 +1,20 @@
-"""Lines of one non-central image in three ways: free, with known gravity, and along a room's directions.
+"""Straight lines in space by Pluecker coordinates, and their reconstruction from the rays of one image.
 
-Lines are fitted in pixels. To first order, a pixel's distance from a line's image is the incidence of its ray
-with the line over the length of that incidence's gradient in the image (Sampson's distance). This needs only
-the camera's rays, and is the same for panoramas and mirrors.
+A line through the point p along the direction l is ``(l, m)``, ``m = p x l``: six numbers up to scale, with
+``l . m = 0`` (Klein's quadric). A ray from o along d meets it where ``d . m + (o x d) . l = 0``. Each ray of
+a line's image is one such linear equation. All rays of a panorama or of a mirror of revolution also meet the
+axis, so that the axis is always a solution, which has to be left out.
 
-With gravity a line is upright or level, whichever its image fits: the paper's soft Manhattan constraint. The
-level lines then also give the directions of the room, those of a Manhattan world.
+Lines are then fitted in pixels. To first order, a pixel's distance from a line's image is the incidence of
+its ray with the line over the length of that incidence's gradient in the image (Sampson's distance). This
+needs only the camera's rays, and is the same for panoramas and mirrors. It is done in three ways:
+
+free         without further knowledge
+gravity      a line is upright or level, whichever its image fits: the paper's soft Manhattan constraint
+Manhattan    along the directions of the room, which the level lines give
+
+Source: Bermudez-Cameo, Demonceaux, Lopez-Nicolas, Guerrero 2016, Line reconstruction using prior knowledge in
+single non-central view; Gasparini and Caglioti 2011, Line localization from single catadioptric images.
 """
 
 from collections.abc import Sequence
@@ -14,7 +23,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from omniscv.cameras import Camera
-from omniscv.evaluate.lines import plucker
 from omniscv.geometry.pose import Array
 
 _STEP_PX = 0.05  # of the finite differences for the gradient
@@ -23,6 +31,108 @@ _HEADINGS = 36
 _UPRIGHT = 1.1  # an upright line is preferred up to this ratio of rms: it has fewer unknowns
 _KNOWN = np.zeros((0, 3))
 _FAR = np.radians(5.0)  # lines farther from the room's directions follow none of them
+
+
+def through(points: Array, directions: Array) -> Array:
+    """Return lines (..., 6) through points (..., 3) along directions (..., 3), of unit direction."""
+    unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return np.concatenate([unit, np.cross(points, unit)], axis=-1)
+
+
+def incidence(origins: Array, directions: Array) -> Array:
+    """Return rows (..., 6) whose product with a line is 0 where a ray meets it; metres if both are unit."""
+    return np.concatenate([np.cross(origins, directions), directions], axis=-1)
+
+
+def nearest_to_rays(line: Array, origins: Array, directions: Array) -> Array:
+    """Return (N, 3) the points of a line (6,) of unit direction that are nearest to rays (N, 3), unit."""
+    middle = np.cross(line[:3], line[3:])  # nearest to the origin
+    cosine, offset = directions @ line[:3], origins - middle
+    along = (offset @ line[:3] - cosine * (offset * directions).sum(axis=-1)) / (1 - cosine**2)
+    return np.asarray(middle + along[:, None] * line[:3])
+
+
+def distance_to(line: Array, points: Array) -> Array:
+    """Return (N,) the distances of points (N, 3) from a line (6,) of unit direction."""
+    return np.asarray(np.linalg.norm(np.cross(points, line[:3]) - line[3:], axis=-1))
+
+
+def angle_deg(a: Array, b: Array) -> float:
+    """Return the angle between two undirected lines along (3,), 0 to 90 degrees."""
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
+
+
+def across(direction: Array) -> Array:
+    """Return (2, 3) two unit vectors across a direction (3,) and each other."""
+    return np.asarray(np.linalg.svd(direction[None])[2][1:])
+
+
+def free_line(rows: Array, axis: Array) -> Array:
+    """Return the line (6,) that rays meet, other than the axis.
+
+    Orthogonally to the axis A the last singular vector b is the line but for a share of the axis:
+    ``L = b + t A``, and ``l . m = 0`` gives ``t = -(l_b . m_b) / (a . m_b)``.
+
+    Args:
+        rows: (N, 6), N >= 4, of rays: :func:`incidence`.
+        axis: (3,) unit, through the origin: every ray meets it.
+    """
+    line = np.concatenate([axis, np.zeros(3)])
+    basis = np.linalg.svd(line[None])[2][1:]  # (5, 6) of what is orthogonal to the axis
+    b = _right_singular(rows @ basis.T)[-1] @ basis
+    return _on_klein(b - line * (b[:3] @ b[3:]) / (axis @ b[3:]))
+
+
+def line_along(rows: Array, direction: Array) -> Array:
+    """Return the line (6,) of a known direction (3,), unit, that rays meet: two unknowns, linear.
+
+    Its moment is orthogonal to the direction. Args as of :func:`free_line`; N >= 2.
+    """
+    basis = across(direction)
+    moment = np.linalg.lstsq(rows[:, 3:] @ basis.T, -rows[:, :3] @ direction, rcond=None)[0]
+    return np.concatenate([direction, moment @ basis])
+
+
+def level_line(rows: Array, gravity: Array) -> Array:
+    """Return the line (6,) across gravity (3,), unit, that rays meet: five unknowns, and Klein's quadric.
+
+    The two last singular vectors span what noise does not distinguish. Of the lines in this span, the one
+    that the rays meet best is returned. Args as of :func:`free_line`; N >= 4, because three rays have two
+    such lines.
+    """
+    basis = np.zeros((5, 6))
+    basis[:2, :3] = across(gravity)
+    basis[2:, 3:] = np.eye(3)
+    b, c = _right_singular(rows @ basis.T)[:-3:-1] @ basis
+    quadric = [c[:3] @ c[3:], b[:3] @ c[3:] + c[:3] @ b[3:], b[:3] @ b[3:]]
+    shares = np.roots(quadric)
+    lines = [_on_klein(b + t * c) for t in shares[np.isreal(shares)].real] or [_on_klein(b)]
+    return min(lines, key=lambda line: float(np.linalg.norm(rows @ line)))
+
+
+def effective_baseline(origins: Array, directions: Array) -> float:
+    """Return the spread of the rays' origins out of the plane that fits the rays best, metres.
+
+    The rays (N, 3) of a line in a central image lie in one plane, and do not depend on the line's distance.
+    """
+    normal = _right_singular(directions)[2]
+    return float(np.ptp(origins @ normal))
+
+
+def _on_klein(line: Array) -> Array:
+    """Return the line (6,) of unit direction nearest to six numbers, with the same direction."""
+    length = float(np.linalg.norm(line[:3]))
+    along, moment = line[:3] / length, line[3:] / length
+    return np.concatenate([along, moment - along * (along @ moment)])
+
+
+def _right_singular(rows: Array) -> Array:
+    """Return the right singular vectors (K, K) of rows (N, K), completed by rows of zeros."""
+    padded = np.concatenate([rows, np.zeros((rows.shape[1], rows.shape[1]))])
+    return np.asarray(np.linalg.svd(padded, full_matrices=False)[2])
+
+
+# -- from the pixels of an image -------------------------------------------------------------------------
 
 
 class ObservedLine:
@@ -35,7 +145,7 @@ class ObservedLine:
     Attributes:
         pixels: those with rays.
         origins, directions: (N, 3) of their rays, camera frame.
-        rows: (N, 6) of their rays: :func:`omniscv.evaluate.lines.plucker.incidence`.
+        rows: (N, 6) of their rays: :func:`incidence`.
         gradients: (N, 2, 6) the derivatives of the rows by the pixel.
     """
 
@@ -43,7 +153,7 @@ class ObservedLine:
         steps = _STEP_PX * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
         rays = camera.unproject(pixels[:, None] + steps)
         seen = rays.valid.all(axis=1)
-        rows = plucker.incidence(rays.origins, rays.directions)[seen]
+        rows = incidence(rays.origins, rays.directions)[seen]
         self.pixels, self.rows = pixels[seen], rows[:, 0]
         self.origins, self.directions = rays.origins[seen, 0], rays.directions[seen, 0]
         self.gradients = (rows[:, 1::2] - rows[:, 2::2]) / (2 * _STEP_PX)
@@ -66,11 +176,11 @@ class ObservedLine:
             turns: (K, 3) orthonormal, across the direction: two for a free line, one for a level line, none
                 for a known direction.
         """
-        middle = plucker.nearest_to_rays(line, self.origins, self.directions).mean(axis=0)
-        moves = plucker.across(line[:3])
+        middle = nearest_to_rays(line, self.origins, self.directions).mean(axis=0)
+        moves = across(line[:3])
 
         def moved(x: Array) -> Array:
-            return plucker.through(middle + x[:2] @ moves, line[:3] + x[2:] @ turns)
+            return through(middle + x[:2] @ moves, line[:3] + x[2:] @ turns)
 
         def residuals(x: Array) -> Array:
             return self.distances_px(moved(x))
@@ -88,8 +198,8 @@ class ObservedLine:
 
 def free(observed: ObservedLine, axis: Array) -> Array:
     """Return a line (6,), camera frame; ``axis`` is (3,) unit, of the camera's revolution."""
-    line = plucker.free_line(observed.rows, axis)
-    return observed.refine(line, plucker.across(line[:3]))
+    line = free_line(observed.rows, axis)
+    return observed.refine(line, across(line[:3]))
 
 
 def with_gravity(observed: ObservedLine, gravity: Array) -> Array:
@@ -97,8 +207,8 @@ def with_gravity(observed: ObservedLine, gravity: Array) -> Array:
     upright = along(observed, gravity)
     headings = np.arange(_HEADINGS) * np.pi / _HEADINGS
     directions = [_level_direction(gravity, heading) for heading in headings]
-    starts = [plucker.line_along(observed.rows, direction) for direction in directions]
-    start = min([plucker.level_line(observed.rows, gravity), *starts], key=observed.rms_px)
+    starts = [line_along(observed.rows, direction) for direction in directions]
+    start = min([level_line(observed.rows, gravity), *starts], key=observed.rms_px)
     turn = np.cross(gravity, start[:3])
     level = observed.refine(start, turn[None] / np.linalg.norm(turn))
     return upright if observed.rms_px(upright) <= _UPRIGHT * observed.rms_px(level) else level
@@ -106,7 +216,7 @@ def with_gravity(observed: ObservedLine, gravity: Array) -> Array:
 
 def along(observed: ObservedLine, direction: Array) -> Array:
     """Return the line (6,) of a known direction (3,), unit, camera frame."""
-    return observed.refine(plucker.line_along(observed.rows, direction), _KNOWN)
+    return observed.refine(line_along(observed.rows, direction), _KNOWN)
 
 
 def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity: Array) -> list[Array]:
@@ -134,16 +244,16 @@ def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array)
 
     A line's weight is its number of pixels times the square of its effective baseline.
     """
-    x, y = plucker.across(gravity)
+    x, y = across(gravity)
     headings = np.array([np.arctan2(line[:3] @ y, line[:3] @ x) for _, line in level])
     turns = headings[:, None] - headings
     apart = np.abs(turns - np.pi / 2 * np.round(turns / (np.pi / 2)))
-    baselines = [plucker.effective_baseline(seen.origins, seen.directions) for seen, _ in level]
+    baselines = [effective_baseline(seen.origins, seen.directions) for seen, _ in level]
     weights = np.square(baselines) * [len(seen.pixels) for seen, _ in level]
     return float(headings[np.argmin(np.minimum(apart, _FAR) @ weights)])
 
 
 def _level_direction(gravity: Array, heading: float) -> Array:
     """Return the unit direction (3,) across gravity at a heading, radians."""
-    x, y = plucker.across(gravity)
+    x, y = across(gravity)
     return np.asarray(np.cos(heading) * x + np.sin(heading) * y)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from omniscv.cameras import Camera
-from omniscv.evaluate.lines import plucker
-from omniscv.evaluate.lines.reconstruction import ObservedLine
+from omniscv.evaluate.lines.reconstruction import ObservedLine, through
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox, Room
@@ -46,7 +45,7 @@ class Edge:
     def line_c(self, pose: Pose) -> Array:
         """Return the line (6,), camera frame."""
         start, end = pose.to_camera(self.ends_w)
-        return plucker.through(start, end - start)
+        return through(start, end - start)
 
     def points_c(self, pose: Pose, count: int) -> Array:
         """Return (count, 3) points along the edge, camera frame, metres."""

@@ -72,20 +72,19 @@ def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progr
     """
     ranges: dict[str, list[float]] = {}
     with whole_file(out) as part, part.open("w", encoding="utf-8") as file:
-        page, start = _asset("page.html"), 0
-        for placeholder in _PLACEHOLDER.finditer(page):
-            file.write(page[start : placeholder.start()])
-            start = placeholder.end()
-            if placeholder[1] == "frames":
+        before, *parts = _PLACEHOLDER.split(_asset("page.html"))
+        file.write(before)
+        for placeholder, after in zip(parts[::2], parts[1::2], strict=True):
+            if placeholder == "frames":
                 _write_frames(gathered, file, beside, ranges, progress)
-            elif placeholder[1] == "data":
+            elif placeholder == "data":
                 folder = None if beside is None else f"{out.stem}.frames"
                 file.write(_json(_shared(gathered, title, ranges, folder)))
-            elif placeholder[1] == "programs":
+            elif placeholder == "programs":
                 file.write("\n".join(_asset(f"{script}.js") for script in _SCRIPTS))
             else:
-                file.write(_asset("page.css" if placeholder[1] == "style" else f"{placeholder[1]}.glsl"))
-        file.write(page[start:])
+                file.write(_asset("page.css" if placeholder == "style" else f"{placeholder}.glsl"))
+            file.write(after)
 
 
 def _write_frames(
