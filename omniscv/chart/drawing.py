@@ -72,12 +72,14 @@ def front(ways: Sequence[Dot]) -> list[Dot]:
     return best
 
 
-def figure(columns: int, height_in: float, title: str, lines: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure 800 px wide and its panels, row by row."""
+def figure(
+    columns: int, height_in: float, title: str, lines: int = 1, shared: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure 800 px wide and its panels, row by row; ``shared`` are the scales of all their axes."""
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle("\n".join(wrap(title, _TITLE_CHARACTERS)), x=0.01, ha="left", size=11, color=INK)
-    return figure, list(figure.subplots(lines, columns, squeeze=False).flat)
+    return figure, list(figure.subplots(lines, columns, squeeze=False, sharex=shared, sharey=shared).flat)
 
 
 def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 2 * _DPI) -> list[Path]:

@@ -317,19 +317,18 @@ def _rows(cause: Cause, strength: float | str, outcome: _Outcome, sound: _Outcom
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``chart-failures`` as JSON, SVG and PNG."""
     causes = list(dict.fromkeys(row.cause for row in rows))
-    figure, (whole,) = drawing.figure(1, 1.2 + _LINE_IN * len(causes), f"{finding(rows)}. {_KEY}")
-    figure.delaxes(whole)
-    panels = figure.subplots(len(causes), len(COLUMNS), sharex=True, sharey=True, squeeze=False)
-    for (i, cause), (j, column) in product(enumerate(causes), enumerate(COLUMNS)):
-        _draw(panels[i, j], [row for row in rows if (row.cause, row.column) == (cause, column)])
-    for axes, column in zip(panels[0], COLUMNS, strict=True):
+    size, title = 1.2 + _LINE_IN * len(causes), f"{finding(rows)}. {_KEY}"
+    figure, panels = drawing.figure(len(COLUMNS), size, title, len(causes), shared=True)
+    for axes, (cause, column) in zip(panels, product(causes, COLUMNS), strict=True):
+        _draw(axes, [row for row in rows if (row.cause, row.column) == (cause, column)])
+    for axes, column in zip(panels, COLUMNS, strict=False):
         axes.set_title(column, size=10, color=drawing.INK)
-    for axes, cause in zip(panels[:, 0], causes, strict=True):
+    for axes, cause in zip(panels[:: len(COLUMNS)], causes, strict=True):
         mine = [row for row in rows if row.cause == cause]
         text = f"{cause}\n{mine[0].strength} to {mine[-1].strength} {mine[0].unit}"
         axes.set_ylabel(text, rotation=0, ha="right", va="center", size=8, color=drawing.INK)
     for color, label in ANSWERS.values():
-        panels[0, 0].plot([], [], "o", color=color, label=label, ms=6)
+        panels[0].plot([], [], "o", color=color, label=label, ms=6)
     figure.legend(loc="outside lower center", ncols=len(ANSWERS), frameon=False, fontsize=8.5)
     return drawing.write(rows, figure, out, "chart-failures")
 

@@ -10,7 +10,7 @@ accepted. ``_LIMITS`` has the limits that only some models have.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,31 +46,25 @@ def last_radius(camera: Camera) -> float:
     return SIZE / 2 if inside(SIZE / 2) else bisect(inside, 1e-12 * SIZE, SIZE / 2, 60)
 
 
-def fan(camera: Camera, fractions: Array) -> Array:
-    """Return (N, 2) pixels at fractions of the last valid radius, in all directions from the centre."""
+def _at_radii(fractions: Callable[[float], Sequence[float]]) -> Pixels:
+    """Return pixels at fractions of the last valid radius, in all directions from the centre."""
     along = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)], axis=-1)
-    offsets = np.multiply.outer(fractions, along).reshape(-1, 2)
-    return np.asarray(camera.center + last_radius(camera) * offsets)
+
+    def pixels(camera: Camera, left: float) -> Array:
+        offsets = np.multiply.outer(fractions(left), along).reshape(-1, 2)
+        return np.asarray(camera.center + last_radius(camera) * offsets)
+
+    return pixels
 
 
-def everywhere(camera: Camera, left: float) -> Array:
-    """Return pixels of a few radii up to the last valid one."""
-    return fan(camera, np.array([0.1, 0.5, 0.9, 1 - 1e-12]))
-
-
-def edge(camera: Camera, left: float) -> Array:
-    """Return pixels that approach the last valid radius, in all directions."""
-    return fan(camera, np.array([1 - left]))
+everywhere = _at_radii(lambda left: (0.1, 0.5, 0.9, 1 - 1e-12))
+edge = _at_radii(lambda left: (1 - left,))
+tip = _at_radii(lambda left: (left,))
 
 
 def edge_to_the_right(camera: Camera, left: float) -> Array:
     """Return one pixel that approaches the last valid one, for borders that are not circles."""
     return np.asarray(camera.center + np.array([[last_radius(camera) * (1 - left), 0.0]]))
-
-
-def tip(camera: Camera, left: float) -> Array:
-    """Return pixels that approach the centre."""
-    return fan(camera, np.array([left]))
 
 
 def row(fraction: Callable[[float], float]) -> Pixels:
@@ -79,19 +73,15 @@ def row(fraction: Callable[[float], float]) -> Pixels:
     return lambda camera, left: np.stack([u, np.full_like(u, fraction(left) * camera.height)], axis=-1)
 
 
+def _column(u: Callable[[float], float], *fractions: float) -> Pixels:
+    """Return pixels of a column that approaches a border, at fractions of its height."""
+    v = SIZE * np.array(fractions)
+    return lambda camera, left: np.stack([np.full_like(v, u(left)), v], axis=-1)
+
+
 towards_pole = row(lambda left: 0.5 * left)
-
-
-def towards_seam(camera: Camera, left: float) -> Array:
-    """Return pixels of a column that approaches the last one."""
-    v = np.array([0.1, 0.4, 0.5, 0.8]) * SIZE
-    return np.stack([np.full_like(v, SIZE * (1 - 0.5 * left)), v], axis=-1)
-
-
-def edge_of_a_face(camera: Camera, left: float) -> Array:
-    """Return pixels that approach the border between two slots of a strip, and a corner."""
-    v = SIZE * np.array([0.3, 0.4, 0.5])
-    return np.stack([np.full(3, SIZE / 3 * (1 - left / 3)), v], axis=-1)
+towards_seam = _column(lambda left: SIZE * (1 - 0.5 * left), 0.1, 0.4, 0.5, 0.8)
+edge_of_a_face = _column(lambda left: SIZE / 3 * (1 - left / 3), 0.3, 0.4, 0.5)  # of a strip, and a corner
 
 
 @dataclass(frozen=True)
@@ -144,8 +134,6 @@ def create(name: str, **options: object) -> Camera:
 
 # -- the limits of each model -------------------------------------------------------------------
 
-CONE = "noncentral-conical-mirror"
-BALL = "noncentral-spherical-mirror"
 BEYOND_THE_CONE = 1e14  # metres: the last ray meets the cone 1e12 times as far away as its tip
 _KB: dict[str, Any] = {"fx": 160.0, "fy": 160.0, "cx": SIZE / 2, "cy": SIZE / 2}
 
@@ -290,7 +278,7 @@ _LIMITS: dict[str, list[Limit]] = {
             known_px=lambda left: 4e-16 / left * SIZE / np.pi,
         ),
     ],
-    CONE: [
+    "noncentral-conical-mirror": [
         _to("r → tan τ", edge, metres=_far, half_angle_deg=40, distance=0.3),
         _to("r → 0, the tip", tip, past=0.0, half_angle_deg=60, distance=0.3),
         *(
@@ -304,7 +292,7 @@ _LIMITS: dict[str, list[Limit]] = {
             distance=0.3,
         ),
     ],
-    BALL: [
+    "noncentral-spherical-mirror": [
         _to("Z_m → 0", distance=_down_from(0.5), mirror_radius=0.5),
         _to("Z_m → ∞", metres=_far, mirror_radius=0.5, distance=lambda left: 0.5 / left),
     ],

@@ -73,17 +73,15 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them, all models on one screen: ``stability`` as JSON, SVG and PNG."""
     names = list(dict.fromkeys(row.model for row in rows))
     lines = len(names) // _COLUMNS + 1  # at least one panel is left for the legend
-    figure, _ = drawing.figure(1, 0.9 + _HEIGHT_IN * lines, finding(rows))
-    figure.delaxes(figure.axes[0])
-    panels = figure.subplots(lines, _COLUMNS, sharex=True, sharey=True, squeeze=False)
-    for axes, name in zip(panels.flat, names, strict=False):
+    figure, panels = drawing.figure(_COLUMNS, 0.9 + _HEIGHT_IN * lines, finding(rows), lines, shared=True)
+    for axes, name in zip(panels, names, strict=False):
         _draw(axes, name, [row for row in rows if row.model == name])
-    for axes in panels.flat[len(names) :]:
+    for axes in panels[len(names) :]:
         axes.axis("off")
     for beyond, color in _BEYOND.items():
-        panels[-1, -1].plot([], [], color=color, label=beyond)
-    panels[-1, -1].plot([], [], ":", color="0.3", label="float64's end")
-    panels[-1, -1].legend(
+        panels[-1].plot([], [], color=color, label=beyond)
+    panels[-1].plot([], [], ":", color="0.3", label="float64's end")
+    panels[-1].legend(
         title="beyond the limit:", loc="center", fontsize=7.5, title_fontsize=7.5, frameon=False
     )
     figure.supxlabel("what is left to the limit, relative: from 1 (left) to 1e-16 (red line)", size=8.5)

@@ -75,20 +75,13 @@ def _typical(name: str) -> dict[str, str]:
         key: list(parameter.default) if isinstance(parameter.default, tuple) else parameter.default
         for key, parameter in inspect.signature(cls).parameters.items()
     }
-    return {
-        key: json.dumps(_rounded(value)).strip('"')
+    return {  # floats of six digits
+        key: json.dumps(json.loads(json.dumps(value), parse_float=lambda x: float(f"{float(x):.6g}"))).strip(
+            '"'
+        )
         for key, value in cls.example(256).to_dict().items()
         if key not in ("model", "width", "height", "center") and value != defaults.get(key)
     }
-
-
-def _rounded(value: Any) -> Any:
-    """Return plain values with floats of six digits."""
-    if isinstance(value, float):
-        return float(f"{value:.6g}")
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return {key: _rounded(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 @app.command(

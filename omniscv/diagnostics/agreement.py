@@ -19,7 +19,7 @@ from omniscv.compose.light_checks import entered
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.self_calibration import GREY, Picture, inside, light_findings, sample
 from omniscv.diagnostics.server import FACES, RawCamera
-from omniscv.geometry import Array
+from omniscv.geometry import Array, pinhole
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import UNREAL_SKY
@@ -95,8 +95,7 @@ class ViewCapture:
     def points_w(self) -> Array:
         """(H, W, 3) what the pixels show, world frame."""
         v, u = np.mgrid[: self.view.height, : self.view.width] + 0.5
-        at = (np.stack([u, v], -1) - (self.view.width / 2, self.view.height / 2)) / self.view.focal_px
-        rays = np.dstack([at, np.ones(at.shape[:2])])
+        rays = pinhole.rays(np.stack([u, v], axis=-1), self.view.projection)
         return self.view.pose.to_world(rays * self.depth[..., None])
 
 
