@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import add, sub
 from threading import Lock
-from typing import Self
+from typing import Self, TypeVar
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,18 @@ class Progress:
 
     def _counts(self) -> tuple[int, ...]:
         return self.images, self.of_images, self.captures, self.of_captures, self.nbytes
+
+
+Steps = Callable[[int, int], None]
+"""A callback, called with (steps done, steps in all) of work that has no captures."""
+
+
+def counted(items: Sequence[T], progress: Steps | None) -> Iterator[T]:
+    """Yield items, and report each when it is done with."""
+    for done, item in enumerate(items, start=1):
+        yield item
+        if progress:
+            progress(done, len(items))
 
 
 Report = Callable[[Progress], None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from omniscv.chart.failures import wrong_depth
 from omniscv.chart.truth import traced
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
+from omniscv.progress import Steps, counted
 from omniscv.render_options import PRICE, Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
 from omniscv.sources.scene import SceneSource, open_scene
@@ -93,7 +94,7 @@ def cameras(width: int) -> dict[str, Camera]:
 def measure(
     width: int = 512,
     asked: Sequence[float] = (0.03, *AIMS),
-    progress: Callable[[int, int], None] | None = None,
+    progress: Steps | None = None,
 ) -> list[Row]:
     """Measure all cameras in the four-wall room, by every series of strategies.
 
@@ -108,7 +109,7 @@ def measure(
     ]
     truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
     rows: list[Row] = []
-    for name, camera, series, options in ways:
+    for name, camera, series, options in counted(ways, progress):
         source, started = _Counting(SceneSource(scene, cached_views=1)), time.perf_counter()
         image = render(camera, _POSE, source, _MODES, **options)
         compose_s = time.perf_counter() - started - source.seconds
@@ -123,8 +124,6 @@ def measure(
                 compose_s, options.get("accuracy"),
             )
         )  # fmt: skip
-        if progress:
-            progress(len(rows), len(ways))
     return rows
 
 

@@ -21,6 +21,7 @@ from omniscv.chart.truth import traced_mean
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.planning import Filter, RenderOptions
+from omniscv.progress import Steps, counted
 from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
 from omniscv.sources.scene import SceneSource, open_scene
 
@@ -78,7 +79,7 @@ class _CachedCaptures(SourceWrapper):
             yield self._captures[request]
 
 
-def measure(width: int = 2048, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
     """Measure every way in the four-wall room.
 
     Args:
@@ -127,16 +128,14 @@ def _ours(renderer: Renderer, camera: Camera, options: RenderOptions, *, new: bo
 
 
 def _best_ms(
-    ways: dict[tuple[str, int, str], Callable[[int], Image]], progress: Callable[[int, int], None] | None
+    ways: dict[tuple[str, int, str], Callable[[int], Image]], progress: Steps | None
 ) -> dict[tuple[str, int, str], float]:
     times: dict[tuple[str, int, str], list[float]] = {key: [] for key in ways}
-    for turn in range(_ROUNDS + 2):
+    for turn in counted(range(_ROUNDS + 2), progress):
         for key, way in ways.items():
             started = time.perf_counter()
             way(turn)
             times[key].append(time.perf_counter() - started)
-        if progress:
-            progress(turn + 1, _ROUNDS + 2)
     return {key: 1e3 * min(seconds[2:]) for key, seconds in times.items()}
 
 

@@ -5,7 +5,7 @@ Captures come from the mock server with a fault; the doctor examines the same se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,6 +26,7 @@ from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Mask
+from omniscv.progress import Steps, counted
 from omniscv.sources.registry import Deadlines, open_source
 from omniscv.sources.scene import open_scene
 
@@ -219,9 +220,7 @@ def wrong_depth(depth: Array, hits: Hits) -> Mask:
         return np.asarray(~endless & ~(np.abs(depth - hits.distance) <= _DEPTH * hits.distance))
 
 
-def measure(
-    width: int = 128, progress: Callable[[int, int], None] | None = None, causes: Sequence[str] = ()
-) -> list[Row]:
+def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[str] = ()) -> list[Row]:
     """Measure causes at all strengths.
 
     Args:
@@ -234,15 +233,13 @@ def measure(
     rows: list[Row] = []
     sound: dict[str, _Outcome] = {}
     with TemporaryDirectory() as folder:
-        for done, (cause, strength) in enumerate(steps, start=1):
+        for cause, strength in counted(steps, progress):
             scene, pose = _scene(cause, strength, Path(folder)), cause.pose(strength)
             base = scene if cause.query else "four-wall"
             if base not in sound:
                 sound[base] = _examine(base, cause.sound, width, _POSE)
             query = cause.query.format(strength)
             rows += _rows(cause, strength, _examine(scene, query, width, pose), sound[base])
-            if progress:
-                progress(done, len(steps))
     return rows
 
 

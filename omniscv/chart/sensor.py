@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from omniscv.chart import drawing
+from omniscv.progress import Steps, counted
 from omniscv.sensor import PRESETS, Sensor
 
 TITLE = "Photon transfer: temporal variance by mean. Dots: measured. Lines: due by EMVA 1288"
@@ -38,7 +38,7 @@ class Row:
     due: float
 
 
-def measure(width: int = 256, progress: Callable[[int, int], None] | None = None) -> list[Row]:
+def measure(width: int = 256, progress: Steps | None = None) -> list[Row]:
     """Expose two even frames of every preset at every level.
 
     Args:
@@ -46,7 +46,7 @@ def measure(width: int = 256, progress: Callable[[int, int], None] | None = None
         progress: called with (presets done, presets in total).
     """
     rows = []
-    for done, name in enumerate(PRESETS, start=1):
+    for name in counted(list(PRESETS), progress):
         sensor = replace(Sensor(preset=name), mosaic="mono", prnu=0.0)  # PRNU is not temporal noise
         for electrons in np.geomspace(_DARKEST, _BRIGHTEST, _LEVELS) * sensor.full_well:
             light = np.full((width, width, 3), electrons / sensor.full_well, np.float32)
@@ -55,8 +55,6 @@ def measure(width: int = 256, progress: Callable[[int, int], None] | None = None
             due = sensor.gain**2 * (electrons + dark + sensor.read_noise**2) + 1 / 12
             mean, variance = (one + other).mean() / 2 - sensor.black_level, np.mean((one - other) ** 2) / 2
             rows.append(Row(name, float(electrons), float(mean), float(variance), float(due)))
-        if progress:
-            progress(done, len(PRESETS))
     return rows
 
 

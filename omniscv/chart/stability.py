@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from omniscv import cameras
 from omniscv.chart import drawing
 from omniscv.chart.limits import approaches
+from omniscv.progress import Steps, counted
 
 QUICK = {"models": ("equirectangular", "division")}
 
@@ -42,18 +43,15 @@ class Row:
     known_px: tuple[float, ...] | None
 
 
-def measure(
-    progress: Callable[[int, int], None] | None = None, models: Sequence[str] | None = None
-) -> list[Row]:
+def measure(progress: Steps | None = None, models: Sequence[str] | None = None) -> list[Row]:
     """Measure every approach to a limit.
 
     Args:
         progress: called with (models done, models in total).
         models: their names; all that are registered if not given.
     """
-    models = cameras.names() if models is None else models
     rows: list[Row] = []
-    for done, name in enumerate(models, start=1):
+    for name in counted(cameras.names() if models is None else models, progress):
         rows += [
             Row(
                 name,
@@ -64,8 +62,6 @@ def measure(
             )
             for way in approaches(name)
         ]
-        if progress:
-            progress(done, len(models))
     return rows
 
 

@@ -68,11 +68,6 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     return values
 
 
-def modes(text: str) -> tuple[str, ...]:
-    """Return ``lit,mask`` as modes, each once."""
-    return tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-
-
 def setting(text: str, example: str = "face_size=512 or camera.fov_deg=185") -> tuple[str, Any]:
     """Return ``--set KEY=VALUE`` as a dotted key and YAML's value.
 
@@ -157,7 +152,11 @@ def _camera(text: str) -> Keys:
 
 
 MODES = JobOption(
-    key("modes", modes), str, "lit", "Some of lit,object_mask (or mask),depth,normals.", _OUTPUT
+    key("modes", lambda text: tuple(dict.fromkeys(part.strip() for part in text.split(",")))),
+    str,
+    "lit",
+    "Some of lit,object_mask (or mask),depth,normals.",
+    _OUTPUT,
 )
 
 SET: Mapping[str, JobOption] = {

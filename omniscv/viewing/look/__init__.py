@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from omniscv.errors import ArgumentError
+from omniscv.progress import Steps
 from omniscv.storage import is_url
 
 DEFAULT_SIZE = 1024, 512
@@ -18,7 +19,7 @@ def look(
     size: tuple[int, int] = DEFAULT_SIZE,
     most_pixels: int = MOST_PIXELS,
     rerun: str | Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Steps | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> list[Path]:
     """Write a page that shows images: as a sphere or flat, in every layer.

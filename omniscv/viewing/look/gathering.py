@@ -20,13 +20,12 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError, MissingCaptureError, RecordingError
 from omniscv.frame import Frame, ImageFiles
 from omniscv.geometry import Pose
+from omniscv.progress import Steps, counted
 from omniscv.sources.registry import is_recording, open_source
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _CUBE_FACES = 6
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Gathered:
 def open_frames(
     what: str | Path,
     size: tuple[int, int],
-    progress: Progress | None = None,
+    progress: Steps | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Iterator[Gathered]:
     """Yield the frames of a dataset, folder, file or recording; those of a recording in a temporary folder.
@@ -173,7 +172,7 @@ def _json(path: Path) -> Any:
         return parse_json(read_bytes(path, MOST_JSON_BYTES))
 
 
-def _compose(path: Path, out: Path, size: tuple[int, int], progress: Progress | None) -> str:
+def _compose(path: Path, out: Path, size: tuple[int, int], progress: Steps | None) -> str:
     """Save level panoramas, with all their modes, at the viewpoints that a recording shows all around.
 
     A viewpoint is left out if the first of the recording's modes, colour where it has any, is incomplete.
@@ -187,14 +186,12 @@ def _compose(path: Path, out: Path, size: tuple[int, int], progress: Progress | 
         centers = [center for center, count in views.items() if count >= _CUBE_FACES]
         modes = [mode for mode in modalities.names() if mode in source.capabilities.modes]
         renderer, left_out = Renderer(source), 0
-        for i, center in enumerate(centers):
+        for i, center in enumerate(counted(centers, progress)):
             image = _recorded_image(renderer, camera, Pose.from_angles(center), modes)
             if image is None:
                 left_out += 1
             else:
                 image.save(out, stem=f"place-{i:04d}")
-            if progress:
-                progress(i + 1, len(centers))
     why = f"{left_out} of {len(centers)} optical centres are not recorded in {modes[0]} all around"
     if left_out == len(centers):
         raise RecordingError(f"{path}: expected a place that is recorded all around, got none: {why}")

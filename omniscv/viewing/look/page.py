@@ -16,10 +16,11 @@ import numpy as np
 
 from omniscv.compose.files import finite
 from omniscv.dataset import Frame
+from omniscv.progress import Steps, counted
 from omniscv.storage.local import folder_beside, replace_folder, whole_file
 from omniscv.viewing.look import layers
 from omniscv.viewing.look.directions import describe
-from omniscv.viewing.look.gathering import Gathered, Progress
+from omniscv.viewing.look.gathering import Gathered
 
 _ASSETS = files("omniscv.viewing.look") / "assets"
 _SCRIPTS = (
@@ -36,7 +37,7 @@ _MIXES = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.52, 0), (0.2, 255), (0
 
 
 def write(
-    gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Progress | None = None
+    gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Steps | None = None
 ) -> list[Path]:
     """Write a page, with many frames beside it.
 
@@ -65,7 +66,7 @@ def write(
     return [out, *sorted(beside.iterdir())]
 
 
-def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progress: Progress | None) -> None:
+def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progress: Steps | None) -> None:
     """Write the page with its frames, or its frames into a folder.
 
     In the page, the data follow the frames, because they contain the layers' ranges.
@@ -92,10 +93,10 @@ def _write_frames(
     file: TextIO,
     beside: Path | None,
     ranges: dict[str, list[float]],
-    progress: Progress | None,
+    progress: Steps | None,
 ) -> None:
     """Write the data of all frames, and collect each layer's range, without the last 0.5 % of both ends."""
-    for i, frame in enumerate(gathered.frames):
+    for i, frame in enumerate(counted(gathered.frames, progress)):
         packed = layers.packed_layers(frame)
         data = {"layers": packed, "boxes": layers.boxes(frame), "layout": layers.layout(frame)}
         for name, layer in packed.items():
@@ -106,8 +107,6 @@ def _write_frames(
             file.write(f'<script type="application/json" id="frame-{i}">{_json(data)}</script>\n')
         else:
             (beside / f"{i:05d}.js").write_text(f"lookFrame({i},{_json(data)})\n", encoding="utf-8")
-        if progress:
-            progress(i + 1, len(gathered.frames))
 
 
 def _asset(name: str) -> str:
