@@ -92,7 +92,6 @@ KINDS = {
         "lit: darker by VALUE in the corners (squared radius); ended by 'r.Tonemapper.Quality 1'", 0.4, 1.0
     ),
     "mask-gamma": Kind("masks: 8-bit linear vertex colours, dark ones collide (always so in dialect 0.3.10)"),
-    "half-depth": Kind("depth is rounded to half floats, also with depth='float32'"),
     "sky-dome": Kind("the sky is the object SkyDome, a sphere of VALUE metres around the camera", 500.0),
     "bloom": Kind(
         "lit: VALUE of the light is spread, in each image alone; ended by 'r.BloomQuality 0'", 0.2, 1.0
@@ -106,7 +105,7 @@ KINDS = {
 """All faults by name. A fault is ended by a console command, after ``vrun``."""
 
 PERMANENT = (
-    "dark-manual", "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "half-depth", "sky-dome",
+    "dark-manual", "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "sky-dome",
     "object-missing", "stretched-cine",
 )  # fmt: skip
 """Faults that are active from the start, without a probability."""

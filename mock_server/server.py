@@ -1,7 +1,6 @@
 """The server: one client at a time, as in the plugin; in each frame all received requests are answered."""
 
 import contextlib
-import dataclasses
 import itertools
 import queue
 import socket
@@ -108,8 +107,6 @@ class Server:
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self.statistics = Statistics()
         self.faults = Faults(settings.faults, settings.seed)
-        if self.faults.get("half-depth"):
-            settings = dataclasses.replace(settings, depth="half")
         self.settings = settings
         self.world = World(self.scene, settings, self.faults)
         self.fault = ""

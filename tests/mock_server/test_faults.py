@@ -140,7 +140,6 @@ CHANGES = {
     "radial-depth=0.5": lambda depth: depth * (1 + LENGTHS) / 2,
     "depth-bits=8": lambda depth: np.round(depth / 1e4 * 256) * 1e4 / 256,
     "depth-mantissa=10": lambda depth: 100 * (depth / 100).astype(np.float16).astype(float),
-    "half-depth": lambda depth: depth.astype(np.float16),
     "depth-scale=0.1": lambda depth: 1.1 * depth,
 }
 SLOPES = (np.arange(24) + 0.5) / 12 - 1

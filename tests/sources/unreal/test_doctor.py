@@ -149,7 +149,6 @@ NAMED = [
     ("lit-normals", "normals", "normals", "the lit image"),
     ("narrow-fov", "turned", "field of view, depth", "90.0 reported"),
     ("ray-depth", "turned", "depth is", "ray"),
-    ("half-depth", "turned", "depth steps", "float16"),
     ("depth-scale=0.1", "unit", "depth unit", "neither cm nor m"),
     ("near-colors", "masks", "mask colours", "of no object"),
     ("mask-blur=2", "masks", "mask colours", "of no object"),
@@ -225,8 +224,13 @@ def test_a_fault_is_named(fault, part, name, text, monkeypatch):
     with findings(part, fault) as results:
         finding = next(each for each in results if each.name == name)
     assert text in finding.value
-    harmless = {"half-depth": "ok", "near-plane=100": "warning"}
-    assert finding.verdict == harmless.get(fault, "bad")
+    assert finding.verdict == ("warning" if fault == "near-plane=100" else "bad")
+
+
+def test_half_floats_of_depth_are_named_and_no_fault():
+    with visited(scene="four-wall", depth="half") as (connection, camera):
+        steps = next(each for each in PARTS["turned"](connection, camera) if each.name == "depth steps")
+    assert ("float16" in steps.value, steps.verdict) == (True, "ok")
 
 
 @pytest.mark.parametrize(("fault", "text"), REFUSED)
