@@ -160,6 +160,10 @@ def _number(text: str, most: float, where: str) -> float:
 class Faults(dict[str, Fault]):
     """The active faults of one server, by name.
 
+    Attributes:
+        generators: by fault, its random generator.
+        struck: how often each fault was drawn.
+
     Args:
         texts: faults in the grammar above; of one name, the last counts.
         seed: seed of the random generators.
@@ -171,9 +175,8 @@ class Faults(dict[str, Fault]):
     def __init__(self, texts: Iterable[str] = (), seed: int = 0) -> None:
         super().__init__()
         self._seed = seed
-        self._random: dict[str, random.Random] = {}
+        self.generators: dict[str, random.Random] = {}
         self.struck: dict[str, int] = {}
-        """How often each fault was drawn."""
         for text in texts:
             self._add(parse(text))
 
@@ -195,16 +198,12 @@ class Faults(dict[str, Fault]):
     def strike(self, name: str) -> Fault | None:
         """Return a fault if it is active and its random generator draws it."""
         fault = self.get(name)
-        if fault is None or self._random[name].random() >= fault.probability:
+        if fault is None or self.generators[name].random() >= fault.probability:
             return None
         self.struck[name] += 1
         return fault
 
-    def generator(self, name: str) -> random.Random:
-        """Return the random generator of a fault that was started."""
-        return self._random[name]
-
     def _add(self, fault: Fault) -> None:
         self[fault.name] = fault
-        self._random[fault.name] = random.Random(f"{self._seed} {fault.name}")
+        self.generators[fault.name] = random.Random(f"{self._seed} {fault.name}")
         self.struck.setdefault(fault.name, 0)

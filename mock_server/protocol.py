@@ -80,9 +80,6 @@ class Transport:
         Raises:
             OSError: the client has left, or a fault closes the connection.
         """
-        if not self._faults:
-            self._connection.sendall(frame(payload))
-            return
         if delay := self._faults.strike("delay"):
             self._pause(delay.amount())
         if self._faults.strike("clicked"):

@@ -257,7 +257,7 @@ class World:
             camera.rotation = (*camera.rotation[:2], camera.rotation[2] + fault.amount())
         if fault := self.faults.strike("jitter"):
             degrees = fault.amount() * camera.fov / max(camera.size)
-            camera.rotation = flaws.jittered(camera.rotation, degrees, self.faults.generator("jitter"))
+            camera.rotation = flaws.jittered(camera.rotation, degrees, self.faults.generators["jitter"])
         if fault := self.faults.strike("far-origin"):
             camera.location = flaws.rounded_far_away(camera.location, fault.amount())
 
@@ -266,7 +266,7 @@ class World:
         image = self._image(view, mode, camera)
         for name, only, change in flaws.IMAGES:
             if only in ("", mode) and (fault := self.faults.strike(name)):
-                image = change(image, fault.amount(), self.faults.generator(name))
+                image = change(image, fault.amount(), self.faults.generators[name])
         return image
 
     def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
