@@ -30,8 +30,9 @@ from omniscv.errors import (
 )
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.modalities import TRANSFERS, Transfer
-from omniscv.records import checked, listed, named, optional, read, record
+from omniscv.records import checked, listed, mapping, named, optional, read, record
 from omniscv.sources.blender.settings import Settings
+from omniscv.storage.bounded import parse_json
 from omniscv.storage.local import last_line
 
 R = TypeVar("R")
@@ -220,13 +221,10 @@ class Process:
         length = int.from_bytes(self._read(4), "big")
         data = self._read(length) if length <= _MOST_REPLY else b""
         try:
-            reply = json.loads(data)
-        except (ValueError, RecursionError):
-            reply = None
-        if not isinstance(reply, dict):
+            return mapping("", parse_json(data, _MOST_REPLY))
+        except ArgumentError as cause:
             expected = f"{self._name}: expected a reply in JSON"
-            raise BadReplyError(f"{expected}, got {shown(data[:80])} of {length} bytes")
-        return reply
+            raise BadReplyError(f"{expected}, got {shown(data[:80])} of {length} bytes") from cause
 
     def _read_record(self, reply: type[R], values: dict[str, Any], what: str) -> R:
         try:

@@ -131,18 +131,14 @@ def _faces_in_folder(folder: Path, name: str) -> tuple[Faces, list[str]]:
             choice = choose(
                 [(layout, [pixels[i] for i in order]) for layout, order in orders], name != "auto"
             )
-            lines = choice.lines([stems[i] for i in _order_of(choice, orders)])
-        order = _order_of(choice, orders)
+        order = next(order for layout, order in orders if layout is choice.layout)
+        lines = lines or choice.lines([stems[i] for i in order])
         faces[mode] = _views(
             choice,
             [pixels[i] for i in order],
             [read_bytes(files[mode][i], MOST_PICTURE_BYTES) for i in order],
         )
     return faces, lines
-
-
-def _order_of(choice: Choice, orders: Sequence[tuple[Layout, list[int]]]) -> list[int]:
-    return next(order for layout, order in orders if layout is choice.layout)
 
 
 def _faces_in_picture(file: Path, name: str) -> tuple[Faces, list[str]]:

@@ -154,7 +154,7 @@ def upright_box(bounds_cm: Array) -> ObjectBox | None:
     """Return the box of bounds (2, 3) along the world's axes; None if all are 0, without a shape."""
     if not bounds_cm.any():
         return None
-    low, high = np.sort(_to_world(bounds_cm), axis=0)
+    low, high = np.sort(position_from_unreal(bounds_cm.T).T, axis=0)
     return ObjectBox((low + high) / 2, np.eye(3), high - low, "bounds")
 
 
@@ -181,14 +181,9 @@ def _vertices(command: str, reply: Reply) -> Array:
     return values.reshape(-1, 3)
 
 
-def _to_world(points_cm: Array) -> Array:
-    """Return points (N, 3) in the world frame, metres."""
-    return position_from_unreal(points_cm.T).T
-
-
 def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
     """Return the box of vertices along the axes of their object, or along turned ones if it is tighter."""
-    points, own = _to_world(vertices_cm), rotation_from_unreal(rotator_deg).T
+    points, own = position_from_unreal(vertices_cm.T).T, rotation_from_unreal(rotator_deg).T
     aligned, turned = _box(points, own), _box(points, _upright_axes(points @ own.T) @ own)
     return turned if np.prod(turned.size) < _TIGHTER * np.prod(aligned.size) else aligned
 
