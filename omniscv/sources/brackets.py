@@ -124,11 +124,7 @@ class _WithResponse(SourceWrapper):
 
 
 def _measured_response(source: Source, first: Request) -> Response:
-    """Return the response of a source's colours, and check that light doubles from one stop to the next.
-
-    Raises:
-        SourceError: it does not.
-    """
+    """Return the response of a source's colours; SourceError if light does not double in each stop."""
     from omniscv import light
 
     known = source.capabilities.transfer
@@ -159,11 +155,7 @@ def _measured_response(source: Source, first: Request) -> Response:
 
 
 def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[Response]:
-    """Return the response of the exposures in a recording; empty if it holds none.
-
-    Raises:
-        ArgumentError: it holds other exposures.
-    """
+    """Return the response of a recording's exposures, none if it has none; ArgumentError for other stops."""
     from omniscv.sources.recording import RecordedSource
 
     if path is None or not Path(path).exists() or Path(path).stat().st_size == 0:

@@ -35,8 +35,6 @@ _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": 
 _CAMERA = re.compile(r"\d{1,6}|CID-[\w.-]{1,100}", re.ASCII)
 MOST_WARMUP = 1000  # frames after each move
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
-_MOCK_DIALECTS = {"1.x": "N3", "M": "M", "N1": "N1", "N2": "N2", "N3": "N3"}
-"""Dialects whose capabilities do not depend on settings; N3 is the mock server's default."""
 
 
 def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
@@ -109,10 +107,10 @@ class MockSource(HostedSource):
 
 
 def _mock_capabilities(address: str) -> Capabilities | None:
-    """Return what the mock server can do, where starting it is not needed; None for plugin 0.3.10."""
+    """Return what the mock server can do; None for the dialects in which that depends on its settings."""
     _, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
-    dialect = _MOCK_DIALECTS.get(options.get("dialect", "N3"))
-    return None if dialect is None else MODERN.capabilities(dialect)
+    dialect = options.get("dialect", "N3").replace("1.x", "N3")
+    return MODERN.capabilities(dialect) if dialect in ("M", "N1", "N2", "N3") else None
 
 
 open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for registry.known_capabilities
