@@ -5,7 +5,7 @@ import zlib
 from contextlib import closing
 
 from omniscv.sources import SourceWrapper
-from omniscv.sources.recording.rows import Head, ObjectRow, Row, object_checksum
+from omniscv.sources.recording.rows import Head, Row, object_checksum
 from omniscv.sources.recording.store import Store
 
 
@@ -45,7 +45,7 @@ def reseal(path):
             update = "UPDATE capture SET payload_checksum = ?, checksum = ? WHERE number = ?"
             database.execute(update, (row.payload_checksum, row.checksum, row.number))
             head = head.with_rows([row])
-        objects = map(ObjectRow._make, database.execute("SELECT * FROM object ORDER BY name").fetchall())
+        objects = database.execute("SELECT * FROM object ORDER BY name").fetchall()
         head = head._replace(object_checksum=object_checksum(objects)).sealed()
         columns = ", ".join(f"{name} = ?" for name in Head._fields)
         database.execute(f"UPDATE recording SET {columns}", head)

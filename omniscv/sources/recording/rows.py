@@ -239,14 +239,8 @@ class WorldState:
         return state
 
 
-class ObjectRow(NamedTuple):
-    """A row of ``object``; ``instance`` is None where masks hold colours."""
-
-    name: str
-    red: int
-    green: int
-    blue: int
-    instance: int | None
+ObjectRow = tuple[str, int, int, int, int | None]
+"""A row of ``object``: name, red, green, blue, and the id, which is None where masks hold colours."""
 
 
 def object_checksum(rows: Iterable[ObjectRow]) -> int:
@@ -256,16 +250,16 @@ def object_checksum(rows: Iterable[ObjectRow]) -> int:
 
 def object_table(rows: list[ObjectRow], tolerance: int) -> ObjectTable:
     """Return the object table of rows; DamagedRecordingError for values out of bounds."""
+    ids = {row[0]: row[4] for row in rows if row[4] is not None}
     limits = [(tolerance, 255), *((value, 255) for row in rows for value in row[1:4])]
-    limits += [(row.instance, MOST_OBJECTS) for row in rows if row.instance is not None]
+    limits += [(instance, MOST_OBJECTS) for instance in ids.values()]
     for value, most in limits:
         if type(value) is not int or not 0 <= value <= most:
             expected = f"expected colours, ids and a tolerance of 0 to {most}"
             raise DamagedRecordingError(f"{expected}, got {shown(value)}")
     if len(rows) > MOST_OBJECTS:
         raise DamagedRecordingError(f"expected at most {MOST_OBJECTS} objects, got more")
-    ids = {row.name: row.instance for row in rows if row.instance is not None}
-    return ObjectTable({row.name: (row.red, row.green, row.blue) for row in rows}, tolerance, ids)
+    return ObjectTable({row[0]: row[1:4] for row in rows}, tolerance, ids)
 
 
 def labelled_modes() -> list[str]:

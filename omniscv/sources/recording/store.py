@@ -36,7 +36,6 @@ from omniscv.sources.recording.files import (
 from omniscv.sources.recording.rows import (
     MOST_OBJECTS,
     Head,
-    ObjectRow,
     Row,
     WorldState,
     checked_json,
@@ -231,10 +230,9 @@ class Store:
         """Return the recorded objects and how masks show them; DamagedRecordingError if they are damaged."""
         with self._reading():
             head = self.head()
-            columns = ", ".join(ObjectRow._fields)
-            limit = MOST_OBJECTS + 1
-            rows = self._query(f"SELECT {columns} FROM object ORDER BY name LIMIT {limit}")
-            table_rows = sorted(map(ObjectRow._make, rows), key=lambda row: str(row.name))  # may be NULL
+            columns = "name, red, green, blue, instance"
+            rows = self._query(f"SELECT {columns} FROM object ORDER BY name LIMIT {MOST_OBJECTS + 1}")
+            table_rows = sorted(rows, key=lambda row: str(row[0]))  # may be NULL
             if (crc := object_checksum(table_rows)) != head.object_checksum:
                 expected = f"expected checksum {head.object_checksum} of the object table"
                 raise DamagedRecordingError(f"{expected}, got {crc}")
@@ -259,7 +257,7 @@ class Store:
             if head.captures and strange:
                 known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
                 self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
-            table_rows = [ObjectRow(name, *after.colors[name], after.ids.get(name)) for name in after.names()]
+            table_rows = [(name, *after.colors[name], after.ids.get(name)) for name in after.names()]
             if after != before:
                 database.execute("DELETE FROM object")
                 database.executemany("INSERT INTO object VALUES (?, ?, ?, ?, ?)", table_rows)
