@@ -88,8 +88,8 @@ def encodings() -> tuple[str, ...]:
 
 
 def precision(encoding: str | None) -> Precision:
-    """Return the precision of an encoding's depth; that of floats for captures without wire bytes."""
-    return Precision() if encoding is None else _codecs[encoding].precision
+    """Return the precision of an encoding's depth; that of floats for captures without a known one."""
+    return _codecs[encoding].precision if encoding in _codecs else Precision()
 
 
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:

@@ -70,7 +70,9 @@ class Recording(SourceWrapper):
         requested: set[Request] = set()
 
         def find(request: Request) -> Held | None:
-            if request.again or not (request in requested or self._holds(request)):
+            anew = self._captured_anew
+            is_held = self._store.holds(request) if anew is None else request in anew
+            if request.again or not (is_held or request in requested):
                 requested.add(request)
                 return None
             return partial(self._read, request)
@@ -139,9 +141,6 @@ class Recording(SourceWrapper):
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable(str(self._store.path))
-
-    def _holds(self, request: Request) -> bool:
-        return self._store.holds(request) if self._captured_anew is None else request in self._captured_anew
 
     def _read(self, request: Request) -> Capture:
         if capture := self._store.get(request):

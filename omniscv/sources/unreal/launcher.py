@@ -68,14 +68,13 @@ def launch(
         SourceError: its settings cannot be written.
         ServerConnectionError: it ended, or was not reachable in time; the message has its last output.
     """
-    port = None if port is None else whole_number("port", port, most=65_535)
+    port = _free_port() if port is None else whole_number("port", port, most=65_535)
     size = (whole_number("size", size[0], "pixels"), whole_number("size", size[1], "pixels"))
     fov_deg = number("fov_deg", fov_deg, above=0, below=180)
     startup_timeout_s = number("startup_timeout_s", startup_timeout_s, above=0)
     path = path.absolute()
     if not path.is_file() or not os.access(path, os.X_OK):
         raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
-    port = _free_port() if port is None else port
     with ExitStack() as host:
         with ExitStack() as settings:
             for folder in settings_folders(path):

@@ -82,11 +82,9 @@ class CameraTable:
 
     def capabilities(self, dialect: str) -> Capabilities:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
-        modes = frozenset(self.images)
-        exposes = dialect in ("N2", "N3", "Dev")
-        return Capabilities(
-            modes, self.can_set_size, can_set_tall=False, can_set_exposure=exposes, dialect=dialect
-        )
+        exposes = EXPOSURE_METHOD in DIALECTS[dialect].commands
+        modes, sized = frozenset(self.images), self.can_set_size
+        return Capabilities(modes, sized, can_set_tall=False, can_set_exposure=exposes, dialect=dialect)
 
     @property
     def depth(self) -> tuple[str, str]:
