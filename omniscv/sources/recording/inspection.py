@@ -16,6 +16,7 @@ from omniscv import storage
 from omniscv.errors import RecordingError
 from omniscv.geometry.instant import Instant
 from omniscv.sources.base import View
+from omniscv.sources.recording.files import SCHEMA_VERSION
 from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import (
     Row,
@@ -24,7 +25,6 @@ from omniscv.sources.recording.rows import (
     scene_of,
     view_from_json,
 )
-from omniscv.sources.recording.schema import SCHEMA_VERSION
 from omniscv.sources.recording.store import Store
 
 T = TypeVar("T")

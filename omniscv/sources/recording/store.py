@@ -24,15 +24,7 @@ from omniscv.errors import (
 )
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
-from omniscv.sources.recording import schema
-from omniscv.sources.recording.files import (
-    followed,
-    kind_of,
-    publish_new,
-    settle_journal,
-    target_of,
-    written_for,
-)
+from omniscv.sources.recording import files
 from omniscv.sources.recording.rows import (
     MOST_OBJECTS,
     Head,
@@ -76,7 +68,7 @@ class Store:
         self._write, self._closed = write, False
         self._head: Head | None = None  # of the transaction under way
         self._id = ""  # read when it is needed first
-        self._file = target_of(path) if write else followed(path)
+        self._file = files.target_of(path) if write else files.followed(path)
         self._lock = threading.RLock()
         self._connection: sqlite3.Connection | None = self._open()
         _open_stores.add(self)
@@ -124,13 +116,13 @@ class Store:
                 yield database
                 return
             try:
-                with schema.errors_of(self.path, write=True):
+                with files.errors_of(self.path, write=True):
                     database.execute("BEGIN IMMEDIATE")
                     self._head = head = self.head().changed()
                     self._write_head(database, head)  # first: a journal is known by it
                 before = database.total_changes
                 yield database
-                with schema.errors_of(self.path, write=True):
+                with files.errors_of(self.path, write=True):
                     if self._head != head or database.total_changes != before:
                         self._write_head(database, self._head)
                         database.commit()
@@ -147,9 +139,9 @@ class Store:
         statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
             head = self.head()
-            rows = [*map(Row._make, self._query(f"{statement}{schema.most_captures(self._file)}"))]
+            rows = [*map(Row._make, self._query(f"{statement}{files.most_captures(self._file)}"))]
             states = {name for (name,) in self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}")}
-        with schema.errors_of(self.path, advice=_ADVICE):
+        with files.errors_of(self.path, advice=_ADVICE):
             for row in rows:
                 row.check(head.id)
             if lost := {row.state for row in rows} - {"", *states}:
@@ -167,7 +159,7 @@ class Store:
             numbers: of the captures; all, in the order of recording, if not given.
         """
         if numbers is None:
-            most = schema.most_captures(self._file)
+            most = files.most_captures(self._file)
             rows = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
             numbers = (number for (number,) in rows)
         for number in dict.fromkeys(numbers):
@@ -182,7 +174,7 @@ class Store:
         row = self.get_row(request)
         if row is None:
             return None
-        with schema.errors_of(self.path, advice=_ADVICE):
+        with files.errors_of(self.path, advice=_ADVICE):
             return replace(row.capture(), request=request)
 
     def get_row(self, request: Request) -> Row | None:
@@ -190,7 +182,7 @@ class Store:
         rows = self._query(f"SELECT {_COLUMNS} FROM capture WHERE key = ?", key_of(request))
         if not rows:
             return None
-        with schema.errors_of(self.path, advice=_ADVICE):
+        with files.errors_of(self.path, advice=_ADVICE):
             row = Row._make(rows[0])
             row.check(self._recording_id())
             return row
@@ -212,8 +204,8 @@ class Store:
         Raises:
             RecordingNotWritableError: as :meth:`add`.
         """
-        if len(row.payload) + len(row.provenance) > schema.LARGEST_BYTES - 10_000:
-            expected = f"expected a capture of at most {schema.LARGEST_BYTES} bytes"
+        if len(row.payload) + len(row.provenance) > files.LARGEST_BYTES - 10_000:
+            expected = f"expected a capture of at most {files.LARGEST_BYTES} bytes"
             raise RecordingNotWritableError(f"{expected}, got {len(row.payload)}", self.path)
         with self._changing() as database:
             head = self.head()
@@ -304,7 +296,7 @@ class Store:
         rows = self._query(
             f"SELECT {_WITHOUT_PAYLOAD} FROM capture WHERE mode = 'lit' ORDER BY number DESC LIMIT 1"
         )
-        with schema.errors_of(self.path, advice=_ADVICE):
+        with files.errors_of(self.path, advice=_ADVICE):
             provenances = [Row._make(row).description()[2] for row in rows]
         return exposure_from_text(provenances[0].get("exposure")) if provenances else None
 
@@ -354,7 +346,7 @@ class Store:
     @contextlib.contextmanager
     def _changing(self) -> Iterator[sqlite3.Connection]:
         """A transaction in which errors of SQLite are RecordingNotWritableError."""
-        with self.transaction() as database, schema.errors_of(self.path, write=True):
+        with self.transaction() as database, files.errors_of(self.path, write=True):
             yield database
 
     def _query(self, statement: str, *values: Any) -> list[Any]:
@@ -364,7 +356,7 @@ class Store:
     @contextlib.contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
         """Let all queries within see one state of the file. Errors within are those of this recording."""
-        with schema.errors_of(self.path), self._connected() as database:
+        with files.errors_of(self.path), self._connected() as database:
             if database.in_transaction:
                 yield database
                 return
@@ -385,21 +377,21 @@ class Store:
             yield self._connection
 
     def _open(self) -> sqlite3.Connection:
-        with schema.errors_of(self.path, write=self._write):
+        with files.errors_of(self.path, write=self._write):
             if self._write:
-                if kind_of(self._file) == "" or self._file.stat().st_size == 0:
-                    with written_for(self._file) as file:
-                        schema.create(file)
-                        publish_new(file, self._file)
+                if files.kind_of(self._file) == "" or self._file.stat().st_size == 0:
+                    with files.written_for(self._file) as file:
+                        files.create(file)
+                        files.publish_new(file, self._file)
                 remove_scratch(self._file.parent, f".{self._file.name}-")
-            elif (kind := kind_of(self._file)) != "a file":
+            elif (kind := files.kind_of(self._file)) != "a file":
                 got = kind or "nothing there; record one first"
                 raise NotARecordingError(f"expected a recording, got {got}")
-            schema.check_header(self._file)
-            settle_journal(self._file)
-            database = schema.connect(self._file, "rw" if self._write else "ro")
+            files.check_header(self._file)
+            files.settle_journal(self._file)
+            database = files.connect(self._file, "rw" if self._write else "ro")
             try:
-                schema.check_schema(database)
+                files.check_schema(database)
                 if self._write:
                     database.execute("PRAGMA journal_mode = TRUNCATE")
                     # Flush each capture, so that it outlives a power cut; little time beside capturing it.
