@@ -167,7 +167,10 @@ class Camera(ABC):
         """
         uv = self.pixels() if pixels is None else _last_axis("pixels", pixels, 2)
         with np.errstate(all="ignore"):
-            inside = np.ones(uv.shape[:-1], dtype=bool) if pixels is None else self._in_image(uv)
+            u, v = uv[..., 0], uv[..., 1]
+            inside = np.ones(u.shape, dtype=bool)
+            if pixels is not None:
+                inside = np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
             origins, directions, valid = self._unproject(_replace(uv, inside, self.center))
         valid = np.asarray(valid & inside, dtype=bool)
         if origins.shape != directions.shape:  # one per row or column of a grid
@@ -295,10 +298,6 @@ class Camera(ABC):
     def _immutable(self, name: str) -> AttributeError:
         advice = "create another one, for example with omniscv.cameras.from_dict({**camera.to_dict(), ...})"
         return AttributeError(f"{type(self).__name__}.{name}: cameras are immutable; {advice}")
-
-    def _in_image(self, pixels: Array) -> Mask:
-        u, v = pixels[..., 0], pixels[..., 1]
-        return np.asarray((u >= 0) & (u <= self.width) & (v >= 0) & (v <= self.height))
 
     def _within_image(self, pixels: Array) -> tuple[Array, Mask]:
         """Return pixels (..., 2) clipped to the image, and which of them were in it but for rounding."""

@@ -48,7 +48,8 @@ class CirclePanorama(AngularGrid):
             sine = np.clip(self._tangential / from_axis, -1, 1)
             sine = np.where(np.abs(sine) < 1 - _TANGENT, sine, np.sign(sine))
             reach = from_axis * np.sqrt((1 - sine) * (1 + sine))
-            theta = _wrap(theta - np.arcsin(sine))
+            theta = theta - np.arcsin(sine)
+            theta -= 2 * np.pi * np.round(theta / (2 * np.pi))  # from -pi to pi
         ahead = reach - self._radial
         # The first and last row look straight up and down, along the cylinder: tolerate rounding errors.
         seen = (ahead >= -_ROUNDING * self._radial) & (from_axis >= inner * (1 - _ROUNDING))
@@ -160,8 +161,3 @@ def _outward(theta: Array) -> Array:
     outward = np.zeros((*theta.shape, 3))
     outward[..., 0], outward[..., 2] = np.sin(theta), np.cos(theta)
     return outward
-
-
-def _wrap(theta: Array) -> Array:
-    """Return the same azimuth from -pi to pi."""
-    return theta - 2 * np.pi * np.round(theta / (2 * np.pi))

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, whole_number
 from omniscv.cameras.base import (
@@ -119,17 +119,13 @@ class Orthographic(Camera):
         down = min(count // across, self.height)
         column = np.arange(self.width) * across // self.width
         row = np.arange(self.height) * down // self.height
-        order = np.argsort(_morton(*np.meshgrid(np.arange(across), np.arange(down))), axis=None)
+        x, y = np.meshgrid(np.arange(across), np.arange(down))
+        morton = np.zeros_like(x)  # the bits of both numbers interleaved
+        for bit in range(max(across, down).bit_length()):
+            morton |= (x >> bit & 1) << 2 * bit | (y >> bit & 1) << 2 * bit + 1
+        order = np.argsort(morton, axis=None)
         rank = np.empty(len(order), np.int32)
         rank[order] = np.arange(len(order))
         middles = [np.bincount(of, np.arange(0.5, len(of))) / np.bincount(of) for of in (column, row)]
         centers, _, _ = self._unproject(np.stack(np.meshgrid(*middles), axis=-1))
         return Viewpoints(centers.reshape(-1, 3)[order], rank.reshape(down, across)[np.ix_(row, column)])
-
-
-def _morton(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the Morton code: the bits of two numbers interleaved."""
-    code = np.zeros_like(x)
-    for bit in range(int(max(x.max(), y.max())).bit_length()):
-        code |= (x >> bit & 1) << 2 * bit | (y >> bit & 1) << 2 * bit + 1
-    return code

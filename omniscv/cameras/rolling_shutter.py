@@ -125,7 +125,11 @@ class RollingShutter(Camera):
         return cls.between(base, readout, start, end, scan)
 
     def _arguments(self) -> dict[str, Any]:
-        return {**super()._arguments(), "base": _description(self.base)}
+        """Return the arguments; of the base without its size, and without a centre in the middle."""
+        middle = (self.base.center == (self.width / 2, self.height / 2)).all()
+        implied = {"width", "height", *(("center", "cx", "cy") if middle else ())}
+        base = {key: value for key, value in self.base.to_dict().items() if key not in implied}
+        return {**super()._arguments(), "base": base}
 
     def lines(self, first: float, last: float) -> ReadOutLines:
         """Return the camera of the lines that are read between two fractions of the read-out, 0 to 1.
@@ -174,7 +178,11 @@ class RollingShutter(Camera):
             pixels, valid = self.base._project(np.where(nonzero[..., None], points, 1.0))
             return pixels, np.asarray(valid & nonzero)
         flat = points.reshape(-1, 3)
-        part = self._first_fraction(flat)
+        part, near = self._search(flat, _INTERVALS)
+        # A line that reaches a point and turns back sees it twice, perhaps within one interval.
+        twice = np.flatnonzero(near & np.isnan(part))
+        if len(twice):
+            part[twice], _ = self._search(flat[twice], _FINER * _INTERVALS)
         seen = ~np.isnan(part)
         pixels, _ = self._project_at(flat, np.where(seen, part, 0.0))
         return pixels.reshape(*points.shape[:-1], 2), seen.reshape(points.shape[:-1])
@@ -189,15 +197,6 @@ class RollingShutter(Camera):
     def _late(self, points: Array, part: Array) -> Array:
         """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen."""
         return self._fraction(self._project_at(points, part)[0]) - part
-
-    def _first_fraction(self, points: Array) -> Array:
-        """Return the first fraction of the read-out whose line sees points (N, 3); NaN if there is none."""
-        part, near = self._search(points, _INTERVALS)
-        # A line that reaches a point and turns back sees it twice, perhaps within one interval.
-        twice = np.flatnonzero(near & np.isnan(part))
-        if len(twice):
-            part[twice], _ = self._search(points[twice], _FINER * _INTERVALS)
-        return part
 
     def _search(self, points: Array, intervals: int) -> tuple[Array, Mask]:
         """Search intervals of the read-out in turn.
@@ -300,10 +299,3 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
             got = f"{camera.width} x {camera.height}"
             raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
         return camera
-
-
-def _description(base: Camera) -> dict[str, Any]:
-    """Return the description of a base for any image size: without size and a centre in the middle."""
-    middle = (base.center == (base.width / 2, base.height / 2)).all()
-    implied = {"width", "height", *(("center", "cx", "cy") if middle else ())}
-    return {key: value for key, value in base.to_dict().items() if key not in implied}

@@ -70,7 +70,16 @@ class HeldCaptures(SourceWrapper):
     """A source that delivers held captures in place of new ones. Closing it does not close the source."""
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        return in_order(requests, self._held_capture, self._capture_and_hold)
+        def held(request: Request) -> Held | None:
+            capture = self._find(request)
+            return None if capture is None else lambda: capture
+
+        def fresh(requests: Iterable[Request]) -> Iterator[Capture]:
+            for capture in self._source.capture(requests):
+                self._hold(capture)
+                yield capture
+
+        return in_order(requests, held, fresh)
 
     @abstractmethod
     def _find(self, request: Request) -> Capture | None:
@@ -79,15 +88,6 @@ class HeldCaptures(SourceWrapper):
     @abstractmethod
     def _hold(self, capture: Capture) -> None:
         """Keep a new capture if it may be requested again."""
-
-    def _held_capture(self, request: Request) -> Held | None:
-        capture = self._find(request)
-        return None if capture is None else lambda: capture
-
-    def _capture_and_hold(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for capture in self._source.capture(requests):
-            self._hold(capture)
-            yield capture
 
 
 class SharedCaptures(HeldCaptures):

@@ -56,7 +56,7 @@ class Composition:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
         self._make_sampler, self._mend, self._once, self._report = sampler_of, mend, once, report
-        self._canvas: _Canvas | None = None
+        self._canvas = _Canvas(task.rays.valid, task.rays.origins is None)
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
@@ -69,8 +69,7 @@ class Composition:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         self._stopped = round_.stopped or self._stopped
-        if serving and self._canvas is None:
-            self._canvas = _Canvas(self._task.rays.valid, self._task.rays.origins is None)
+        if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = Kept(doubt=lambda: self._composed().doubt)
         requests = round_.requests(self._modes)
@@ -93,22 +92,16 @@ class Composition:
     def _composed(self) -> OmniImage:
         """Return the image as far as it is composed."""
         task, valid = self._task, self._task.rays.valid
-        canvas = self._canvas or _Canvas(valid, central=False)
-        sampled = canvas.layers()
+        sampled = self._canvas.layers()
         layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
-        marks = {
-            "unsure",
-            "occluded",
-            "relit",
-            "light",
-            *(modalities.get(mode).marked_by for mode in self._modes),
-        }
+        marks = {"unsure", "occluded", "relit", "light"}
+        marks |= {modalities.get(mode).marked_by for mode in self._modes}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
         _mark_beyond_reach(layers, valid)
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
-            centers_w=canvas.centers_w, objects=objects, unknown_colors=unknown,
+            centers_w=self._canvas.centers_w, objects=objects, unknown_colors=unknown,
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=task.options,
@@ -116,9 +109,7 @@ class Composition:
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
-        """Return the filter of the whole image: what its middle viewpoint needs, if it is ``auto``."""
-        if self._filter != "auto":
-            return self._filter
+        """Return the filter of the whole image, where it is ``auto``: what its middle viewpoint needs."""
         blended = any(modalities.get(mode).interpolation == "blended" for mode in self._modes)
         if not blended or viewpoint.toward_w is not None:
             return "bilinear"
@@ -127,7 +118,13 @@ class Composition:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
         self._put_known(viewpoint, offsets_w)
-        parallax, seen = _parallax(viewpoint, offsets_w), None
+        # (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled.
+        parallax, seen = (
+            None if viewpoint.known_depth is None else viewpoint.known_depth.direction_error,
+            None,
+        )
+        if parallax is None and offsets_w is not None:
+            parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)
@@ -140,7 +137,11 @@ class Composition:
             else:
                 faces = self._faces(viewpoint, of_mode)
                 if row.name == "lit" and self._task.options.seams != "keep":
-                    faces = self._mended(viewpoint, sampler, of_mode, captures.get("object_mask", ()))
+                    mended = self._mend(of_mode, captures.get("object_mask", ()))
+                    relit = sampler.sample("nearest", mended.relit)
+                    self._canvas.put_part("relit", viewpoint.pixels, relit)
+                    self._seams.append(mended.report)
+                    faces = mended.pixels
                 self._put_values(row, viewpoint, sampler, of_mode, faces, parallax, seen)
             self._provenance = of_mode[0].provenance
 
@@ -149,16 +150,16 @@ class Composition:
         from."""
         origins_w, known = viewpoint.center_w, viewpoint.known_depth
         if viewpoint.occluded is not None:
-            self._image.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
+            self._canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
         if viewpoint.unsure is not None:
-            self._image.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
+            self._canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
         if known is not None:
             layers = {"depth": known.distance, "depth_error": known.error, "unsure": known.unsure}
             for layer, values in layers.items():
-                self._image.put_part(layer, viewpoint.pixels, values)
+                self._canvas.put_part(layer, viewpoint.pixels, values)
             if offsets_w is not None:  # known depth starts at the rays' origins
                 origins_w = origins_w + offsets_w
-        self._image.put_centers(viewpoint.pixels, origins_w)
+        self._canvas.put_centers(viewpoint.pixels, origins_w)
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
@@ -176,9 +177,9 @@ class Composition:
             rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
-            self._image.put_part("unsure", viewpoint.pixels, seen.unsure)
-        self._image.put(captures[0].mode, viewpoint.pixels, depth.distance)
-        self._image.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
+            self._canvas.put_part("unsure", viewpoint.pixels, seen.unsure)
+        self._canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
+        self._canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
@@ -188,15 +189,6 @@ class Composition:
         if captures[0].mode == "lit" or reads_few(faces, len(viewpoint.pixels)):
             return faces
         return self._once("stack", captures, lambda: stacked(faces))
-
-    def _mended(
-        self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], masks: Sequence[Capture]
-    ) -> list[Pixels]:
-        """Return colours whose seams are closed."""
-        mended = self._mend(captures, masks)
-        self._image.put_part("relit", viewpoint.pixels, sampler.sample("nearest", mended.relit))
-        self._seams.append(mended.report)
-        return [*mended.pixels]
 
     def _put_values(
         self,
@@ -215,11 +207,11 @@ class Composition:
             values = light.encode(sample(sampler, self._filter, decoded), transfer)
         else:
             values = sample(sampler, self._filter, faces)
-        self._image.put(row.name, viewpoint.pixels, values)
+        self._canvas.put(row.name, viewpoint.pixels, values)
         if row.name == "lit" and self._task.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
-            self._image.put(
+            self._canvas.put(
                 "light", viewpoint.pixels, np.where(clipped, np.uint8(BITS["clipped"]), np.uint8(0))
             )
         if not row.marked_by:
@@ -234,7 +226,7 @@ class Composition:
             edges = seen.label_edges(there, faces, changes, values)
         if viewpoint.known_depth is not None:
             edges |= viewpoint.known_depth.grazes
-        self._image.put(row.marked_by, viewpoint.pixels, edges)
+        self._canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:
         """Return a sampler of captures; raise unless they have one size and type, and see all rays."""
@@ -251,22 +243,16 @@ class Composition:
         views."""
         if viewpoint is not self._viewpoint:
             self._viewpoint, self._samplers = viewpoint, {}
-        if views not in self._samplers:
-            self._samplers[views] = self._new_sampler(viewpoint, views)
-        return self._samplers[views]
-
-    def _new_sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
-        rays, R_w_c = self._task.rays, self._task.pose.R_w_c
-        if self._whole(viewpoint):
-            return self._make_sampler(rays.blocks, R_w_c, views, True)
-        toward_w = viewpoint.toward_w
-        R_w_d = R_w_c if toward_w is None else np.eye(3)
-        return self._make_sampler(lambda: rays.blocks(viewpoint.pixels, toward_w), R_w_d, views, False)
-
-    def _whole(self, viewpoint: Viewpoint) -> bool:
-        """Return whether a viewpoint serves all of an image with one centre, so that layers need no copy."""
-        rays = self._task.rays
-        return rays.origins is None and len(viewpoint.pixels) == rays.valid_count
+        if views in self._samplers:
+            return self._samplers[views]
+        rays, R_w_d, toward_w = self._task.rays, self._task.pose.R_w_c, viewpoint.toward_w
+        if rays.origins is None and len(viewpoint.pixels) == rays.valid_count:  # all of the image
+            sampler = self._make_sampler(rays.blocks, R_w_d, views, True)
+        else:
+            R_w_d = R_w_d if toward_w is None else np.eye(3)
+            sampler = self._make_sampler(lambda: rays.blocks(viewpoint.pixels, toward_w), R_w_d, views, False)
+        self._samplers[views] = sampler
+        return sampler
 
     def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
         """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
@@ -303,11 +289,6 @@ class Composition:
                     labels, unknown = labels_of(values, objects)
                 layers["labels"] = np.where(self._task.rays.valid, labels, np.uint16(0))
         return layers, objects, unknown
-
-    @property
-    def _image(self) -> "_Canvas":
-        assert self._canvas is not None
-        return self._canvas
 
 
 class _Canvas:
@@ -356,15 +337,6 @@ class _Canvas:
     def centers_w(self) -> Array:
         """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
         return self._centers_w if self._central else self._centers_w.reshape(*self._valid.shape, 3)
-
-
-def _parallax(viewpoint: Viewpoint, offsets_w: Array | None) -> Floats | None:
-    """Return (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled."""
-    if viewpoint.known_depth is not None:
-        return viewpoint.known_depth.direction_error
-    if offsets_w is None:
-        return None
-    return np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
 
 
 def _unseen(

@@ -121,7 +121,9 @@ def write(
     written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
         with locked(out):  # others may save images into this folder at the same time
-            written.append(_write_objects(out / OBJECTS, objects))
+            existing, merged = _objects_with(out / OBJECTS, objects)
+            same = existing == merged  # as for most images of a folder
+            written.append(out / OBJECTS if same else write_json(out / OBJECTS, merged))
     return written
 
 
@@ -167,12 +169,6 @@ def blank(layers: Mapping[str, NDArray[Any]]) -> list[str]:
 def versions() -> dict[str, str]:
     """Return the versions of the packages that the pixels of a file depend on."""
     return {name: version(name) for name in ("omniscv", "numpy", "opencv-python")}
-
-
-def _write_objects(path: Path, objects: ObjectTable) -> Path:
-    """Add objects to ``objects.json``, which most images of a folder leave as it is, and return its path."""
-    existing, merged = _objects_with(path, objects)
-    return path if existing == merged else write_json(path, merged)
 
 
 def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | None, dict[str, Any]]:

@@ -263,7 +263,11 @@ def _domes(examined: Examined, beside: Examined | None) -> dict[str, list[str]]:
             continue
         signs = ["its name"] if _SKY_NAMES.search(name) else []
         signs += ["a sphere around the camera"] * _is_sphere(examined, at)
-        signs += ["its box holds all others"] * _holds_all(examined, name)
+        if (box := examined.boxes.get(name)) is not None and len(examined.boxes) > 1:
+            others = [other.corners_w() for key, other in examined.boxes.items() if key != name]
+            points = np.concatenate([*others, examined.image.pose.position[None]])
+            holds_all = (np.abs((points - box.center_w) @ box.R_w_b) <= box.size / 2).all()
+            signs += ["its box holds all others"] * bool(holds_all)
         signs += ["it follows the camera"] * (beside is not None and _follows(examined, beside, at))
         if len(signs) >= 2:
             domes[name] = signs
@@ -280,16 +284,6 @@ def _is_sphere(examined: Examined, at: Mask) -> bool:
     off = np.abs(np.linalg.norm(p - solved[:3], axis=1) - radius)
     inside = np.linalg.norm(solved[:3]) < radius / 2
     return bool(inside and radius < _RADIUS and np.quantile(off, 0.95) < _SPHERE * radius)
-
-
-def _holds_all(examined: Examined, name: str) -> bool:
-    """Return whether the box of an object holds the camera and all other boxes."""
-    if name not in examined.boxes or len(examined.boxes) < 2:
-        return False
-    box = examined.boxes[name]
-    others = [other.corners_w() for key, other in examined.boxes.items() if key != name]
-    points = np.concatenate([*others, examined.image.pose.position[None]])
-    return bool((np.abs((points - box.center_w) @ box.R_w_b) <= box.size / 2).all())
 
 
 def _follows(examined: Examined, beside: Examined, at: Mask) -> bool:

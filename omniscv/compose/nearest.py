@@ -74,7 +74,13 @@ def label_edges(
     if parallax is None:
         return sample_nearest(boundaries, lookup)
     out = np.empty(len(lookup.x), np.bool_)
-    edge_px = np.stack(side_by_side(_px_to_boundary, list(boundaries)))
+
+    def px_to_boundary(boundary: Mask) -> Floats:
+        if not boundary.any():
+            return np.full(boundary.shape, np.inf, np.float32)
+        return np.asarray(cv2.distanceTransform((~boundary).view(np.uint8), cv2.DIST_C, 3))
+
+    edge_px = np.stack(side_by_side(px_to_boundary, list(boundaries)))
     projections = np.array([view.projection for view in views])
     run(_near, (lookup.view, lookup.x, lookup.y, parallax, out), edge_px, projections)
     return out
@@ -94,13 +100,6 @@ def _boundary(face: Pixels) -> Mask:
     beside[1:] |= down[..., 0]
     beside[:-1] |= down[..., 0]
     return beside
-
-
-def _px_to_boundary(boundary: Mask) -> Floats:
-    """Return (h, w) px, along the farther axis, from each pixel to the next one on a boundary."""
-    if not boundary.any():
-        return np.full(boundary.shape, np.inf, np.float32)
-    return np.asarray(cv2.distanceTransform((~boundary).view(np.uint8), cv2.DIST_C, 3))
 
 
 @njit(cache=True, nogil=True)

@@ -111,8 +111,12 @@ class Renderer:
         for name, value, expected in arguments:
             if not isinstance(value, expected):
                 raise ArgumentError(f"{name}: expected a {expected.__name__}, got {shown(value)}")
+        # In blocks if the camera is central, and its map would take more than both bounds.
+        needed = BYTES_PER_RAY * camera.width * camera.height
+        in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
+        block_bytes = self._tile_bytes if in_blocks else None
         return Task(
-            self._cache.get(("rays", camera), lambda: self._unprojected(camera)),
+            self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes)),
             pose,
             self.source.capabilities,
             options,
@@ -197,7 +201,15 @@ class Renderer:
         tasks = [replace(self.task(camera, pose, options), modes=sampled) for camera, pose in shots]
         plans = share_captures(tasks, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
-        another = partial(self._another, source, options)
+        captured = source
+
+        def another(source: Source, camera: Camera, pose: Pose, modes: tuple[str, ...]) -> OmniImage:
+            """Render an image for a check: from the renderer's source, or from one without an object."""
+            renderer = self.of(captured if source is self.source else source)
+            plain = replace(options, checks="none", sky=(), accuracy=None)
+            (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, plain, None, None)
+            return image
+
         if needed := Counter(request for plan in plans for request in plan.requests):
             source = SharedCaptures(source, needed)
         if options.straighten and self._recorded is not None:
@@ -218,27 +230,6 @@ class Renderer:
             image = composition.image()
             examined = options.checks == "light" or options.sky
             yield examine(image, self.source, another) if examined else image
-
-    def _another(
-        self,
-        captured: Source,
-        options: RenderOptions,
-        source: Source,
-        camera: Camera,
-        pose: Pose,
-        modes: tuple[str, ...],
-    ) -> OmniImage:
-        """Render an image for a check: from the renderer's source, or from one without an object."""
-        renderer = self.of(captured if source is self.source else source)
-        options = replace(options, checks="none", sky=(), accuracy=None)
-        (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, options, None, None)
-        return image
-
-    def _unprojected(self, camera: Camera) -> ImageRays:
-        """Return a camera's rays: in blocks if it is central and its map would take more than both bounds."""
-        needed = BYTES_PER_RAY * camera.width * camera.height
-        in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
-        return ImageRays(camera, self._tile_bytes if in_blocks else None)
 
     def _mended(
         self, options: RenderOptions, captures: Sequence[Capture], masks: Sequence[Capture]

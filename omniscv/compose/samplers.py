@@ -205,19 +205,19 @@ class CpuSampler:
 
     def _atlas(self, filter: str) -> Atlas:
         """Return the atlas of a filter."""
-        if filter not in self._atlases:
-            self._atlases[filter] = self._new_atlas(filter)
-        return self._atlases[filter]
-
-    def _new_atlas(self, filter: str) -> Atlas:
+        if filter in self._atlases:
+            return self._atlases[filter]
         if filter == "area":
             sampled = [block.area for block in self._blocks()]
             levels = [area.levels for area in sampled if area.levels]
             first = min((mips.start for mips in levels), default=0)
             last = max((mips.stop for mips in levels), default=1)
-            return Atlas(self._views, range(first, last), max(area.support for area in sampled))
-        guttered = self._coverage.margin < FILTER_SUPPORT_PX
-        return Atlas(self._views, range(1), FILTER_SUPPORT_PX if guttered else 0, filter == "bicubic")
+            atlas = Atlas(self._views, range(first, last), max(area.support for area in sampled))
+        else:
+            support = FILTER_SUPPORT_PX if self._coverage.margin < FILTER_SUPPORT_PX else 0
+            atlas = Atlas(self._views, range(1), support, filter == "bicubic")
+        self._atlases[filter] = atlas
+        return atlas
 
 
 class _Block:
@@ -231,6 +231,7 @@ class _Block:
     def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:
         self.rays, self._R_w_d, self._views = rays, R_w_d, views
         self._coordinates: dict[str, tuple[Floats, Floats]] = {}
+        # By face that rays read: its number, these rays, and their coordinates in it.
         self._apart: tuple[tuple[int, Ints, Floats, Floats], ...] | None = None
 
     @cached_property
@@ -255,18 +256,15 @@ class _Block:
     def sample_apart(self, atlas: Atlas, faces: Faces) -> Pixels:
         """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
         if self._apart is None:
-            self._apart = tuple(self._in_faces(atlas))
+            (x, y), corners = self._at("bilinear", atlas), atlas.levels[0].corners.astype(np.float32)
+            self._apart = tuple(  # corners are whole: differences are exact
+                (k, rays, x[rays] - corners[k, 0], y[rays] - corners[k, 1])
+                for k, rays in self.lookup.by_view()
+            )
         out = np.zeros((len(self.lookup.view), *faces[0].shape[2:]), faces[0].dtype)
         for k, rays, x, y in self._apart:
             out[rays] = sample_bilinear(faces[k], x, y)
         return out
-
-    def _in_faces(self, atlas: Atlas) -> Iterator[tuple[int, Ints, Floats, Floats]]:
-        """Yield each face that rays read, these rays, and their coordinates in it."""
-        x, y = self._at("bilinear", atlas)
-        for k, rays in self.lookup.by_view():
-            across, down = atlas.levels[0].corners[k].astype(np.float32)  # whole: differences are exact
-            yield k, rays, x[rays] - across, y[rays] - down
 
     def _at(self, filter: str, atlas: Atlas) -> tuple[Floats, Floats]:
         """Return the rays' coordinates in an atlas."""

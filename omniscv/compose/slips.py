@@ -42,6 +42,7 @@ class StraightFaces(SourceWrapper):
     def __init__(self, source: Source, recorded: RecordedViews) -> None:
         super().__init__(source)
         self._recorded = recorded
+        # By centre, the rotations of the views that are turned, and by which rotation vector.
         self._turns: dict[bytes, list[tuple[Array, Array]]] = {}
 
     def close(self) -> None:
@@ -57,7 +58,12 @@ class StraightFaces(SourceWrapper):
         view, R_w_c = capture.view, capture.view.pose.R_w_c
         at = view.pose.t_w_c.tobytes()
         if at not in self._turns:
-            self._turns[at] = self._measured(view.pose.t_w_c, capture.request.state)
+            cube = Cube.recorded(self._source, self._recorded, view.pose.t_w_c, capture.request.state)
+            self._turns[at] = (
+                [(cube.views[face].pose.R_w_c, turn) for face, turn in proven_turns(cube).items()]
+                if cube is not None
+                else []
+            )
         turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
         if turn is None:
             return capture
@@ -69,13 +75,6 @@ class StraightFaces(SourceWrapper):
         filter_ = cv2.INTER_CUBIC if cubic else cv2.INTER_NEAREST
         straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)
         return replace(capture, pixels=straight, payload=None)
-
-    def _measured(self, center_w: Array, state: str) -> list[tuple[Array, Array]]:
-        """The rotations (3, 3) of the views at a centre that are turned, and by which rotation vector."""
-        cube = Cube.recorded(self._source, self._recorded, center_w, state)
-        if cube is None:
-            return []
-        return [(cube.views[face].pose.R_w_c, turn) for face, turn in proven_turns(cube).items()]
 
 
 def proven_turns(cube: Cube) -> dict[int, Array]:

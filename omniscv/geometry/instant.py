@@ -51,7 +51,10 @@ class Instant:
         """
         if not (self.poses or self.hidden or self.name) and self.time is None:
             return ""
-        poses = {name: _rounded(pose) for name, pose in self.poses.items()}
+        poses = {
+            name: [round(float(x), _DECIMALS) + 0.0 for x in (*pose.position, *pose.rotation.ravel())]
+            for name, pose in self.poses.items()
+        }
         fields = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -64,7 +67,3 @@ class Instant:
     def from_dict(cls, data: object) -> Self:
         """Return the instant that :meth:`to_dict` described; ArgumentError for anything else."""
         return read(cls, data)
-
-
-def _rounded(pose: Pose) -> list[float]:
-    return [round(float(x), _DECIMALS) + 0.0 for x in (*pose.position, *pose.rotation.ravel())]

@@ -14,7 +14,8 @@ from dataclasses import replace
 from omniscv.geometry.arrays import Ints
 from omniscv.planning import strategy
 from omniscv.planning.densities import SMALLEST
-from omniscv.planning.refinement import ROOM, Choice, Doubt, Refinement
+from omniscv.planning.patches import Doubt
+from omniscv.planning.refinement import ROOM, Choice, Refinement
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategy import Task

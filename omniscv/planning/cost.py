@@ -76,7 +76,12 @@ def cost(
     requests: dict[Request, None] = {}
     further = most = 0
     displacement_m = marked = 0.0
-    for plan in chain.from_iterable(_plans(strategy, tasks, modes) for tasks in frames):
+    changes: dict[str, Any] = {"strategy": strategy}
+    if not get(strategy).approximate:
+        changes["max_error_px"] = None
+    changed = ([replace(t, options=replace(t.options, **changes)) for t in tasks] for tasks in frames)
+    for plan in chain.from_iterable(share_captures(tasks, modes) for tasks in changed):
+        plan = plan if plan.requests else Plan.make(plan.task, modes)
         requests |= plan.requests
         displacements_m, shares = _shared(plan)
         displacement_m, marked = max(displacement_m, displacements_m), max(marked, shares)
@@ -101,15 +106,6 @@ def cost(
         displacement_m=displacement_m,
         marked=marked,
     )
-
-
-def _plans(strategy: str, tasks: Sequence[Task], modes: Sequence[str]) -> list[Plan]:
-    """Return the plans of a moment's tasks with a strategy, by which they share captures."""
-    changes: dict[str, Any] = {"strategy": strategy}
-    if not get(strategy).approximate:
-        changes["max_error_px"] = None
-    changed = [replace(task, options=replace(task.options, **changes)) for task in tasks]
-    return [plan if plan.requests else Plan.make(plan.task, modes) for plan in share_captures(changed, modes)]
 
 
 def _shared(plan: Plan) -> tuple[float, float]:

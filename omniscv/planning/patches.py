@@ -16,7 +16,8 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.geometry.arrays import Ints, Mask
+from omniscv.geometry.arrays import Floats, Ints, Mask
+from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.strips import LEAST_HALF, holding_size, looking
 from omniscv.render_options import LARGEST_FACE_PX, Price
 from omniscv.sources.base import Capabilities, View
@@ -27,67 +28,73 @@ _NEARLY = 0.97  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
 _SPANS = np.radians((3.0, 6.0, 12.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0))
 _NOTHING = 1e-9  # worth at a price, ms: rounding
+_BAND_PX = 4.0  # of a capture: the width of the bands in which pixels in doubt crowd
 _HEIGHTS = (1.0, 2.0, 4.0, 10.0, 25.0, 64.0)  # of the narrowest views
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Pixels in doubt that are captured from one centre.
+
+    Attributes:
+        center: its number.
+        center_w: (3,) world frame, metres.
+        pixels: (N,) flat indices; a pixel may be there more than once.
+        directions_w: (N, 3) unit, from the centre, where finer captures help.
+        focal_px: (N,) of what is captured there.
+    """
+
+    center: int
+    center_w: Array
+    pixels: Ints
+    directions_w: Array
+    focal_px: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A view, and the rays that it serves.
+    """A view, and the pixels in doubt that it captures finer.
 
     Attributes:
         view: with its border.
-        rows: (N,) indices of the rays.
-        worth: of these rays.
+        center: its number.
+        pixels: (N,) flat indices.
+        worth: of these pixels.
         price: of its captures, ms.
     """
 
     view: View
-    rows: Ints
+    center: int
+    pixels: Ints
     worth: float
     price: float
 
 
-@dataclass(frozen=True)
-class Precision:
-    """How finely patches are captured.
-
-    Attributes:
-        focal_px: px per radian.
-        border_px: around every ray.
-        band: radians, about how wide the bands are in which rays crowd.
-        modes: how many captures a view takes.
-    """
-
-    focal_px: float
-    border_px: int
-    band: float
-    modes: int
-
-
 def patches(
-    center_w: Array,
-    directions: Array,
-    worth: Array,
-    fine: Precision,
-    price: Price,
-    capabilities: Capabilities,
+    doubt: Doubt, worth: Array, focal_px: float, modes: int, price: Price, capabilities: Capabilities
 ) -> Iterator[Patch]:
-    """Yield views and their rays, those first that are worth the most at their price; each ray at most once.
+    """Yield views and their pixels, those first that are worth the most at their price; each pixel at most
+    once.
 
     Args:
-        center_w: (3,) the views' centre, metres.
-        directions: (N, 3) unit, world frame.
-        worth: (N,) of a ray, >= 0.
-        fine: how finely they are captured.
+        doubt: the pixels, and their rays.
+        worth: (N,) of each, >= 0.
+        focal_px: of the views, px per radian.
+        modes: how many captures a view takes.
         price: of a capture.
         capabilities: of the source.
     """
+    directions, band = doubt.directions_w, _BAND_PX / float(np.median(doubt.focal_px))
     stride = max(1, len(directions) // _POINTS)
     points = np.ascontiguousarray(directions[::stride])
     alive, left = worth[::stride].astype(np.float64), np.ones(len(directions), np.bool_)
     normals = _normals(points)
-    heights = np.array(_HEIGHTS) * fine.band / 2
-    prices = _prices(heights, fine, price)
+    heights = np.array(_HEIGHTS) * band / 2
+    # By height and length of a view; infinite where it would be too large.
+    across = 2 * (focal_px * np.tan(_SPANS / 2) + FACE_BORDER_PX)
+    down = 2 * (focal_px * np.tan(heights)[:, None] / np.cos(_SPANS / 2) + FACE_BORDER_PX)
+    prices = modes * price.of(1, across * down)
+    prices[(across > LARGEST_FACE_PX) | (down > LARGEST_FACE_PX)] = np.inf
     windows = np.zeros((len(normals), 4))
     _best_windows(points, alive, normals, heights, prices, _SPANS, windows)
     queue = [(-windows[k, 0], k) for k in range(len(normals))]
@@ -107,15 +114,20 @@ def patches(
         rows = np.flatnonzero(left)
         rows = rows[_inside(directions[rows], *window)]
         if len(rows):
-            middle = _along(normals[k], start + _SPANS[int(span)] / 2)
-            view, R_w_c, half = _view(center_w, directions[rows], middle, normals[k], fine, capabilities)
+            azimuth, frame = start + _SPANS[int(span)] / 2, np.array(_frame(*normals[k]))
+            middle = frame[:3] * np.cos(azimuth) + frame[3:] * np.sin(azimuth)
+            R_w_c, half = looking(directions[rows], middle, normals[k])
+            half = np.maximum(half, (LEAST_HALF, 0.0))
+            width, height = holding_size(half, focal_px, FACE_BORDER_PX, capabilities)
+            view = View(Pose(doubt.center_w, R_w_c), pinhole.fov_deg(width, focal_px), width, height)
+            half = (np.array([width, height]) / 2 - FACE_BORDER_PX) / focal_px  # it may serve these
             rest = np.flatnonzero(left)
             rows = rest[held(directions[rest], R_w_c, half)]
             left[rows] = False
             alive[held(points, R_w_c, half)] = 0
-            cost = fine.modes * price.of(1, view.width * view.height)
+            cost = modes * price.of(1, width * height)
             points, alive = points[alive > 0], alive[alive > 0]
-            yield Patch(view, rows, float(worth[rows].sum()), cost)
+            yield Patch(view, doubt.center, doubt.pixels[rows], float(worth[rows].sum()), cost)
 
 
 def _normals(points: Array) -> Array:
@@ -131,15 +143,6 @@ def _normals(points: Array) -> Array:
     more = np.cross(some, rng.normal(size=(16, 3)))
     axes = np.concatenate([axes, more])
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
-
-
-def _prices(heights: Array, fine: Precision, price: Price) -> Array:
-    """Return (H, S) the price of a view by its height and length; infinite where it would be too large."""
-    half = _SPANS / 2
-    width = 2 * (fine.focal_px * np.tan(half) + fine.border_px)
-    height = 2 * (fine.focal_px * np.tan(heights)[:, None] / np.cos(half) + fine.border_px)
-    prices = fine.modes * price.of(1, width * height)
-    return np.where((width > LARGEST_FACE_PX) | (height > LARGEST_FACE_PX), np.inf, prices)
 
 
 @njit(cache=True, nogil=True)
@@ -197,23 +200,6 @@ def _inside(directions: Array, normal: Array, start: float, height: float, span:
     off = (azimuth - start) % (2 * np.pi)
     along = (off <= span + 1e-9) | (off >= 2 * np.pi - 1e-9)
     return np.asarray(along & (np.abs(directions @ normal) <= np.sin(height) + 1e-12))
-
-
-def _along(normal: Array, azimuth: float) -> Array:
-    """Return the direction of a circle at an azimuth."""
-    frame = np.array(_frame(*normal))
-    return np.asarray(frame[:3] * np.cos(azimuth) + frame[3:] * np.sin(azimuth))
-
-
-def _view(
-    center_w: Array, rays: Array, middle: Array, normal: Array, fine: Precision, capabilities: Capabilities
-) -> tuple[View, Array, Array]:
-    """Return the view of rays, its orientation, and the tangents within which it may serve rays."""
-    R_w_c, half = looking(rays, middle, normal)
-    half = np.maximum(half, (LEAST_HALF, 0.0))
-    width, height = holding_size(half, fine.focal_px, fine.border_px, capabilities)
-    view = View(Pose(center_w, R_w_c), pinhole.fov_deg(width, fine.focal_px), width, height)
-    return view, R_w_c, (np.array([width, height]) / 2 - fine.border_px) / fine.focal_px
 
 
 def held(directions: Array, R_w_c: Array, half: Array) -> Mask:

@@ -52,7 +52,7 @@ class RayGroup:
 Groups = Sequence[RayGroup]
 
 
-class Frame(NamedTuple):
+class HoldingView(NamedTuple):
     """The perspective view that holds rays with the least margin.
 
     Attributes:
@@ -138,26 +138,22 @@ class ImageRays:
         return densities.rim_of(self.camera, self.valid)
 
     @cached_property
-    def frame(self) -> Frame:
+    def holding_view(self) -> HoldingView:
         """The view, upright in the image, that holds all rays of a central camera."""
-        everywhere = Frame(np.eye(3), np.full(2, np.inf), np.inf)
-        if self._reaches_every_octant():
+        everywhere = HoldingView(np.eye(3), np.full(2, np.inf), np.inf)
+        across, down = (
+            (np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int)) + 0.5)
+            for n in (self.camera.width, self.camera.height)
+        )
+        some = densities.unproject(self.camera, np.array(list(product(across, down)))[None])
+        if len(np.unique((some.directions[some.valid] > 0) @ (1, 2, 4))) == 8:  # rays in every octant
             return everywhere
         rays = self.directions[self.valid]
         R_c_v, half = looking(rays, rays.mean(axis=0), np.array([0.0, 1.0, 0.0]))
         if not np.isfinite(half).all():
             return everywhere
         # Off its axis a view samples more finely, by 1 / cos at least.
-        return Frame(R_c_v, half, densities.focal_px(self.steps[self.valid] / (rays @ R_c_v[:, 2])))
-
-    def _reaches_every_octant(self) -> bool:
-        """Return whether some rays lie in all octants: then no view holds them."""
-        across, down = (
-            (np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int)) + 0.5)
-            for n in (self.camera.width, self.camera.height)
-        )
-        rays = densities.unproject(self.camera, np.array(list(product(across, down)))[None])
-        return len(np.unique((rays.directions[rays.valid] > 0) @ (1, 2, 4))) == 8
+        return HoldingView(R_c_v, half, densities.focal_px(self.steps[self.valid] / (rays @ R_c_v[:, 2])))
 
     @cached_property
     def own_viewpoints(self) -> Viewpoints:

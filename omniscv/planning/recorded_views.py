@@ -63,6 +63,14 @@ class _Cube:
             self.faces[Shape.of(view)].setdefault(int(off.argmin()), view)
         return is_face
 
+    def coarse_shapes(self, requested: Shape, truth_scale: int) -> list[Shape]:
+        """Return the shapes in which colours can be had."""
+        if requested in self.faces or requested.scaled(truth_scale) in self.faces:
+            return [requested]
+        twice = [shape for shape in self.faces if shape.scaled(truth_scale) in self.faces]
+        once = [Shape(w // truth_scale, h // truth_scale, fov_deg) for w, h, fov_deg in self.faces]
+        return twice or once
+
 
 class RecordedViews:
     """A recording's views, and its cubes by position, and by size and field of view.
@@ -107,7 +115,7 @@ class RecordedViews:
         requested = Shape.of(six[0])
         best, most = tuple(six), (False, 0, 0, 0)
         for cube in self._cubes_at(at):
-            for shape in _coarse_shapes(cube, requested, truth_scale):
+            for shape in cube.coarse_shapes(requested, truth_scale):
                 recorded = cube.faces.get(shape.scaled(truth_scale), {})
                 if not cube.aligned and len(recorded) < len(_AXES):
                     continue
@@ -153,15 +161,6 @@ def sees(view: View, directions_w: Array) -> NDArray[np.bool_]:
     """(N,) whether a view shows directions (N, 3)."""
     u, v, z = view.project(view.pose.t_w_c + directions_w).T
     return np.asarray((z > 0) & (u >= 0) & (u <= view.width) & (v >= 0) & (v <= view.height))
-
-
-def _coarse_shapes(cube: _Cube, requested: Shape, truth_scale: int) -> list[Shape]:
-    """The shapes of a cube in which colours can be had."""
-    if requested in cube.faces or requested.scaled(truth_scale) in cube.faces:
-        return [requested]
-    twice = [shape for shape in cube.faces if shape.scaled(truth_scale) in cube.faces]
-    once = [Shape(w // truth_scale, h // truth_scale, fov_deg) for w, h, fov_deg in cube.faces]
-    return twice or once
 
 
 def _positions(positions: Sequence[Array]) -> list[Position]:

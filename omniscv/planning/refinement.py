@@ -18,8 +18,8 @@ import numpy as np
 from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
-from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces
-from omniscv.planning.patches import Patch, Precision, held, patches
+from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
+from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.rounds import Kept, Round, Rounds, pass_on, pixels_of
 from omniscv.planning.strategy import Task
@@ -36,51 +36,12 @@ _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at it
 _PATCH_PX = 200_000  # of a typical patch
 FINER = (2.0, 3.0, 4.5, 7.0, 11.0)
 _COARSE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
-_BAND_PX = 4.0  # of a capture: the width of a band of doubt
 _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 _FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
 _RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
 _MOST_ROUNDS = 12
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
 RECORDED = "the recording holds no finer views"
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Pixels in doubt that are captured from one centre.
-
-    Attributes:
-        center: its number.
-        center_w: (3,) world frame, metres.
-        pixels: (N,) flat indices; a pixel may be there more than once.
-        directions_w: (N, 3) unit, from the centre, where finer captures help.
-        focal_px: (N,) of what is captured there.
-    """
-
-    center: int
-    center_w: Array
-    pixels: Ints
-    directions_w: Array
-    focal_px: Floats
-
-
-@dataclass(frozen=True)
-class Selected:
-    """A view, the pixels in doubt that it captures finer, and what they are worth.
-
-    Attributes:
-        view: with its border.
-        pixels: (N,) flat indices.
-        center: the number of the doubt's centre.
-        worth: doubtful pixels that it is expected to resolve.
-        price: of its captures, ms.
-    """
-
-    view: View
-    pixels: Ints
-    center: int
-    worth: float
-    price: float
 
 
 @dataclass(frozen=True)
@@ -94,7 +55,7 @@ class Choice:
         rate: ms that resolve a pixel.
     """
 
-    patches: list[Selected]
+    patches: list[Patch]
     focal_px: float
     ms: float
     rate: float
@@ -227,7 +188,7 @@ class Refinement(ABC):
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
         modes, left, target, ms, area = self._modes, float(count), _SAFE * self.aim, 0.0, 0.0
-        batch: list[Selected] = []
+        batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):
             area += modes * each.view.width * each.view.height
@@ -242,22 +203,15 @@ class Refinement(ABC):
             ms *= left / target
         return Choice(batch, focal_px, ms, ms / max(1.0, count - target))
 
-    def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Selected]:
-        """Yield patches of a centre, those first that resolve the most doubt at their price."""
-        task, coarse, pixels = self.task, doubt.focal_px, doubt.pixels
-        worth = np.maximum(0, 1 - _LEFT * coarse / focal_px)
-        _, where, repeated = np.unique(pixels, return_inverse=True, return_counts=True)
+    def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Patch]:
+        """Return patches of a centre, those first that resolve the most doubt at their price."""
+        task = self.task
+        worth = np.maximum(0, 1 - _LEFT * doubt.focal_px / focal_px)
+        _, where, repeated = np.unique(doubt.pixels, return_inverse=True, return_counts=True)
         worth /= repeated[where]
         if task.capabilities.can_set_fov:
-            band = _BAND_PX / float(np.median(coarse))
-            fine = Precision(focal_px, FACE_BORDER_PX, band, self._modes)
-            found: Iterator[Patch] = patches(
-                doubt.center_w, doubt.directions_w, worth, fine, self.price, task.capabilities
-            )
-        else:
-            found = iter(self._finer_faces(doubt, focal_px, worth))
-        for patch in found:
-            yield Selected(patch.view, pixels[patch.rows], doubt.center, patch.worth, patch.price)
+            return patches(doubt, worth, focal_px, self._modes, self.price, task.capabilities)
+        return iter(self._finer_faces(doubt, focal_px, worth))
 
     def _finer_faces(self, doubt: Doubt, focal_px: float, worth: Array) -> list[Patch]:
         """Return finer faces of a source that cannot set a field of view."""
@@ -269,7 +223,7 @@ class Refinement(ABC):
         for number, view in enumerate(views):
             rows = np.flatnonzero(view_of == number)
             price = self._modes * self.price.of(1, view.width * view.height)
-            faces.append(Patch(view, rows, float(worth[rows].sum()), price))
+            faces.append(Patch(view, doubt.center, doubt.pixels[rows], float(worth[rows].sum()), price))
         worthy = (patch for patch in faces if patch.worth > 0)
         return sorted(worthy, key=lambda patch: -patch.worth / patch.price)
 

@@ -133,22 +133,21 @@ class Search:
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
-        centers_w = [task.pose.to_world(group.center_c) for group in groups]
-        self._hit = np.any([*hit, *map(self._faces_on_the_way, centers_w)], axis=0)
+        some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
+        for group in groups:  # and those that see parts of the rays' way
+            offset, directions_w = (
+                self.origins_w[some] - task.pose.to_world(group.center_c),
+                self.directions_w[some],
+            )
+            away = np.linalg.norm(offset, axis=1, keepdims=True)
+            hit += [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in _ON_THE_WAY]
+        self._hit = np.any(hit, axis=0)
 
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
         """Return a viewpoint whose depth is kept, and that serves no pixel yet."""
         views = self._faces.views(center_w, self._hit)
         scale, no_pixel = self._task.options.truth_scale, np.zeros(0, np.int64)
         return Viewpoint(center_w, views, no_pixel, modes=("depth",), keep=True, truth_scale=scale)
-
-    def _faces_on_the_way(self, center_w: Array) -> Mask:
-        """Return (6,) which faces of a centre see parts of the rays' way."""
-        some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
-        offset, directions_w = self.origins_w[some] - center_w, self.directions_w[some]
-        away = np.linalg.norm(offset, axis=1, keepdims=True)
-        ways = [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in _ON_THE_WAY]
-        return np.asarray(np.any(ways, axis=0))
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
         """March the rays that are not yet certified through the nearest of all centres, if these are new.

@@ -60,9 +60,14 @@ class Viewpoint:
         """Return the captures for an image in some modes.
 
         They are ordered view by view, ground truth first where it is finer: a server then poses its camera
-        once for all modes of one size.
+        once for all modes of one size. Depth comes first.
         """
-        captured = self._captured(modes)
+        rows = [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
+        # Depth differs between viewpoints where colours may be alike: a live source detects by it that its
+        # camera has moved.
+        depth = [row.name for row in rows if row.interpolation == "surface" and self.known_depth is None]
+        others = [row.captured_as or row.name for row in rows if row.interpolation != "surface"]
+        captured = list(dict.fromkeys(depth + others))
         scales = sorted(set(map(self._scale, captured)), reverse=True)
         return [
             Request(view, mode, self.state)
@@ -71,17 +76,6 @@ class Viewpoint:
             for mode in captured
             if self._scale(mode) == scale
         ]
-
-    def _captured(self, modes: Sequence[str]) -> list[str]:
-        """Return the modalities that are captured for those of an image, each once.
-
-        Depth comes first, because it differs between viewpoints where colours may be alike: a live source
-        detects by it that its camera has moved.
-        """
-        rows = [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
-        depth = [row.name for row in rows if row.interpolation == "surface" and self.known_depth is None]
-        others = [row.captured_as or row.name for row in rows if row.interpolation != "surface"]
-        return list(dict.fromkeys(depth + others))
 
     def _scale(self, mode: str) -> int:
         return self.truth_scale if modalities.get(mode).truth else 1

@@ -18,6 +18,7 @@ import numpy as np
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import strategy
 from omniscv.planning.cube_faces import FACE_BORDER_PX
+from omniscv.planning.patches import Doubt
 from omniscv.planning.ray_marching import Hits
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
@@ -25,7 +26,6 @@ from omniscv.planning.refinement import (
     FINER,
     ROOM,
     Choice,
-    Doubt,
     Refinement,
     first_view,
 )

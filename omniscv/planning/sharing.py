@@ -13,7 +13,7 @@ import numpy as np
 
 from omniscv.geometry import Pose
 from omniscv.planning.accuracy import rounds
-from omniscv.planning.rounds import Round, Rounds, drive, pixels_of
+from omniscv.planning.rounds import Round, Rounds, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import Task
 from omniscv.planning.strips import PIXELS_PER_REQUEST
@@ -37,10 +37,9 @@ class Plan:
     @classmethod
     def make(cls, task: Task, modes: Sequence[str]) -> Plan:
         """Return the plan of a task for what is captured in some modes, without capturing."""
-        planned: list[Round] = []
-        drive(rounds(task), planned.append)
+        planned = tuple(rounds(task))
         requests = dict.fromkeys(request for round_ in planned for request in round_.requests(modes))
-        return cls(task, requests, tuple(planned))
+        return cls(task, requests, planned)
 
     def rounds(self) -> Rounds:
         """Yield the rounds: as planned, or anew by the strategy if they depend on captures."""

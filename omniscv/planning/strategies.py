@@ -205,13 +205,13 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
         return _viewpoints(task, groups, around, views)
 
     first = plan(LEAST_HALF)
-    if task.recorded is None or _is_recorded(task, first):
+    if _is_available(task, first):
         return first
     narrower = plan(0.0)
-    return narrower if _is_recorded(task, narrower) else first
+    return narrower if _is_available(task, narrower) else first
 
 
-def _is_recorded(task: Task, viewpoints: tuple[Viewpoint, ...]) -> bool:
+def _is_available(task: Task, viewpoints: tuple[Viewpoint, ...]) -> bool:
     return task.available([view for viewpoint in viewpoints for view in viewpoint.views])
 
 
@@ -223,7 +223,7 @@ def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -
     """
     if task.sets_views:
         strips = strip_viewpoints(task, groups, around)
-        if _is_recorded(task, strips):
+        if _is_available(task, strips):
             return strips
     return face_viewpoints(task, groups, around)
 
@@ -235,12 +235,11 @@ def _viewpoints(
     views: Callable[[Array, RayGroup], tuple[View, ...]],
 ) -> tuple[Viewpoint, ...]:
     """Return a viewpoint for each group; ``views(center_w, group)`` are captured there."""
-    viewpoints = []
-    for group in groups:
-        center_w = task.pose.to_world(group.center_c)
-        claims = _claims(task, group, around)
-        viewpoints.append(Viewpoint(center_w, views(center_w, group), group.pixels, **claims))
-    return tuple(viewpoints)
+    centers_w = [task.pose.to_world(group.center_c) for group in groups]
+    return tuple(
+        Viewpoint(center_w, views(center_w, group), group.pixels, **_claims(task, group, around))
+        for center_w, group in zip(centers_w, groups, strict=True)
+    )
 
 
 def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
@@ -289,7 +288,7 @@ def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
     None where no view holds them, and where the source cannot set size and field of view, or is a
     recording without the view.
     """
-    R_c_v, half, focal_px = task.rays.frame
+    R_c_v, half, focal_px = task.rays.holding_view
     own = _own_view(task, group)
     if own is not None:
         return Viewpoint(own.pose.t_w_c, (own,), group.pixels)

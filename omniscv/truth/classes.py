@@ -160,7 +160,11 @@ class ClassRules:
                 taxonomy does not have, or a class that two rules describe differently.
         """
         content = read(_File, data)
-        known = {} if content.taxonomy == "custom" else _taxonomy(content.taxonomy)
+        known: dict[str, int] = {}
+        if content.taxonomy != "custom":
+            table = files("omniscv.truth") / "taxonomies" / f"{content.taxonomy}.csv"
+            lines = (line.split(",", 1) for line in table.read_text(encoding="utf-8").splitlines()[1:])
+            known = {name: int(number) for number, name in lines}
         described = _describe(content.rules, known)
         if content.unmatched == "other":
             name = _OTHER.get(content.taxonomy, "other")
@@ -222,12 +226,6 @@ def taxonomies() -> tuple[str, ...]:
     """Return the names of the tables that are shipped."""
     folder = files("omniscv.truth") / "taxonomies"
     return tuple(sorted(file.name.removesuffix(".csv") for file in folder.iterdir()))
-
-
-def _taxonomy(name: str) -> dict[str, int]:
-    """Class name to id, of a table of lines ``id,name``."""
-    text = (files("omniscv.truth") / "taxonomies" / f"{name}.csv").read_text(encoding="utf-8")
-    return {line.partition(",")[2]: int(line.partition(",")[0]) for line in text.splitlines()[1:]}
 
 
 def _describe(rules: Sequence[Rule], known: Mapping[str, int]) -> dict[str, dict[str, Any]]:

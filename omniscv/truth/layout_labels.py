@@ -105,23 +105,19 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     padded = cv2.copyMakeBorder(padded, border, border, 0, 0, cv2.BORDER_REPLICATE)
     digits = [(padded + 1) // _LEVELS**k % _LEVELS for k in range(3)]
     faces = np.stack(digits, axis=-1).astype(np.uint8) * np.uint8(255 // (_LEVELS - 1))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(padded, 1, "edge"), (3, 3))
+    ordered = np.sort(around.reshape(*padded.shape, 9), axis=-1)
+    colors = 1 + np.count_nonzero(np.diff(ordered, axis=-1), axis=-1)
     maps = []
     for drawn, radius in (
         (cv2.Canny(faces, *_CANNY), _ORIGINAL_EDGE),
-        (np.where(_colors_around(padded) >= 3, 255, 0).astype(np.uint8), _ORIGINAL_CORNER),
+        (np.where(colors >= 3, 255, 0).astype(np.uint8), _ORIGINAL_CORNER),
     ):
         dilated = Image.fromarray(cv2.dilate(drawn, np.ones((3, 3), np.uint8)))
         blurred = np.asarray(dilated.filter(ImageFilter.GaussianBlur(radius * longer)), np.float64)
         inner = blurred[border:-border, border:-border]
         maps.append(np.round(255 * inner / max(inner.max(), 1)).astype(np.uint8))
     return maps[0], maps[1]
-
-
-def _colors_around(surface: NDArray[np.int16]) -> NDArray[np.int64]:
-    """(H, W) the number of surfaces in the 3 x 3 pixels around each pixel."""
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(surface, 1, "edge"), (3, 3))
-    ordered = np.sort(around.reshape(*surface.shape, 9), axis=-1)
-    return np.asarray(1 + np.count_nonzero(np.diff(ordered, axis=-1), axis=-1))
 
 
 def _shows(entry: Mapping[str, Any], flag: str | None) -> bool:

@@ -55,7 +55,9 @@ def boxes(
     """
     name_of = {instance: name for name, instance in ids(names).items()}
     areas = np.bincount(labels.ravel())
-    nearest = None if depth is None else _nearest(labels, depth, len(areas))
+    nearest = np.full(len(areas), np.inf, np.float32)
+    if depth is not None:
+        np.minimum.at(nearest, labels[depth > 0], depth[depth > 0])
     width = labels.shape[1]
     records = []
     for instance, box in enumerate(ndimage.find_objects(labels), start=1):
@@ -69,7 +71,7 @@ def boxes(
             wrapped = _wrapped(labels[box] == instance, rows, columns, width)
             crosses = wrapped[0] + wrapped[2] > width or wrapped[2] == width
             record |= {"bbox_wrap": wrapped, "crosses_seam": crosses}
-        if nearest is not None:
+        if depth is not None:
             distance = float(nearest[instance])
             record["distance"] = distance if np.isfinite(distance) else None
         records.append(record)
@@ -106,14 +108,6 @@ def _wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -
     across = width - int(gaps[last]) + 1
     start = int(occupied[(last + 1) % len(occupied)]) if across < width else 0
     return [start, rows.start, across, rows.stop - rows.start]
-
-
-def _nearest(labels: Labels, depth: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """(count,) the least depth above 0 of every id, +inf for none."""
-    nearest = np.full(count, np.inf, np.float32)
-    seen = depth > 0
-    np.minimum.at(nearest, labels[seen], depth[seen])
-    return nearest
 
 
 # -- boxes in space -------------------------------------------------------------------------------------

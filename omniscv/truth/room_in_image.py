@@ -288,8 +288,11 @@ def seen_in_depth(
     if image.shape != (camera.height, camera.width):
         size = f"({camera.height}, {camera.width})"
         raise ArgumentError(f"depth: expected the image's shape {size}, got {shown(image.shape)}")
-    column, row = _neighbours(pixels, camera)
-    weight = _weights(pixels, column, row)
+    shift = np.arange(9)  # the 3 x 3 pixels around points; border pixels are repeated
+    column = np.clip(np.floor(pixels[:, :1]).astype(np.intp) + shift % 3 - 1, 0, camera.width - 1)
+    row = np.clip(np.floor(pixels[:, 1:]).astype(np.intp) + shift // 3 - 1, 0, camera.height - 1)
+    across, down = np.abs(pixels[:, :1] - column - 0.5), np.abs(pixels[:, 1:] - row - 0.5)
+    weight = _spline(across) * _spline(down) + _OFF_GRID
     flat, inverse = np.unique(row * camera.width + column, return_inverse=True)
     centers = np.column_stack([flat % camera.width, flat // camera.width]) + 0.5
     rays = camera.unproject(centers)
@@ -303,19 +306,6 @@ def seen_in_depth(
     return np.asarray((2 * share >= weight.sum(axis=1)) & (share > 0))
 
 
-def _neighbours(pixels: Array, camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(S, 9) columns and rows of the 3 x 3 pixels around points; border pixels are repeated."""
-    shift = np.arange(9)
-    column = np.floor(pixels[:, :1]).astype(np.intp) + shift % 3 - 1
-    row = np.floor(pixels[:, 1:]).astype(np.intp) + shift // 3 - 1
-    return np.clip(column, 0, camera.width - 1), np.clip(row, 0, camera.height - 1)
-
-
-def _weights(pixels: Array, column: NDArray[np.intp], row: NDArray[np.intp]) -> Array:
-    """(S, 9) of the 3 x 3 pixels: a quadratic B-spline, and a little more for points outside the grid."""
-    across, down = np.abs(pixels[:, :1] - column - 0.5), np.abs(pixels[:, 1:] - row - 0.5)
-    return _spline(across) * _spline(down) + _OFF_GRID
-
-
 def _spline(x: Array) -> Array:
+    """Return a quadratic B-spline of distances in px."""
     return np.where(x <= 0.5, 0.75 - x**2, 0.5 * np.maximum(1.5 - x, 0) ** 2)

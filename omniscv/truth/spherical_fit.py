@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
-from omniscv.cameras import Camera, Rays
+from omniscv.cameras import Rays
 from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
@@ -71,26 +70,18 @@ def bfovs(
     """
     found, boxes = {}, ndimage.find_objects(labels)
     for instance, outline in _outlines(labels, directions_at, wrap).items():
-        pixels = partial(_pixels, labels, instance, boxes[instance - 1])
-        samples = directions_at(*pixels(step=max(1, math.isqrt(len(outline)) // 4)))
-        fitted = _fit(outline, samples)
+        box = boxes[instance - 1]
+        rows, columns = np.nonzero(labels[box] == instance)
+        rows, columns = rows + box[0].start, columns + box[1].start
+        step = max(1, math.isqrt(len(outline)) // 4)
+        some = ((rows - box[0].start) % step == 0) & ((columns - box[1].start) % step == 0)
+        some[0] |= not some.any()
+        fitted = _fit(outline, directions_at(rows[some], columns[some]))
         if fitted is None:
-            wide = _lonlat(directions_at(*pixels(step=1)))
+            wide = _lonlat(directions_at(rows, columns))
             fitted = wide, wide
         found[instance] = fitted
     return found
-
-
-def _pixels(
-    labels: Labels, instance: int, box: tuple[slice, ...], step: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of an id's pixels on a grid of some step; of its first pixel if the grid has none."""
-    inside = labels[box] == instance
-    rows, columns = np.nonzero(inside[::step, ::step])
-    if not len(rows):
-        rows, columns = (indices[:1] for indices in np.nonzero(inside))
-        step = 1
-    return box[0].start + step * rows, box[1].start + step * columns
 
 
 def _wraps(rays: Rays) -> bool:
@@ -240,7 +231,11 @@ def _derive(observation: Observation, options: NoOptions) -> list[dict[str, Any]
     :class:`omniscv.truth.spherical.SphericalBox`."""
     camera = observation.image.camera
     name_of = {instance: name for name, instance in observation.instances.items()}
-    boxes = bfovs(observation.require_labels(), partial(_directions, camera), camera.wraps)
+
+    def directions(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
+        return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
+
+    boxes = bfovs(observation.require_labels(), directions, camera.wraps)
     return [
         {
             "instance_id": instance,
@@ -251,10 +246,6 @@ def _derive(observation: Observation, options: NoOptions) -> list[dict[str, Any]
         for instance, (upright, rotated) in boxes.items()
         if instance in name_of
     ]
-
-
-def _directions(camera: Camera, rows: Array, columns: Array) -> Array:
-    return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
 
 
 register(Truth("bfov", _derive, needs=("object_mask",), options=NoOptions))

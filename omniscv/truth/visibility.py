@@ -92,7 +92,9 @@ def groups_apart(
     groups: list[list[str]] = []
     for name in sorted(cones, key=lambda name: (-cones[name][1], name)):  # wide cones first
         for group in groups:
-            if not any(_meet(cones[name], cones[other]) for other in group):
+            axis, half_angle = cones[name]
+            others = [cones[other] for other in group]
+            if all(np.arccos(np.clip(axis @ other, -1, 1)) > half_angle + half for other, half in others):
                 group.append(name)
                 break
         else:
@@ -109,11 +111,6 @@ def _cone(box: ObjectBox, center_w: Array, radius: float) -> tuple[Array, float]
     if reach >= distance:
         return np.array([0.0, 0.0, 1.0]), np.pi
     return offset / distance, float(np.arcsin(reach / distance))
-
-
-def _meet(cone: tuple[Array, float], other: tuple[Array, float]) -> bool:
-    between = np.arccos(np.clip(cone[0] @ other[0], -1, 1))
-    return bool(between <= cone[1] + other[1])
 
 
 def centers_ball(centers_w: NDArray[np.float64]) -> tuple[Array, float]:

@@ -69,8 +69,11 @@ def test_what_plans_need_of_the_rays_is_the_same(camera):
     assert np.array_equal(tiled.steps, whole.steps, equal_nan=True)
     assert np.array_equal(tiled.directions, whole.directions, equal_nan=True)
     assert (tiled.face_size, tiled.typical_step) == (whole.face_size, whole.typical_step)
-    assert np.array_equal(tiled.frame.half, whole.frame.half)
-    assert tiled.frame.focal_px == whole.frame.focal_px or not np.isfinite(whole.frame.half).all()
+    assert np.array_equal(tiled.holding_view.half, whole.holding_view.half)
+    assert (
+        tiled.holding_view.focal_px == whole.holding_view.focal_px
+        or not np.isfinite(whole.holding_view.half).all()
+    )
 
 
 def peak_bytes(job):
