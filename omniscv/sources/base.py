@@ -210,7 +210,7 @@ class Source(ABC):
     @property
     def state(self) -> str:
         """The state of the world that captures show; empty while the world is unchanged."""
-        return ""
+        return self.instant.state
 
     @property
     def instant(self) -> Instant:

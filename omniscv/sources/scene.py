@@ -138,10 +138,6 @@ class SceneSource(Source):
         return self._copy(self._without.union(objects), self._instant)
 
     @property
-    def state(self) -> str:
-        return self._instant.state
-
-    @property
     def instant(self) -> Instant:
         return self._instant
 

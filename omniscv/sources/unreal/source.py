@@ -96,10 +96,6 @@ class UnrealSource(Source):
     def instant(self) -> Instant:
         return self._journal.instant
 
-    @property
-    def state(self) -> str:
-        return self._journal.instant.state
-
     def at(self, instant: Instant) -> Source:
         """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept at the instant."""
         with self._journal.turn():
