@@ -79,7 +79,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     ) -> None:
         super().__init__(endpoint, "unix" if isinstance(endpoint, str) else "inet")
         self._timeout_s, self._until, self.broken = timeout_s, until, False
-        self._allowed_s = timeout_s
+        self._allowed_s = timeout_s  # of the wait under way: the timeout, or what is left until the deadline
         self.send_message_id = self.recv_message_id = secrets.randbelow(_FIRST_IDS)
         try:
             self._greet()

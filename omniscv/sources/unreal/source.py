@@ -187,7 +187,7 @@ class UnrealSource(Source):
                             captures.append(capture)
                     except RETRIED as cause:
                         fault = cause
-                    if len(captures) > len(requests) - len(left):
+                    if len(captures) > len(requests) - len(left):  # progress: retries are counted anew
                         attempted(None)
                     if fault is not None and len(captures) < len(requests):
                         attempted(fault)
