@@ -49,6 +49,13 @@ PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Switch vignette and auto exposure off (protocol reference, section 7.1)."""
 
+_LIST, _HELP = "vget /unrealcv/commands", "vget /unrealcv/help"
+_MOST_TEXT = 1 << 20  # characters of a list, or help, that are read
+
+# The starts of replies to commands that a dialect does not know.
+_UNKNOWN = re.escape("error Can not find a handler for URI '")
+_UNKNOWN_N2 = re.escape("error No handler found for URI '")
+
 _MAX_COMMAND = 4000  # characters
 _REPEATABLE = re.compile(
     r"vget |vset /(?:object/\S*/(?:location|rotation|scale|color|show|hide)|viewmode|action/game/resume"
@@ -176,14 +183,6 @@ def described(reply: Reply) -> str:
         with suppress(BadReplyError):
             size = ", {} x {} px".format(*picture_size(reply))
     return f"{form}, {len(reply)} bytes{size}"
-
-
-_LIST, _HELP = "vget /unrealcv/commands", "vget /unrealcv/help"
-_MOST_TEXT = 1 << 20  # characters of a list, or help, that are read
-
-# The starts of replies to commands that a dialect does not know.
-_UNKNOWN = re.escape("error Can not find a handler for URI '")
-_UNKNOWN_N2 = re.escape("error No handler found for URI '")
 
 
 @dataclass(frozen=True)
