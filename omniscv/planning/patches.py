@@ -88,35 +88,31 @@ def patches(
     stride = max(1, len(directions) // _POINTS)
     points = np.ascontiguousarray(directions[::stride])
     alive, left = worth[::stride].astype(np.float64), np.ones(len(directions), np.bool_)
-    normals = _normals(points)
+    axes = _axes(points)
     heights = np.array(_HEIGHTS) * band / 2
     # By height and length of a view; infinite where it would be too large.
     across = 2 * (focal_px * np.tan(_SPANS / 2) + FACE_BORDER_PX)
     down = 2 * (focal_px * np.tan(heights)[:, None] / np.cos(_SPANS / 2) + FACE_BORDER_PX)
     prices = modes * price.of(1, across * down)
     prices[(across > LARGEST_FACE_PX) | (down > LARGEST_FACE_PX)] = np.inf
-    windows = np.zeros((len(normals), 4))
-    _best_windows(points, alive, normals, heights, prices, _SPANS, windows)
-    queue = [(-windows[k, 0], k) for k in range(len(normals))]
+    queue = [(-_best_window(points, alive, of, heights, prices)[0], k) for k, of in enumerate(axes)]
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
-        again = np.zeros((1, 4))
-        _best_windows(points, alive, normals[k : k + 1], heights, prices, _SPANS, again)
-        ratio, start, height, span = again[0]
+        ratio, start, height, span = _best_window(points, alive, axes[k], heights, prices)
         if ratio <= _NOTHING:
             continue
         heapq.heappush(queue, (-ratio, k))
         if ratio < -queue[0][0] * _NEARLY:
             continue
-        window = normals[k], start, heights[int(height)], _SPANS[int(span)]
+        window = axes[k], start, heights[height], _SPANS[span]
         alive[_inside(points, *window)] = 0
         rows = np.flatnonzero(left)
         rows = rows[_inside(directions[rows], *window)]
         if len(rows):
-            azimuth, frame = start + _SPANS[int(span)] / 2, np.array(_frame(*normals[k]))
-            middle = frame[:3] * np.cos(azimuth) + frame[3:] * np.sin(azimuth)
-            R_w_c, half = looking(directions[rows], middle, normals[k])
+            normal, a, b = axes[k]
+            azimuth = start + _SPANS[span] / 2
+            R_w_c, half = looking(directions[rows], a * np.cos(azimuth) + b * np.sin(azimuth), normal)
             half = np.maximum(half, (LEAST_HALF, 0.0))
             width, height = holding_size(half, focal_px, FACE_BORDER_PX, capabilities)
             view = View(Pose(doubt.center_w, R_w_c), pinhole.fov_deg(width, focal_px), width, height)
@@ -130,76 +126,74 @@ def patches(
             yield Patch(view, doubt.center, doubt.pixels[rows], float(worth[rows].sum()), cost)
 
 
-def _normals(points: Array) -> Array:
-    """Return (C, 3) the axes of great circles through pairs of rays, the same for the same rays."""
+def _axes(points: Array) -> Array:
+    """Return (C, 3, 3) great circles through pairs of rays, the same for the same rays.
+
+    Of each: its axis, and two unit vectors in its plane, from which azimuths count.
+    """
     rng = np.random.default_rng(0)
     first, second = rng.integers(len(points), size=(2, 8 * _CIRCLES))
     a, b = points[first], points[second]
     cosine = (a * b).sum(axis=1)
     near = (cosine < _NEAREST) & (cosine > _FARTHEST)
-    axes = np.cross(a[near], b[near])[:_CIRCLES]
+    normals = np.cross(a[near], b[near])[:_CIRCLES]
     # A single ray, or rays all in one place: any circle through them.
     some = points[rng.integers(len(points), size=16)]
-    more = np.cross(some, rng.normal(size=(16, 3)))
-    axes = np.concatenate([axes, more])
-    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    normals = np.concatenate([normals, np.cross(some, rng.normal(size=(16, 3)))])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.stack([normals, across, np.cross(normals, across)], axis=1)
+
+
+def _best_window(
+    points: Array, worth: Array, axes: Array, heights: Array, prices: Array
+) -> tuple[float, float, int, int]:
+    """Return the most worth at a price on a circle, and where: azimuth of the start, height, length."""
+    off, x, y = axes @ points.T
+    off, limits = np.abs(off), np.sin(heights)
+    rows = np.flatnonzero((off <= limits[-1]) & (worth > 0))
+    azimuth = np.arctan2(y[rows], x[rows])
+    order = np.argsort(azimuth)
+    rows = rows[order]
+    return _search(azimuth[order], off[rows], worth[rows], limits, prices, _SPANS)  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True)
-def _best_windows(
-    points: Array, worth: Array, normals: Array, heights: Array, prices: Array, spans: Array, windows: Array
-) -> None:
-    """Write for each circle the most worth at a price, and where: azimuth of the start, height, length."""
-    azimuths, worths = np.empty(len(points)), np.empty(len(points))
-    for k in range(len(normals)):
-        nx, ny, nz = normals[k]
-        ax, ay, az, bx, by, bz = _frame(nx, ny, nz)
-        windows[k] = 0.0
-        for h in range(len(heights)):
-            limit, count = np.sin(heights[h]), 0
-            for i in range(len(points)):
-                x, y, z = points[i]
-                if worth[i] > 0 and abs(nx * x + ny * y + nz * z) <= limit:
-                    azimuths[count] = np.arctan2(bx * x + by * y + bz * z, ax * x + ay * y + az * z)
-                    worths[count] = worth[i]
-                    count += 1
-            order = np.argsort(azimuths[:count])
-            ordered, weights = azimuths[order], worths[order]
-            for s in range(len(spans)):
-                end, total = 0, 0.0
-                for start in range(count):
-                    while end < count + start:
-                        at = ordered[end] if end < count else ordered[end - count] + 2 * np.pi
-                        if at > ordered[start] + spans[s]:
-                            break
-                        total += weights[end % count]
-                        end += 1
-                    ratio = total / prices[h, s]
-                    if ratio > windows[k, 0]:
-                        windows[k, 0], windows[k, 1] = ratio, ordered[start]
-                        windows[k, 2], windows[k, 3] = h, s
-                    total -= weights[start]
+def _search(
+    azimuth: Array, off: Array, worth: Array, limits: Array, prices: Array, spans: Array
+) -> tuple[float, float, int, int]:
+    """Return what :func:`_best_window` returns, of rays in the order of their azimuth."""
+    best, first, height, length = 0.0, 0.0, 0, 0
+    azimuths, worths = np.empty(len(azimuth)), np.empty(len(azimuth))
+    for h in range(len(limits)):
+        count = 0
+        for i in range(len(azimuth)):
+            if off[i] <= limits[h]:
+                azimuths[count], worths[count] = azimuth[i], worth[i]
+                count += 1
+        for s in range(len(spans)):
+            end, total = 0, 0.0
+            for start in range(count):
+                while end < count + start:
+                    at = azimuths[end] if end < count else azimuths[end - count] + 2 * np.pi
+                    if at > azimuths[start] + spans[s]:
+                        break
+                    total += worths[end % count]
+                    end += 1
+                ratio = total / prices[h, s]
+                if ratio > best:
+                    best, first, height, length = ratio, azimuths[start], h, s
+                total -= worths[start]
+    return best, first, height, length
 
 
-@njit(cache=True, nogil=True)
-def _frame(nx: float, ny: float, nz: float) -> tuple[float, float, float, float, float, float]:
-    """Return two unit vectors across an axis, from which azimuths count."""
-    x, y, z = (1.0, 0.0, 0.0) if abs(nx) <= abs(ny) and abs(nx) <= abs(nz) else (
-        (0.0, 1.0, 0.0) if abs(ny) <= abs(nz) else (0.0, 0.0, 1.0)
-    )  # fmt: skip
-    ax, ay, az = ny * z - nz * y, nz * x - nx * z, nx * y - ny * x
-    size = np.sqrt(ax * ax + ay * ay + az * az)
-    ax, ay, az = ax / size, ay / size, az / size
-    return ax, ay, az, ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
-
-
-def _inside(directions: Array, normal: Array, start: float, height: float, span: float) -> Mask:
+def _inside(directions: Array, axes: Array, start: float, height: float, span: float) -> Mask:
     """Return (N,) whether rays are in a window of a circle's band."""
-    frame = _frame(*normal)
-    azimuth = np.arctan2(directions @ frame[3:], directions @ frame[:3])
-    off = (azimuth - start) % (2 * np.pi)
-    along = (off <= span + 1e-9) | (off >= 2 * np.pi - 1e-9)
-    return np.asarray(along & (np.abs(directions @ normal) <= np.sin(height) + 1e-12))
+    off, x, y = axes @ directions.T
+    apart = (np.arctan2(y, x) - start) % (2 * np.pi)
+    along = (apart <= span + 1e-9) | (apart >= 2 * np.pi - 1e-9)
+    return np.asarray(along & (np.abs(off) <= np.sin(height) + 1e-12))
 
 
 def held(directions: Array, R_w_c: Array, half: Array) -> Mask:
