@@ -87,7 +87,6 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
 
     NaN becomes null. The folder is made if missing. Equal figures have equal bytes.
     """
-    out.mkdir(parents=True, exist_ok=True)
     data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
     svg, png = out / f"{name}.svg", out / f"{name}.png"
     with whole_file(svg) as part, mpl.rc_context({"svg.hashsalt": name}):

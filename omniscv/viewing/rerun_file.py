@@ -53,7 +53,6 @@ def write(frames: Sequence[Frame], out: Path) -> Path:
         ArgumentError: as :func:`check`.
     """
     rerun = check(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
     # Equal for the same frames, so that a viewer replaces a file that is written again.
     identity = f"{len(frames)} frames from {frames[0].key}" if frames else "no frames"
     stream = rerun.RecordingStream("omniscv", recording_id=identity)

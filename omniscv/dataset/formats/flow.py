@@ -60,7 +60,6 @@ class FlowFiles(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: FlowOptions) -> list[Path]:
         """Write the flow of frames with depth; ArgumentError for flow that does not fit KITTI's PNG."""
         folder = out / "flow"
-        folder.mkdir(parents=True, exist_ok=True)
         written: list[Path] = []
         targets = {}
         for sequence in by_camera(frames).values():

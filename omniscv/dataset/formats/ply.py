@@ -55,7 +55,6 @@ class Ply(Format):
     options = PlyOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: PlyOptions) -> list[Path]:
-        out.mkdir(parents=True, exist_ok=True)
         written: list[Path] = []
         comments = _comments(frames)
 

@@ -15,7 +15,6 @@ PointCloudReaderPanorama.py.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
+from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import PRESETS, encode, write_color, write_pixels
 from omniscv.errors import ArgumentError
@@ -71,8 +71,8 @@ class Structured3d(Format):
                 first.append(index)
         order = first + [i for i in range(len(rooms)) if i not in first]
         scene = out / "scene_00000"
-        text = json.dumps(annotation([rooms[index] for index in first], R_s_w), allow_nan=False)
-        written, rows = [write_text(scene / "annotation_3d.json", f"{text}\n")], []
+        content, rows = annotation([rooms[index] for index in first], R_s_w), []
+        written = [write_json(scene / "annotation_3d.json", content, indent=None)]
         for number, index in enumerate(order):
             frame = frames[index]
             folder = scene / "2D_rendering" / str(number) / "panorama"

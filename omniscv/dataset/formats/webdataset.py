@@ -53,7 +53,6 @@ class WebDataset(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: WebDatasetOptions) -> list[Path]:
         """Write the shards; ArgumentError for a key with a dot, where WebDataset would end it."""
-        out.mkdir(parents=True, exist_ok=True)
         by_split: dict[str, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.key):
             if "." in frame.key:

@@ -55,7 +55,6 @@ def write(
         ArgumentError: a frame cannot be read.
     """
     pixels = sum(frame.camera.width * frame.camera.height for frame in gathered.frames)
-    out.parent.mkdir(parents=True, exist_ok=True)
     if pixels <= most_pixels:
         _write(gathered, out, title, None, progress)
         return [out]
