@@ -91,11 +91,6 @@ class Fit:
     coverage: float
 
 
-def models() -> list[str]:
-    """Return the names of the models that can be fitted."""
-    return list(_FAMILIES)
-
-
 def fit(camera: Camera, model: str) -> Fit:
     """Return the camera of a model whose pixels are nearest to those of another camera in least squares.
 
@@ -104,7 +99,7 @@ def fit(camera: Camera, model: str) -> Fit:
 
     Args:
         camera: a central camera that sees along +z.
-        model: one of :func:`models`.
+        model: a central lens; the error for another word lists them.
 
     Raises:
         ArgumentError: another model, a camera that is not central or does not see along +z, or one that sees

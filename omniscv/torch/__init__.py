@@ -12,7 +12,6 @@ except ImportError as cause:
     message = "omniscv.torch: expected PyTorch, got none; install it with: pip install 'omniscv[torch]'"
     raise OmniscvError(message) from cause
 
-from omniscv.frame import Frame as Record
 from omniscv.torch.faces import Faces
 from omniscv.torch.recordings import RandomTurns, RecordingDataset
 from omniscv.torch.samples import LAYERS, FolderDataset
@@ -23,7 +22,6 @@ __all__ = [
     "Faces",
     "FolderDataset",
     "RandomTurns",
-    "Record",
     "RecordingDataset",
     "ShardDataset",
 ]
