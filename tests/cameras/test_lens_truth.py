@@ -98,14 +98,6 @@ def test_default_fields_of_view():
         assert abs(z) <= 3e-8  # the rim looks sideways; orthographic: the root of a rounding
 
 
-def test_equisolid_focal_length_is_the_papers():
-    """``r = f sin(phi / 2)``: half the radius that the f of lens makers, ``r = 2 f sin(phi / 2)``, gives."""
-    camera = cameras.create("fisheye-equisolid", width=200, height=200, focal=100)
-    directions = camera.unproject(np.array([[150, 100], [100, 200]])).directions
-    np.testing.assert_allclose(directions[0], (np.sin(np.radians(60)), 0, 0.5), atol=1e-15)
-    np.testing.assert_allclose(directions[1], (0, 0, -1), atol=1e-15)
-
-
 # -- at r = f, where asin has an infinite slope ------------------------------------------------
 
 

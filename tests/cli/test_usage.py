@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import socket
 import sys
 
 import numpy as np
@@ -11,13 +10,6 @@ from support.command_line import ROOT
 
 from omniscv.cli import run
 from omniscv.sources.recording.inspection import info
-
-
-@pytest.fixture
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def failed(capsys, code, arguments):
@@ -117,13 +109,6 @@ def test_help_shows_the_defaults_that_hold(capsys):
         assert ("[default: mock://four-wall]" in capsys.readouterr().out) is shown
 
 
-def test_nobody_listens(capsys, tmp_path, free_port):
-    arguments = ["render", "--source", f"unreal://127.0.0.1:{free_port}", "--out", tmp_path / "out"]
-    line = failed(capsys, 1, arguments)
-    assert str(free_port) in line
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_file_that_is_no_recording(capsys, tmp_path):
     path = tmp_path / "notes.sqlite"
     for there in (False, True):
@@ -151,33 +136,10 @@ def test_a_file_where_a_folder_is_wanted(below, says, capsys, tmp_path):
     assert path.read_text() == "dear diary"
 
 
-def test_a_recording_whose_name_is_too_long(capsys, tmp_path):
-    line = failed(capsys, 1, ["render", "--record", tmp_path / ("x" * 300), "--size", "8x4"])
-    assert "File name too long" in line
-
-
 def test_a_command_without_standard_error(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "stderr", None)  # as Python has it where it is closed
     assert run(["render", "--source", "scene://waves", "--size", "8x4", "--out", str(tmp_path)]) == 0
     assert run(["scenes", "moon"]) == 2
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("source: mock://four-wall\n", "'poses'"),
-        ("source: mock://four-wall\nposes: [{position: [0, 0, 1]}]\n", "cameras or a rig, got none"),
-        ("{", "expected YAML"),
-        (
-            "source: mock://four-wall\ncameras: {../up: {model: pinhole}}\nposes: [{position: [0, 0, 1]}]\n",
-            "file names",
-        ),
-    ],
-)
-def test_a_wrong_job_is_one_line(text, says, capsys, tmp_path):
-    job = tmp_path / "job.yaml"
-    job.write_text(text)
-    assert says in failed(capsys, 2, ["render", job])
 
 
 JOB = """

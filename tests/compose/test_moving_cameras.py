@@ -1,7 +1,6 @@
 """Orthographic cameras, and cameras that could move and do not."""
 
 import numpy as np
-import pytest
 from support.exact import float_source
 
 import omniscv
@@ -10,11 +9,9 @@ from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.geometry import Pose
 
-POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 DOWN = Pose.from_angles((0.1, -0.2, 1.5), yaw_deg=27.0, pitch_deg=-80.0)
 SOURCE = float_source(load_scene("four-wall"))
 MODES = ("lit", "object_mask", "depth")
-FISHEYE = create("fisheye-equidistant", 48, 48, fov_deg=170)
 
 
 def test_a_plan_of_the_room():
@@ -31,17 +28,6 @@ def test_a_plan_of_the_room():
     np.testing.assert_allclose(
         image.camera.project(DOWN.to_camera(image.points()))[0][:, 0] % 1, 0.5, atol=1e-4
     )
-
-
-@pytest.mark.parametrize("strategy", ["auto", "adaptive"])
-def test_no_readout_is_the_base_to_the_bit(strategy):
-    camera = create("rolling-shutter", 48, 48, base=FISHEYE, readout=0.0, velocity=(1, 2, 3))
-    mine, its = (
-        omniscv.render(each, POSE, SOURCE, MODES, strategy=strategy, face_size=64)
-        for each in (camera, FISHEYE)
-    )
-    for layer in ("lit", "labels", "depth", "depth_error", "label_edge", "unsure", "valid"):
-        np.testing.assert_array_equal(getattr(mine, layer), getattr(its, layer))
 
 
 def test_a_pixel_whose_own_centre_is_the_cameras():

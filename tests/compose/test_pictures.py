@@ -32,11 +32,6 @@ def test_every_layer_is_a_picture_of_its_size(image):
         assert (outside == outside[0]).all()
 
 
-def test_labels_have_the_colours_of_their_masks(image):
-    shown = np.array(image.to_pil("labels"))[image.valid]
-    np.testing.assert_array_equal(shown, image.object_mask[image.valid])
-
-
 def test_near_is_red_far_is_blue_and_the_sky_is_white(image):
     shown, sky = np.array(image.to_pil("depth")).astype(int), np.isposinf(image.depth)
     assert (shown[sky & image.valid] == 255).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.exact import float_source, plain_room
+from support.exact import float_source
 from support.judged import Errors
 
 import omniscv
@@ -23,7 +23,6 @@ CAMERAS = {
     "cone": create("noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3),
 }
 MODES = ("lit", "object_mask", "depth", "normals")
-SOAK = pytest.mark.soak
 
 
 def right(image, truth):
@@ -32,22 +31,14 @@ def right(image, truth):
     return (image.labels == truth.label) & (near | (np.isinf(image.depth) & np.isinf(truth.distance)))
 
 
-@pytest.mark.parametrize(
-    ("name", "room"),
-    [
-        ("panorama", "six-wall"),
-        pytest.param("ball", "four-wall", marks=SOAK),
-        pytest.param("cone", "six-wall", marks=SOAK),
-    ],
-)
-def test_few_centres_serve_as_well(name, room):
-    """A twentieth of the paper's views for a panorama, a quarter for these small mirrors, and no hole."""
-    camera, source = CAMERAS[name], float_source(load_scene(room))
+def test_few_centres_serve_as_well():
+    """A twentieth of the paper's views, and no hole."""
+    camera, source = LOW, float_source(load_scene("six-wall"))
     truth = traced(source.scene, camera, POSE)
     image = omniscv.render(camera, POSE, source, MODES[1:], strategy="adaptive", face_size=336)
     valid, unsure = image.valid, image.unsure
     centers = len(np.unique(camera.viewpoints().index[valid]))
-    assert source.made * (20 if name == "panorama" else 4) <= 6 * centers
+    assert source.made * 20 <= 6 * centers
     assert (image.depth[valid] > 0).all()
     rightly = right(image, truth)
     assert rightly[valid].mean() >= 0.985
@@ -101,24 +92,6 @@ def test_a_replay_is_the_same_and_a_missing_view_is_named(tmp_path):
 
 
 RED = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
-
-
-@pytest.mark.parametrize(
-    ("what", "solids", "sure"),
-    [
-        # thinner than a pixel of the faces, 2 m / 168 px = 1.2 cm: it may be passed without notice
-        ("a pole of 5 mm", [{"cylinder": [0.0025, 3], "at": [2, 0, 1.5]}], 0.99),
-        # seen along its face from every centre on one side of it
-        ("a grazing wall", [{"box": [2, 0.04, 2.5], "at": [2, 1.02, 1.25]}], 0.98),
-    ],
-)
-def test_places_where_it_can_fail(what, solids, sure):
-    """What it is sure of is right but for rims, and what it lost it says."""
-    source = float_source(plain_room({"Thing": {"texture": RED, "solids": solids}}))
-    camera = create("noncentral-panorama", width=96, height=24, radius=1.0)
-    image = omniscv.render(camera, POSE, source, ("object_mask", "depth"), strategy="adaptive", face_size=336)
-    rightly = right(image, traced(source.scene, camera, POSE))
-    assert rightly[~image.unsure].mean() >= sure, what
 
 
 def test_the_sky_is_met_at_infinity():

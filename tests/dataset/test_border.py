@@ -13,7 +13,6 @@ from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import FileEntry
 from omniscv.frame.forms import checked
 from omniscv.storage import png
-from omniscv.storage.bounded import library_error
 from omniscv.viewing.look import look
 
 
@@ -144,13 +143,6 @@ def test_every_reader_refuses_damaged_datasets(change, copied, capsys):
     assert says in capsys.readouterr().out
 
 
-def test_a_picture_is_of_the_form_that_its_name_says(copied):
-    (copied / "pano-0.depth.exr").write_bytes((copied / "pano-0.lit.png").read_bytes())
-    enter(copied, "pano-0", "depth")
-    with pytest.raises(DatasetError, match=r"pano-0\.depth\.exr: expected EXR, as its name says, got png"):
-        opened(copied)
-
-
 @pytest.mark.timeout(30)
 def test_patterns_of_a_dataset_are_not_run_where_it_is_read(copied):
     """Python would try every division of 40 letters."""
@@ -183,13 +175,3 @@ def test_a_corner_in_the_image_has_its_pixel():
     camera = cameras.create("equirectangular", width=8, height=4)
     with pytest.raises(ArgumentError, match="pixel"):
         checked("layout", layout, camera, {})
-
-
-def test_an_error_of_a_library_that_is_no_text_is_told_all_the_same():
-    """OpenImageIO quotes names of files as they are."""
-
-    class Reader:
-        def geterror(self):
-            return b"\xd6".decode()
-
-    assert library_error(Reader()) == "names that are no UTF-8"

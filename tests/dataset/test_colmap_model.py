@@ -126,37 +126,6 @@ def test_images_and_masks(model):
     assert first == next(frame for frame in frames if frame.key == "panorama-0").files["lit"].read_bytes()
 
 
-def test_the_example_of_the_reference(tmp_path):
-    """Section 4.3 of the formats' reference: a second camera 0.1 m to the right of the first one."""
-    brandt = cameras.create(
-        "kannala-brandt", width=8, height=8, fx=2.3, fy=2.3, cx=4, cy=4, k=[0.01, 0, 0, 0]
-    )
-    poses = [Pose.from_angles((0, 0, 1.5)), Pose.from_angles((0, -0.1, 1.5))]
-    pair = [
-        black_frame(tmp_path, camera, pose, f"cam{i}", f"cam{i}")
-        for i, (camera, pose) in enumerate(zip((PANORAMA, brandt), poses, strict=True))
-    ]
-    get("colmap").export(pair, tmp_path, {})
-    lines = {
-        name: [
-            [float(each) if each[-1].isdigit() and "/" not in each else each for each in line.split()]
-            for line in (tmp_path / f"sparse/0/{name}.txt").read_text().splitlines() if line[:1] != "#"
-        ]
-        for name in ("cameras", "rigs", "frames", "images", "points3D")
-    }  # fmt: skip
-    assert lines["cameras"] == [
-        [1, "EQUIRECTANGULAR", 64, 32, 64, 32],
-        [2, "OPENCV_FISHEYE", 8, 8, 2.3, 2.3, 4, 4, 0.01, 0, 0, 0],
-    ]
-    assert lines["rigs"] == [[1, 2, "CAMERA", 1, "CAMERA", 2, 1, 1, 0, 0, 0, -0.1, 0, 0]]
-    assert lines["frames"] == [[1, 1, 0.5, 0.5, -0.5, 0.5, 0, 1.5, 0, 2, "CAMERA", 1, 1, "CAMERA", 2, 2]]
-    assert lines["images"] == [
-        [1, 0.5, 0.5, -0.5, 0.5, 0, 1.5, 0, 1, "cam0/cam0.png"], [],
-        [2, 0.5, 0.5, -0.5, 0.5, -0.1, 1.5, 0, 2, "cam1/cam1.png"], [],
-    ]  # fmt: skip
-    assert lines["points3D"] == []
-
-
 def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
     frames = rig_frames(tmp_path, ("panorama", "pinhole"))
     turning = [

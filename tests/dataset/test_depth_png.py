@@ -79,11 +79,6 @@ def test_24_bits(tmp_path):
     assert c[0, 3].tolist() == [255, 255, 255]
 
 
-def test_half_a_step_is_rounded_to_even(tmp_path):
-    path, _ = export(tmp_path, [[2.5 / 512, 3.5 / 512, 0.4 / 512, 65535 / 512]], PINHOLE, scale="tof360")
-    assert np.array(Image.open(path)).tolist() == [[2, 4, 0, 65535]]
-
-
 @pytest.mark.parametrize("scale", ["matterport", "kitti", "tum", "shift"])
 def test_planar_presets_are_refused_for_other_cameras(scale, tmp_path):
     format = get("depth_png")

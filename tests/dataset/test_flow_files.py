@@ -11,7 +11,7 @@ from support.traced_frames import channels, frame_of, traced_frame
 import mock_server
 from omniscv import Pose, cameras, truth
 from omniscv.dataset import get
-from omniscv.dataset.formats.flow import flo_bytes, kitti_codes
+from omniscv.dataset.formats.flow import kitti_codes
 from omniscv.errors import ArgumentError
 from omniscv.truth import Flow
 
@@ -156,10 +156,6 @@ def test_unsure_pixels_have_no_flow(tmp_path):
     get("flow").export(pair, tmp_path, {})
     mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
     np.testing.assert_array_equal(mask == 0, unsure)
-
-
-def test_first_bytes_of_a_flo_file():
-    assert flo_bytes(np.zeros((2, 3, 2), np.float32))[:12] == b"PIEH\x03\0\0\0\x02\0\0\0"
 
 
 def known_flow(*values):

@@ -1,7 +1,5 @@
 """A job's dataset in all formats of geometry at once: poses, cameras, depth, points, flow."""
 
-import json
-
 import numpy as np
 import pytest
 from plyfile import PlyData
@@ -40,14 +38,3 @@ def test_the_cloud_has_classes_and_their_names(exports):
     np.testing.assert_allclose(floor["nz"], 1, atol=1e-3)
     (floor_class,) = np.unique(floor["class"])
     assert f"class {floor_class} floor" in read.comments
-
-
-def test_flow_takes_the_tolerance_of_the_truths(exports):
-    given = json.loads((exports / "flow/flow/flow.json").read_text())
-    assert given["tolerance"] == {"abs_m": 0.03, "rel": 0.01}
-    assert given["to"]["pano-0"] == "pano-1"
-    assert given["to"]["pano-1.backward"] == "pano-0"
-    assert json.loads((exports / "depth_png/depth/depth.json").read_text())["kind"] == {
-        "lens": "ray",
-        "pano": "ray",
-    }

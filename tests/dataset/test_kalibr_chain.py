@@ -57,10 +57,3 @@ def test_the_chain_leads_to_the_poses_of_every_camera(frames, tmp_path):
             assert entry["resolution"] == [frame.camera.width, frame.camera.height]
     assert [entry["cam_overlaps"] for entry in chain.values()] == [[2], [2], [0, 1]]
     assert list(read_kalibr(path.read_text())) == ["cam0", "cam1", "cam2"]
-
-
-def test_cameras_that_move_apart_get_a_file_each(frames, tmp_path):
-    moved = [frame for frame in frames if frame.key not in ("rear-0", "right-0", "right-1")]
-    moved += [black_frame(tmp_path, CAMERAS["rear"], PLACES[1], "rear", "rear-0")]
-    written = get("kalibr").export(moved, tmp_path, {})
-    assert [path.name for path in written] == ["camchain-left.yaml", "camchain-rear.yaml"]

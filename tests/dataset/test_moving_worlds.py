@@ -3,16 +3,14 @@
 import json
 import shutil
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from support.datasets import tree
-from support.traced_frames import channels
 
 import mock_server
 from mock_server.scene_file import turned
-from omniscv import Pose, dataset, jobs, truth
+from omniscv import dataset, jobs
 from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 
@@ -111,29 +109,6 @@ def test_frames_without_object_poses_have_no_flow(made, tmp_path):
     ]
     (only,) = dataset.get("flow").export(frames, tmp_path, {})
     assert json.loads(only.read_text(encoding="utf-8"))["to"] == {}
-
-
-def test_flow_and_scene_flow_are_those_of_the_motion(made):
-    """Of the frames' own depth, with the motions that the scene has; what flow is, other tests judge."""
-    folder, frames = made / "moving" / "exports" / "flow" / "flow", dataset.open(made / "moving")
-    for (t0, t1), (one, two) in zip(pairwise(TIMES), pairwise(frames), strict=True):
-        motions = {}
-        for name in (*WORKSHOP.moving, "Cabinet"):
-            before, after = (Pose(place, R_w_o) for R_w_o, place in (world(t).pose(name) for t in (t0, t1)))
-            motions[one.instances[name]] = after @ before.inverse()
-        sure = [
-            np.where(frame.layers("unsure").get("unsure", False), 0, frame.layer("depth"))
-            for frame in (one, two)
-        ]
-        rays, labels = one.camera.unproject(), one.layer("labels")
-        exact = truth.flow(sure[0], rays, one.pose, two.camera, two.pose, sure[1], labels, motions)
-        assert (np.abs(exact.scene).max(axis=-1) > 0.01).sum() > 50  # objects that move are in view
-        flow, scene = channels(folder / f"{one.key}.exr"), channels(folder / f"{one.key}.sceneflow.exr")
-        np.testing.assert_array_equal(flow["mask"], exact.mask)
-        for i, axis in enumerate("XY"):
-            np.testing.assert_allclose(flow[f"flow.{axis}"], exact.pixels[..., i], atol=1e-3)
-        for i, axis in enumerate("XYZ"):
-            np.testing.assert_allclose(scene[f"sceneflow.{axis}"], exact.scene[..., i], atol=1e-6)
 
 
 def test_a_recording_makes_the_same_dataset(made, tmp_path):

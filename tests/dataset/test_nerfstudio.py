@@ -80,18 +80,6 @@ def test_its_rays_are_ours(model, tmp_path):
         np.testing.assert_allclose(directions, rays.directions[v, u] @ pose.rotation.T, atol=1e-9)
 
 
-def test_one_pose_as_the_reference_has_it(tmp_path):
-    """Section 4.4 of the formats' reference."""
-    frame = black_frame(tmp_path, CAMERAS["EQUIRECTANGULAR"], Pose.from_angles((0, 0, 1.5)))
-    get("nerfstudio").export([frame], tmp_path, {})
-    data = json.loads((tmp_path / "transforms.json").read_text())
-    assert data["frames"] == [{
-        "file_path": "images/cam.png",
-        "transform_matrix": [[0, 0, -1, 0], [-1, 0, 0, 0], [0, 1, 0, 1.5], [0, 0, 0, 1]],
-    }]  # fmt: skip
-    assert [data[key] for key in ("fl_x", "fl_y", "cx", "cy")] == [32, 32, 32, 16]
-
-
 def test_several_cameras_get_a_folder_each_with_depth_and_masks(tmp_path):
     fisheye = cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=170)
     frames = [

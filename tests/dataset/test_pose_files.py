@@ -47,11 +47,6 @@ def test_frames_are_in_the_order_of_their_times(tmp_path):
     assert np.loadtxt(tmp_path / "cam.tum")[:, 0].tolist() == [0, 1, 2, 3]
 
 
-def test_frames_without_times_are_numbered(tmp_path):
-    get("poses").export(frames(tmp_path, ("cam",)), tmp_path, {})
-    assert np.loadtxt(tmp_path / "cam.tum")[:, 0].tolist() == [0, 1, 2, 3]
-
-
 def test_two_frames_at_one_time_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match=r"cam: times: expected increasing"):
         get("poses").export(frames(tmp_path, ("cam",), [1.0, 1.0, 2.0, 3.0]), tmp_path, {})

@@ -55,19 +55,6 @@ def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
     assert results.SNR_max_dB() == pytest.approx(40, abs=0.2)
 
 
-@pytest.mark.parametrize(
-    ("electrons", "variance", "snr"),
-    [(100, 5.0833, 8.871), (1000, 41.083, 31.203), (10_000, 401.083, 99.865)],
-)
-def test_temporal_variance_is_the_standards(electrons, variance, snr):
-    sensor = Sensor(electrons=10_000, full_well=20_000, read_noise=5, gain=0.2, black_level=20, mosaic="mono")
-    a, b = (codes.astype(float) for codes in frames(sensor, electrons, 2))
-    measured = (a - b).var() / 2
-    assert measured == pytest.approx(variance, rel=4 * np.sqrt(2) / SIZE)
-    assert a.mean() == pytest.approx(20 + 0.2 * electrons, rel=1e-3)
-    assert (a.mean() - 20) / np.sqrt(measured) == pytest.approx(snr, rel=3 * np.sqrt(2) / SIZE)
-
-
 def test_dark_current_adds_its_own_shot_noise():
     sensor = Sensor(
         dark_current=2000, exposure_s=0.5, full_well=5000, gain=2, bits=16, black_level=50, mosaic="mono"

@@ -69,10 +69,3 @@ LENSES = (
     "pinhole",
     "division",
 )
-
-
-def drawn_rays(rng, count, most_deg=180.0):
-    """(count, 3) unit vectors up to an angle from +z."""
-    theta, azimuth = np.radians(rng.uniform(0, most_deg, count)), rng.uniform(-np.pi, np.pi, count)
-    across = np.sin(theta)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.cos(theta)], axis=-1)
