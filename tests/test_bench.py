@@ -61,13 +61,6 @@ def bench(benches, monkeypatch):
     return run
 
 
-def test_help_lists_every_bench_with_a_line(bench, capsys):
-    assert bench("--help") == 0
-    shown = capsys.readouterr().out
-    for name in NAMES:
-        assert any(line.split()[0] == name and len(line.split()) > 3 for line in shown.splitlines() if line)
-
-
 def test_a_table_and_a_file_of_the_benches_that_are_named(bench, tmp_path, capsys):
     assert bench("live", "--quick", "--json", str(tmp_path / "figures.json")) == 0
     written = json.loads((tmp_path / "figures.json").read_text())
@@ -79,10 +72,3 @@ def test_a_table_and_a_file_of_the_benches_that_are_named(bench, tmp_path, capsy
     for row, figure in zip(rows, written["benches"]["live"], strict=True):
         assert row.split()[-2] == f"{figure['ratio']:.2f}"
         assert figure["ours"] > 0 < figure["limit"]["value"]
-
-
-def test_an_unknown_bench_is_refused_in_one_line(bench, capsys):
-    assert bench("start", "nothing") == 2
-    refusal = capsys.readouterr().err
-    assert "NAME: expected any of" in refusal
-    assert "got 'nothing'" in refusal

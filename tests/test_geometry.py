@@ -90,15 +90,6 @@ def test_level_pose():
     np.testing.assert_allclose(rolled.to_world((1, 0, 0)), (0, 0, -1), atol=1e-15)  # right side down
 
 
-def test_poses_compose_as_their_names_do():
-    T_w_b, T_b_c = (
-        omniscv.Pose.from_angles((1, 2, 3), 20, 30, 40),
-        omniscv.Pose.from_angles((4, 5, 6), -70, 10, 5),
-    )
-    p_c = np.array([0.3, -0.2, 5.0])
-    np.testing.assert_allclose((T_w_b @ T_b_c).to_world(p_c), T_w_b.to_world(T_b_c.to_world(p_c)))
-
-
 @pytest.mark.parametrize(
     ("build", "named"),
     [

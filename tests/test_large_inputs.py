@@ -7,9 +7,7 @@ from support.faces import CENTER, face_requests
 import omniscv
 from omniscv import Pose, truth
 from omniscv.compose.labels import labels_of
-from omniscv.geometry.instant import Instant
 from omniscv.sources import ObjectTable
-from omniscv.sources.pool import SourcePool
 from omniscv.sources.recording import replay
 from omniscv.sources.unreal import instants
 from omniscv.truth import Points, point_cloud
@@ -44,11 +42,6 @@ def test_a_recording_is_opened_and_replayed_without_its_other_views(room, monkey
         assert len(source.recorded_views()) == len(read) == 6
 
 
-def test_views_of_a_pool_are_compared_once(room):
-    with SourcePool([omniscv.open_source(room), omniscv.open_source(room)]) as pool:
-        assert pool.recorded_views() is pool.recorded_views()
-
-
 def test_labels_compare_no_colours_with_each_other():
     compared = []
 
@@ -63,11 +56,6 @@ def test_labels_compare_no_colours_with_each_other():
     labels, _ = labels_of(np.array(list(colors.values()), np.uint8), ObjectTable(colors))
     assert labels.tolist() == list(range(1, 201))
     assert len(compared) < 10 * len(colors)  # of a dictionary; each with each are 20,000
-
-
-def test_the_state_of_an_instant_is_hashed_once():
-    instant = Instant({"Crate": Pose.from_angles((1, 2, 3))})
-    assert instant.state is instant.state
 
 
 def test_noting_changes_describes_no_instant(monkeypatch):

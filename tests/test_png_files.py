@@ -178,8 +178,3 @@ def test_pillow_reads_a_large_picture(channels):
         read.verify()
     with Image.open(io.BytesIO(png_files.encode(pixels))) as read:
         np.testing.assert_array_equal(np.asarray(read), pixels, strict=True)
-
-
-def test_the_same_pixels_make_the_same_bytes():
-    pixels = np.random.default_rng(2).integers(0, 255, (64, 64, 3), np.uint8)
-    assert png_files.encode(pixels) == png_files.encode(np.asfortranarray(pixels))

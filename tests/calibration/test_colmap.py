@@ -8,7 +8,6 @@ from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.calibration import colmap
-from omniscv.errors import ArgumentError
 
 TEXT = """# Camera list with one line of data per camera:
 #   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
@@ -81,11 +80,3 @@ def test_lenses_wider_than_colmap_reads_get_a_comment() -> None:
     assert_same_rays(wide, calibration.loads(text, "colmap")["3"])
     narrow = cameras.from_dict({**wide.to_dict(), "fx": 60.0, "fy": 60.0})
     assert "90 degrees" not in calibration.dumps({"3": narrow}, "colmap")
-
-
-def test_refusing_is_one_line() -> None:
-    mirror = cameras.model("catadioptric-planar").example(32)
-    assert "got catadioptric-planar" in str(colmap.refuses(mirror))
-    assert colmap.refuses(cameras.model("equirectangular").example(32)) is None
-    with pytest.raises(ArgumentError, match="left: name: expected a whole number >= 1, got 'left'"):
-        calibration.dumps({"left": cameras.create("equirectangular", width=64, height=32)}, "colmap")

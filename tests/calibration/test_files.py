@@ -162,12 +162,3 @@ def test_limits_skew_and_second_cameras_are_not_lost_silently(format: str, tmp_p
     for lenses, message in wrong:
         with pytest.raises(ArgumentError, match=message):
             calibration.save(tmp_path / "file", lenses, format)
-
-
-@pytest.mark.parametrize("key", ["model", "camera_model", "distortion_model"])
-def test_opencv_files_with_other_formats_keys_are_recognised(key, tmp_path):
-    """Other formats have these keys, too, but not the first line and the tags that OpenCV writes."""
-    text = TEXTS["opencv-fisheye"].replace("fisheye_model: 1", f"{key}: fisheye")
-    assert key in text
-    (tmp_path / "lens.yml").write_text(text)
-    assert_same_rays(calibration.load(tmp_path / "lens.yml")["cam0"], LENS)

@@ -117,18 +117,6 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
         calibration.from_opencv(K, np.zeros(4), 8, 6)
 
 
-def test_the_plain_model_is_distinguished_from_the_fisheye(tmp_path: Path) -> None:
-    """Four coefficients are k1, k2, p1, p2 in the one file and k1 to k4 in the other, under the same keys."""
-    text = calibration.dumps({"cam0": LENS}, "opencv-fisheye")
-    with pytest.raises(ArgumentError, match="fisheye_model: expected 1"):
-        calibration.loads(text.replace("fisheye_model: 1", "fisheye_model: 0"), "opencv-fisheye")
-    path = tmp_path / "camera.yml"
-    path.write_text(text.replace("fisheye_model: 1\n", ""), encoding="utf-8")
-    with pytest.raises(ArgumentError, match="give format"):
-        calibration.load(path)
-    assert_same_rays(calibration.load(path, "opencv-fisheye")["cam0"], LENS)
-
-
 @pytest.mark.parametrize(
     ("K", "D"),
     [

@@ -22,7 +22,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.lens_formulas import opencv
+from support.lens_formulas import FORMULAS, opencv
 
 from omniscv import cameras
 
@@ -41,37 +41,29 @@ class Lens(NamedTuple):
     apart: float = 1e-12  # relative: radii on both sides of the border that can be told apart
 
 
-def kannala_brandt(k, f=F):
-    camera = cameras.create("kannala-brandt", **SIZE, fx=f, fy=f, k=k)
-    return Lens(camera, lambda t: t, lambda t: f * d_of(k, t), np.pi)
-
-
-def d_of(k, theta):
-    return theta + sum(c * theta ** (2 * i + 3) for i, c in enumerate(k))
-
-
-def double_sphere(xi, alpha, f=None):
-    """By default the border is at 190 px."""
-    f = f or 190 * np.sqrt(2 * alpha - 1)
-    camera = cameras.create("double-sphere", **SIZE, fx=f, fy=f, xi=xi, alpha=alpha)
+def by_formula(name, most=np.pi, **parameters):
+    """A lens whose parameter is the angle, by its published formula."""
+    camera = cameras.create(name, **SIZE | parameters)
 
     def radius(t):
-        k = xi + mp.cos(t)
-        n = alpha * mp.sqrt(mp.sin(t) ** 2 + k**2) + (1 - mp.mpf(alpha)) * k
-        return f * mp.sin(t) / n if n > 0 else -mp.inf
+        return FORMULAS[name](camera, mp.sin(t), 0, mp.cos(t))[0] - camera.cx if t else 0
 
-    return Lens(camera, lambda t: t, radius, np.pi)
+    return Lens(camera, lambda t: t, radius, most)
+
+
+def kannala_brandt(k):
+    return by_formula("kannala-brandt", fx=F, fy=F, k=k)
+
+
+def double_sphere(xi, alpha):
+    """Its border is at 190 px."""
+    f = 190 * np.sqrt(2 * alpha - 1)
+    return by_formula("double-sphere", fx=f, fy=f, xi=xi, alpha=alpha)
 
 
 def rational(k):
-    """k1, k2, p1, p2, k3, k4, k5, k6 of a pinhole; the parameter is the tangent."""
-    k1, k2, _, _, k3, k4, k5, k6 = k
-    camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=k)
-
-    def radius(t):
-        return F * t * (1 + k1 * t**2 + k2 * t**4 + k3 * t**6) / (1 + k4 * t**2 + k5 * t**4 + k6 * t**6)
-
-    return Lens(camera, mp.atan, radius, 4.0)
+    """k1, k2, p1, p2, k3, k4, k5, k6 of a pinhole."""
+    return by_formula("pinhole", np.arctan(4.0), width=10_000, fx=F, fy=F, distortion=k)
 
 
 def scaramuzza(*coefficients):

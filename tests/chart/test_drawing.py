@@ -63,14 +63,6 @@ def test_the_front_holds_what_nothing_beats():
     assert drawing.front(dots) == [dots[0], dots[1], dots[4]]
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.002, "0.002"), (0.5, "0.5"), (1, "1"), (20, "20"), (5000, "5,000"), (1e6, "1,000,000")],
-)
-def test_ticks_are_plain_numbers(value, text):
-    assert drawing.number(value) == text
-
-
 def test_a_picture_has_the_same_bytes_every_time(tmp_path):
     def drawn(folder):
         figure, (axes,) = drawing.figure(1, 3.0, "The same")

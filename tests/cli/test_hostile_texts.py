@@ -56,36 +56,6 @@ def test_a_field_of_a_job(key, value, says, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_of_10_mb_is_refused_before_it_is_read(tmp_path, capsys):
-    path = tmp_path / "big.yaml"
-    path.write_text("a: 1\n" * 2_000_000)
-    for arguments in (["render", path], ["render", "--source", f"scene://{path}"]):
-        assert "at most 1048576 bytes, got a larger one" in failed(capsys, 2, arguments)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("sky: 2001-01-01", "sky: expected 3 numbers (from 0 to 1), got '2001-01-01'"),
-        ("objects: [&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
-        (
-            "objects: {A: {solids: [{sphere: 1e300, at: [0, 0, 0]}]}}",
-            "A: sphere: expected 1 number (from 1e-9",
-        ),
-        ("objects: {" + "x" * 1000 + ": 1}", "expected names without spaces, of at most 100 characters"),
-        ("room: {floor: [" + "[0, 0], " * 300 + "]}", "room: floor: expected at most 256 corners, got 300"),
-    ],
-)
-def test_a_scene(text, says, tmp_path, capsys):
-    path = tmp_path / "scene.yaml"
-    path.write_text(text)
-    scheme = "mock" if text.startswith("room") else "scene"
-    command = ["render", "--source", f"{scheme}://{path}", "--size", "8x4", "--out", tmp_path / "out"]
-    line = failed(capsys, 2, command)
-    assert says in line
-    assert len(line) <= 1000
-
-
 def test_a_scene_has_a_bounded_number_of_solids(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("mock_server.scene_file._MOST_SOLIDS", 2)
     path = tmp_path / "scene.yaml"

@@ -164,12 +164,6 @@ def test_objects_name_the_labels_and_the_colours_of_masks(image, folder):
         assert np.all(mask[untouched] == objects[str(label)]["mask_color"])
 
 
-def test_only_layers_that_were_requested_are_written(image, tmp_path):
-    depth = replace(image, layers={"depth": image.depth}, objects=None)
-    depth.save(tmp_path, stem="a")
-    assert {path.name for path in tmp_path.iterdir()} == {"a.depth.exr", "a.json"}
-
-
 @pytest.mark.parametrize("image_format", ["png", "jpg", "jxl"])
 def test_the_same_image_makes_the_same_bytes(image, tmp_path, image_format):
     first, second = (image.save(tmp_path / each, "a", image_format) for each in ("1", "2"))

@@ -83,22 +83,3 @@ def test_two_objects_of_one_colour_are_told_from_none():
     labels, unknown = labels_of(np.array([[[50, 60, 70], [51, 60, 70]]], dtype=np.uint8), table)
     assert labels.tolist() == [[0, 3]]
     assert unknown == {(50, 60, 70): 1}
-
-
-class Name(str):
-    """A name that counts how often names are compared."""
-
-    compared = 0
-
-    def __lt__(self, other):
-        Name.compared += 1
-        return super().__lt__(other)
-
-
-def test_labels_of_all_objects_take_one_sort():
-    names = [Name(f"Object_{i * 7919 % 500:03d}") for i in range(500)]
-    table = ObjectTable({name: (i // 256, i % 256, 9) for i, name in enumerate(names)})
-    assert sorted(table.label(name) for name in names) == [*range(1, 501)]
-    assert Name.compared < 20 * len(names)
-    with pytest.raises(ValueError, match="expected objects of the scene, got 'Cat'"):
-        table.label("Cat")

@@ -40,13 +40,6 @@ def test_the_point_is_ahead_and_the_image_upright(position, target):
     assert np.cos(np.radians(yaw)) == pytest.approx(apart[0] / np.hypot(*apart[:2]), abs=1e-9)
 
 
-def test_level_looks_are_the_poses_of_angles():
-    for yaw in (-170, -90, 0, 20, 90, 180):
-        ahead = (np.cos(np.radians(yaw)), np.sin(np.radians(yaw)), 0)
-        expected = omniscv.Pose.from_angles((0, 0, 0), yaw_deg=yaw)
-        np.testing.assert_allclose(omniscv.Pose.look_at((0, 0, 0), ahead).R_w_c, expected.R_w_c, atol=1e-15)
-
-
 @pytest.mark.parametrize("target", [(1, 2, 3), (1, 2, 9), (1, 2, -9)])
 def test_no_way_is_up_along_the_axis(target):
     with pytest.raises(ArgumentError, match=r"target: expected a point that is not along 'up'"):

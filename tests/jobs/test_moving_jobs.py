@@ -9,7 +9,7 @@ import mock_server
 import omniscv
 from omniscv import Pose, RenderOptions, jobs
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motion import Motion, object_pose
+from omniscv.geometry.motion import object_pose
 from omniscv.geometry.trajectory import Trajectory, write_tum
 from omniscv.job import Exposure
 from omniscv.make.moments import moments
@@ -118,13 +118,6 @@ def test_times_of_poses(tmp_path):
     path = job_of(tmp_path, "times: poses", poses=sampled)
     assert path.times == (0.0, 0.5, 1.0)
     assert [moment.instant.time for moment in moments(path)] == [0.0, 0.5, 1.0]
-
-
-def test_poses_at_one_time_share_the_instant(tmp_path):
-    poses = "[{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
-    more = f"times: [0.5, 0.5]\nmotions: {{Cabinet: {SLIDE}}}"
-    first, second = moments(job_of(tmp_path, more, poses=poses))
-    assert first.instant.state == second.instant.state != ""
 
 
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
@@ -245,12 +238,6 @@ def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
     assert job_of(tmp_path, "freeze: pause").source_options == {"freeze": "pause"}
 
 
-def test_numbers_of_poses_and_times_agree(tmp_path):
-    poses = "[{position: [0, 0, 1]}, {position: [1, 0, 1]}]"
-    with pytest.raises(ArgumentError, match="times: expected one for each of 2 poses, got 3"):
-        job_of(tmp_path, "times: [0, 1, 2]", poses=poses)
-
-
 def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Cupboard'"):
         jobs.run(job_of(tmp_path, "motions: {Cupboard: [{position: [0, 0, 1]}]}"))
@@ -263,10 +250,3 @@ def test_a_still_source_refuses_to_move(tmp_path):
     moving = replace(job, source=str(tmp_path / "still.sqlite"), times=(0.5,), clock=True)
     with pytest.raises(omniscv.OmniscvError):
         jobs.run(moving)
-
-
-def test_a_motion_given_in_python(tmp_path):
-    pose = object_pose((-1.5, 0.2, 0.85), 30)
-    job = replace(job_of(tmp_path), motions={"Cabinet": Motion(Trajectory((pose,)))})
-    image = rendered(job, 0, poses={"Cabinet": (pose.rotation, pose.position)})
-    assert_same(images_of(job)["pano"], image)

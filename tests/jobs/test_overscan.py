@@ -52,16 +52,6 @@ def both(tmp_path_factory):
     return narrow, wide
 
 
-def test_closed_seams_fade_in_the_overscan(tmp_path):
-    path = tmp_path / "bloom.sqlite"
-    record(path, source="mock://four-wall?fault=bloom")
-    camera, pose = omniscv.cameras.create("equirectangular", 256, 128), omniscv.Pose.from_angles(PLACE)
-    with omniscv.open_source(path) as source:
-        (report,) = omniscv.render(camera, pose, source, seams="close").provenance["seams"]
-    assert report["faded_px"] == 8
-    assert report["steps_after"]["median"] < 0.5 * report["steps"]["median"]
-
-
 @pytest.mark.parametrize("begun", ["0", "4", "20"])
 def test_a_recording_goes_on_with_its_overscan(begun, tmp_path):
     path = tmp_path / "room.sqlite"

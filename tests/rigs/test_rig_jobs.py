@@ -80,8 +80,3 @@ def test_a_rig_that_does_not_fit_is_refused(
     with pytest.raises(ArgumentError, match=says) as caught:
         job_of(tmp_path, rig, poses, more)
     assert "\n" not in str(caught.value)
-
-
-def test_neither_cameras_nor_a_rig_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ArgumentError, match="expected cameras or a rig, got none"):
-        jobs.Job(source="scene://four-wall", cameras={}, poses=(Pose.from_angles((0, 0, 1)),), out=tmp_path)

@@ -12,21 +12,6 @@ NOISY = Sensor(
 )  # fmt: skip
 
 
-def counter_words(counter, key):
-    """The block of a counter by NumPy, which counts before it computes."""
-    before = (sum(word << 64 * k for k, word in enumerate(counter)) - 1) % (1 << 256)
-    state = [before >> 64 * k & (1 << 64) - 1 for k in range(4)]
-    return [f"{word:016x}" for word in np.random.Philox(key=key, counter=state).random_raw(4).tolist()]
-
-
-def test_philox_gives_the_words_of_random123():
-    ones = (1 << 64) - 1
-    zero = "16554d9eca36314c db20fe9d672d0fdc d7e772cee186176b 7e68b68aec7ba23b"
-    full = "87b092c3013fe90b 438c3c67be8d0224 9cc7d7c69cd777b6 a09caebf594f0ba0"
-    assert counter_words([0] * 4, 0) == zero.split()
-    assert counter_words([ones] * 4, (1 << 128) - 1) == full.split()
-
-
 def test_words_of_a_part_are_those_of_the_whole():
     key = noise.key(1, "front", ["a", 2.5])
     whole = noise.words(key, noise.PIXEL, 1, 0, 1000)

@@ -192,14 +192,3 @@ def test_a_mask_without_a_pixel_is_refused():
     for mask in (np.zeros(rays.valid.shape, bool), ~rays.valid, np.ones((3, 3), bool)):
         with pytest.raises(ArgumentError, match="mask: expected pixels set within the rays'"):
             truth.bfov(mask, rays)
-
-
-def test_one_pixel_has_a_box():
-    rays = LENSES["equirectangular"].unproject()
-    for row, column in ((0, 0), (180, 400), (359, 719)):
-        mask = np.zeros(rays.valid.shape, bool)
-        mask[row, column] = True
-        record = truth.bfov(mask, rays)
-        assert record["kind"] == "perspective"
-        assert 0 < record["fov_v"] <= 1.2
-        assert SphericalBox.of(record).contains(rays.directions[mask]).min() >= -1e-6

@@ -16,7 +16,7 @@ from support import datasets, looked
 from support.command_line import ROOT
 
 from omniscv import cameras, cli, dataset
-from omniscv.errors import ArgumentError, RecordingError
+from omniscv.errors import ArgumentError
 from omniscv.viewing.look import look
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.layers import pack
@@ -251,19 +251,6 @@ def test_damaged_files_are_named(truth, tmp_path, name, text, wanted):
     (folder / name).write_text(text)
     with pytest.raises(ArgumentError, match=f"{name}: {wanted}"):
         look(folder / "panorama.json", tmp_path / "page.html")
-
-
-def test_a_layer_of_another_size_is_refused(truth, tmp_path):
-    folder = shutil.copytree(truth.folder, tmp_path / "images")
-    shutil.copy(folder / "fisheye.labels.png", folder / "panorama.labels.png")
-    with pytest.raises(ArgumentError, match="expected 256x128 px, as its camera has, got 128x128"):
-        look(folder / "panorama.json", tmp_path / "page.html")
-
-
-def test_another_database_is_refused(tmp_path):
-    (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\x00" + bytes(100))
-    with pytest.raises(RecordingError):
-        look(tmp_path / "other.sqlite", tmp_path / "page.html")
 
 
 def test_the_command_prints_the_page(truth, tmp_path, capsys):
