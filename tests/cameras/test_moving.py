@@ -42,18 +42,6 @@ def test_an_eye_of_a_head_that_turns(eye, side):
         np.testing.assert_allclose(rays.directions[:, column], turn.apply(ahead.directions), atol=1e-15)
 
 
-def test_disparity_gives_the_distance():
-    """Of a point rho from the axis the azimuths differ by 2 asin(b / (2 rho)): nearer, more."""
-    eyes = [create("ods", 720, 360, interpupillary=0.064, eye=eye) for eye in ("left", "right")]
-    rng = np.random.default_rng(1)
-    theta, rho, y = rng.uniform(-2.8, 2.8, 50), rng.uniform(0.2, 20, 50), rng.uniform(-3, 3, 50)
-    points = np.stack([rho * np.sin(theta), y, rho * np.cos(theta)], axis=-1)
-    (left, _), (right, _) = (eye.project(points) for eye in eyes)
-    apart = np.radians((left - right)[:, 0] / 2)
-    np.testing.assert_allclose(rho, 0.032 / np.sin(apart / 2), rtol=1e-9)
-    np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-9)
-
-
 def test_eyes_without_distance_are_panoramas():
     expected = create("equirectangular", 32, 16).unproject().directions
     rays = create("ods", 32, 16, interpupillary=0, eye="right").unproject()

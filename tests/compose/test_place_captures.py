@@ -3,11 +3,11 @@ is captured anew for each."""
 
 import numpy as np
 import pytest
+from support.recordings import CountingSource
 
 import omniscv
 from omniscv.compose.cache import SharedCaptures
 from omniscv.geometry import Pose
-from omniscv.sources import SourceWrapper
 from omniscv.sources.base import Request, View
 
 CAMERA = omniscv.cameras.create("equirectangular", width=16, height=8)
@@ -15,17 +15,6 @@ HERE, THERE = (0, 0, 1.5), (0.2, 0.1, 1.4)
 MODES = ("lit", "object_mask", "depth")
 OPTIONS = omniscv.RenderOptions(strategy="cube", face_size=16)
 ALL = 6 * len(MODES)
-
-
-class Counted(SourceWrapper):
-    """Counts the captures of another source."""
-
-    count = 0
-
-    def capture(self, requests):
-        for capture in super().capture(requests):
-            self.count += 1
-            yield capture
 
 
 @pytest.fixture(scope="module")
@@ -39,16 +28,16 @@ def recording(tmp_path_factory):
 
 def reads(renderer, place, yaw_deg):
     """Return how many captures an image takes, and the image."""
-    before = renderer.source.count
+    renderer.source.requests.clear()
     image = renderer.render(CAMERA, Pose.from_angles(place, yaw_deg=yaw_deg), MODES, OPTIONS)
-    return renderer.source.count - before, image
+    return len(renderer.source.requests), image
 
 
 def test_a_place_is_decoded_once_until_another_one_comes(recording):
     """And images of held captures are those of new ones."""
     fresh = omniscv.open_source("scene://four-wall")
     counts = []
-    with Counted(omniscv.open_source(recording)) as source:
+    with CountingSource(omniscv.open_source(recording)) as source:
         renderer = omniscv.Renderer(source)
         for place, yaw_deg in ((HERE, 0), (HERE, 30), (THERE, 30), (THERE, 60), (HERE, 60)):
             count, image = reads(renderer, place, yaw_deg)
@@ -61,7 +50,7 @@ def test_a_place_is_decoded_once_until_another_one_comes(recording):
 
 @pytest.mark.parametrize("limit", [0, 1 << 15])
 def test_what_does_not_fit_is_read_again(recording, limit):
-    with Counted(omniscv.open_source(recording)) as source:
+    with CountingSource(omniscv.open_source(recording)) as source:
         renderer = omniscv.Renderer(source, cache_bytes=limit)
         counts = [reads(renderer, HERE, yaw_deg)[0] for yaw_deg in (0, 30)]
         assert renderer.nbytes <= limit
@@ -69,17 +58,17 @@ def test_what_does_not_fit_is_read_again(recording, limit):
 
 
 def test_a_live_source_is_captured_anew():
-    with Counted(omniscv.open_source("scene://four-wall")) as source:
+    with CountingSource(omniscv.open_source("scene://four-wall")) as source:
         renderer = omniscv.Renderer(source)
         assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
 
 
 def test_what_images_share_is_released_after_the_last_of_them():
     request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
-    with Counted(omniscv.open_source("scene://four-wall")) as source:
+    with CountingSource(omniscv.open_source("scene://four-wall")) as source:
         shared = SharedCaptures(source, {request: 2})
         counts = []
         for _ in range(4):
             list(shared.capture([request]))
-            counts.append(source.count)
+            counts.append(len(source.requests))
     assert counts == [1, 1, 2, 3]

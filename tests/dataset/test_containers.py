@@ -132,11 +132,6 @@ def with_boxes(out):
     (out / "frames.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
 
 
-def test_pack_knows_its_containers(whole, capsys):
-    assert cli.run(["dataset", "pack", str(whole / "dataset"), "--as", "zip"]) == 2
-    assert "--as: expected one of webdataset, hf; got 'zip'" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("out", [None, "beside"])
 def test_two_exports_into_one_place_spare_each_other(out, copied, tmp_path):
     """Both are in the middle of writing at one time; each export that comes out is whole."""

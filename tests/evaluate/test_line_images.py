@@ -78,19 +78,3 @@ def test_the_images_of_a_lines_points_are_on_its_line_image(name, v, seed):
     x, y = (pixels[seen] - camera.center).T
     value = normal[0] * x + normal[1] * y - normal[2] * MODELS[name].alpha(np.hypot(x, y), v)
     assert np.abs(value).max(initial=0) <= 1e-8 * v
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_three_points_of_known_lines_give_their_r_vl(name):
-    v = 0.9 * SIZE / 2
-    camera = MODELS[name].camera(SIZE, v)
-    side = -1 if "catadioptric" in name else 1
-    lines = [([-1, 0.8, 2], [1, 0.2, 0.1]), ([0.5, -1, 2], [0.1, 0.3, 1]), ([1, 1, 2.5], [-1, 0.4, 0])]
-    for start, along in np.array(lines) * [1, 1, side]:
-        pixels, seen = camera.project(start + np.array([[-0.9], [0.1], [1.2]]) * along)
-        assert seen.all()
-        assert MODELS[name].r_vl_of_triples(pixels - camera.center, 0.3 * v, 2 * v) == pytest.approx(
-            v, rel=1e-5
-        )
-    radial = np.array([[50.0, 20.0], [100.0, 40.0], [150.0, 60.0]])
-    assert np.isnan(MODELS[name].r_vl_of_triples(radial, 100.0, 900.0))

@@ -15,6 +15,7 @@ from PIL import Image
 
 import omniscv
 from omniscv import cli, dataset, jobs
+from omniscv.testing import check_camera
 
 POSE = omniscv.Pose.from_angles((0.0, 0.0, 0.0), yaw_deg=20.0)
 CAMERA = outsider.Lambert(384, 128)
@@ -39,6 +40,11 @@ def test_an_outsider_uses_public_names_alone():
     own = {"_unproject", "_project", "_source"}  # what subclasses of Camera and SourceWrapper write or use
     words = {word for word in text.replace("(", " ").replace(".", " ").split() if word.startswith("_")}
     assert {word.rstrip("):,") for word in words} <= own | {"__init__", "_", "__init__()"}
+
+
+def test_a_camera_keeps_the_contract():
+    assert omniscv.cameras.model("lambert") is outsider.Lambert
+    check_camera(outsider.Lambert(96, 32))
 
 
 def test_a_camera_and_a_source_through_render():
