@@ -66,12 +66,6 @@ def test_wrong_usage_is_one_line_that_says_what_to_write(arguments, says, capsys
     assert not (tmp_path / "out").exists()
 
 
-def test_the_demo_needs_a_folder(capsys, tmp_path):
-    path = tmp_path / "file"
-    path.touch()
-    assert f"{path}: expected a folder or a free name, got a file" in failed(capsys, 1, ["demo", str(path)])
-
-
 def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, monkeypatch):
     """Also where a file has captures of several sizes."""
     monkeypatch.chdir(tmp_path)

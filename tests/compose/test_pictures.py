@@ -10,7 +10,6 @@ from PIL import Image, ImageShow
 import omniscv
 from omniscv import jobs
 from omniscv.cameras import create
-from omniscv.compose.pictures import captioned
 from omniscv.errors import ArgumentError
 
 ROOT = Path(__file__).parents[2]
@@ -47,15 +46,6 @@ def test_a_notebook_shows_all_layers(image):
     assert sheet.size == image.to_pil().size
     tiles = (sheet.width // 64) * (sheet.height // 48)
     assert tiles >= len(image.layers)
-
-
-def test_a_page_shows_captions_above_its_pictures():
-    grey = np.full((20, 90, 3), 128, np.uint8)
-    lit, depth, plain = (captioned({caption: grey}, 1, 12) for caption in ("lit", "depth", ""))
-    assert (lit != depth).any()
-    top = np.flatnonzero((plain == 128).any(axis=(1, 2)))[0]
-    for page in (lit, depth):
-        assert np.flatnonzero((page != plain).any(axis=(1, 2))).max() < top
 
 
 class Kept(ImageShow.Viewer):

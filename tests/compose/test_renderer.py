@@ -120,16 +120,3 @@ def test_few_pixels_are_those_of_an_image_that_reads_many(name, filter, monkeypa
             images.append(omniscv.render(CAMERAS[name], POSES[1], source, MODES, face_size=64, filter=filter))
     assert same(*images)
     assert len(np.unique(images[0].lit)) > 10
-
-
-def test_progress_counts_captures():
-    seen = []
-    omniscv.render(
-        CAMERAS["panorama"], POSES[0], SOURCE, ("lit", "depth"), strategy="adaptive", face_size=64,
-        progress=seen.append,
-    )  # fmt: skip
-    assert all(each.captures <= each.of_captures and each.of_images == 1 for each in seen)
-    assert [each.captures for each in seen] == sorted(each.captures for each in seen)
-    last = seen[-1]
-    assert last.captures == last.of_captures
-    assert [each.images for each in seen] == [0] * (len(seen) - 1) + [1]

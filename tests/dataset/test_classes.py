@@ -1,7 +1,6 @@
 """Classes by the names of objects: rules, ids, what is frozen, and names that no rule matches."""
 
 import csv
-import json
 from importlib.resources import files
 
 import numpy as np
@@ -171,13 +170,3 @@ def test_labels_and_classes_are_those_of_the_scene(whole):
             found, expected = frame.layer(layer), np.vectorize({**wanted, "": 0}.get)(names)
             assert (found == expected)[sure].mean() > 0.99
             assert not found[~frame.valid].any()
-
-
-def test_the_manifest_holds_the_table(whole):
-    stored = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
-    assert stored["classes"]["taxonomy"] == "nyu40"
-    assert {"id": 5, "name": "chair", "supercategory": "furniture", "stuff": False} in stored["classes"][
-        "classes"
-    ]
-    assert stored["classes"]["of_object"]["Chair_1"] == "chair"
-    assert stored["names"]["Chair_1"] == 1 + sorted(stored["names"]).index("Chair_1")

@@ -54,14 +54,6 @@ def test_the_same_images_give_the_same_poses(images):
     assert [pose.to_dict() for pose in first.values()] == [pose.to_dict() for pose in again.values()]
 
 
-def test_the_flight_is_a_loop_of_even_times():
-    flight = evaluation.flight(60)
-    steps = [path_length(pair) for pair in zip(flight, [*flight[1:], flight[0]], strict=True)]
-    assert max(steps) < 1.3 * min(steps)
-    assert 6.3 < sum(steps) < 7.0
-    np.testing.assert_allclose(np.diff(flight.times), evaluation.SECONDS / 60)
-
-
 def test_the_rim_of_the_image_circle_has_no_features():
     camera = create("fisheye-equidistant", 200, 200, fov_deg=170)
     inner = inner_mask(camera) > 0

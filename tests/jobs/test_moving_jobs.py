@@ -241,12 +241,3 @@ def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
 def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Cupboard'"):
         jobs.run(job_of(tmp_path, "motions: {Cupboard: [{position: [0, 0, 1]}]}"))
-
-
-def test_a_still_source_refuses_to_move(tmp_path):
-    """A recording of one state holds nothing of another."""
-    job = job_of(tmp_path)
-    jobs.capture(job, tmp_path / "still.sqlite")
-    moving = replace(job, source=str(tmp_path / "still.sqlite"), times=(0.5,), clock=True)
-    with pytest.raises(omniscv.OmniscvError):
-        jobs.run(moving)

@@ -68,20 +68,6 @@ def test_visibility_selects_edges_and_corners():
         exact_maps({}, camera)
 
 
-def test_lenses_have_blobs_of_the_same_angle_and_nothing_outside_their_circle():
-    camera = cameras.create("fisheye-equidistant", 400, 400, fov_deg=180)
-    record, _ = record_of(camera=camera)
-    edges, corners = exact_maps(record, camera, edge_sigma=0.02, corner_sigma=0.02)
-    for picture in (edges, corners):
-        assert picture.any()
-        assert not picture[~camera.valid()].any()
-    sigma = 0.02 * 400 / np.pi * 2 * np.pi  # 400 px are pi rad
-    column, row = (int(each) for each in record["corners"][2]["pixel"])
-    assert corners[row, column] > 250
-    away = np.hypot(*(np.array(record["corners"][2]["pixel"]) - (column - 9.5, row + 0.5)))
-    assert corners[row, column - 10] == pytest.approx(255 * np.exp(-0.5 * (away / sigma) ** 2), abs=1)
-
-
 @pytest.mark.parametrize("name", ["equirectangular", "pinhole", "noncentral-conical-mirror", "push-broom"])
 def test_blobs_have_the_width_of_the_pixels_at_the_middle(name):
     """A share of the pixels of a full turn there, beside a cone's tip too: of rays a pixel apart."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, frame, room_of_plan, room_of_scene, scene_of_plan
+from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, room_of_scene, scene_of_plan
 
 import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
@@ -12,7 +12,7 @@ from omniscv.frame import Frame
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
-from omniscv.truth import layout, project_layout, room_of
+from omniscv.truth import layout, room_of
 from omniscv.truth.classes import ClassTable, SemanticClass
 from omniscv.truth.room_layout import Picture
 
@@ -153,15 +153,6 @@ def test_the_room_of_a_source_without_one_is_fitted():
     )
     with pytest.raises(ArgumentError, match="unknown key 'sources'; known keys: source, tolerance, layout"):
         truth.apply(observed, {"sources": 1})
-
-
-def test_frames_of_a_dataset_are_fitted_offline(tmp_path):
-    seen = traced(scene_of_plan(L_SHAPE), (0.5, -0.5, 1.5))
-    record = project_layout(room_of_plan(L_SHAPE), seen.camera, seen.pose)
-    stored = frame(tmp_path, "a", seen.camera, seen.pose, record, seen.files, seen.instances)
-    found = layout([stored])
-    assert found.source == "fitted"
-    same_room(found.room, np.array(L_SHAPE), [f"Layout_Wall_{i + 1}" for i in range(6)], 1e-3)
 
 
 class Hides(SourceWrapper):

@@ -92,22 +92,6 @@ def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
         assert set(json.loads(call[len(f"lookFrame({i},") : -2])) == {"layers", "boxes", "layout"}
 
 
-def test_frames_beside_a_page_are_replaced_together(truth, tmp_path):
-    _, *others = look(truth.folder, tmp_path / "page.html", most_pixels=1000)
-    before = [path.read_bytes() for path in others]
-    (truth.folder / "panorama.depth.exr").rename(tmp_path / "depth.exr")
-    try:
-        shutil.copy(truth.folder / "panorama.json", truth.folder / "panorama.depth.exr")
-        with pytest.raises(ArgumentError, match=r"panorama\.depth\.exr: expected a picture of depth"):
-            look(truth.folder, tmp_path / "page.html", most_pixels=1000)
-    finally:
-        (tmp_path / "depth.exr").rename(truth.folder / "panorama.depth.exr")
-    assert [path.read_bytes() for path in others] == before
-    look(truth.folder / "panorama.json", tmp_path / "page.html", most_pixels=1000)
-    assert [path.name for path in (tmp_path / "page.frames").iterdir()] == ["00000.js"]
-    assert {path.name for path in tmp_path.iterdir()} == {"page.html", "page.frames"}
-
-
 def test_one_image_is_shown_by_any_of_its_files(truth, tmp_path):
     for name in ("panorama.json", "panorama.lit.png", "panorama.depth.exr"):
         page, *_ = look(truth.folder / name, tmp_path / "page.html")
