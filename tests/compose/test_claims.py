@@ -177,7 +177,7 @@ def test_normals_lie_on_a_surface(normals, rooms):
     """No normal is blended across an edge: nearly all are those of a surface within a pixel (review, A5)."""
     scene, source = rooms["four-wall"]
     for name, way in (("equirectangular", {}), ("noncentral-panorama", {"strategy": "adaptive"})):
-        camera = SMALL.get(name) or model(name).example(128)
+        camera = SMALL.get(name) or model(name).example(96)
         modes = (*MODES, "normals")
         image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)
         most = 0.001 if normals == "captured" else 0.02

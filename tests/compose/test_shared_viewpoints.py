@@ -12,7 +12,6 @@ from omniscv.geometry import Pose
 MODES = ("object_mask", "depth")
 UNMARKED = 0.0005  # of the valid pixels of an image
 ALONG = create("push-broom", width=101, height=79, travel=(3, 0, 0), fov_deg=95)
-CIRCLE = create("noncentral-panorama", width=120, height=60, radius=1.0)
 FAST = create(
     "rolling-shutter", width=32, height=28, base={"model": "pinhole", "fov_deg": 100},
     readout=0.1, velocity=(20, 0, 0),
@@ -20,25 +19,13 @@ FAST = create(
 BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
 STRIPS, FACES = {"strategy": "strips"}, {"strategy": "faces"}
 CASES = {
-    **{
-        f"push-broom-{count}": ("four-wall", ALONG, BY_WALL, STRIPS | {"viewpoints": count})
-        for count in (4, 20)
-    },
-    "push-broom-faces": ("four-wall", ALONG, BY_WALL, FACES | {"viewpoints": 9}),
-    "panorama": (
-        "six-wall",
-        CIRCLE,
-        Pose.from_angles((1.2, 0.3, 1.5), 25, 4, -3),
-        STRIPS | {"viewpoints": 12},
-    ),
+    "push-broom": (ALONG, BY_WALL, STRIPS | {"viewpoints": 4}),
     "centre-right-behind-a-wall": (
-        "four-wall",
         create("noncentral-panorama", width=96, height=80, radius=1.33),
         Pose.from_angles((1.264, 2.319, 1.984), 37.9, 56.7, 151.8),
         FACES | {"viewpoints": 6, "face_size": 128},
     ),
     "rolling-shutter": (
-        "four-wall",
         FAST,
         Pose.from_angles((0.4, 2.013, 1.4), yaw_deg=180),
         {"strategy": "adaptive", "face_size": 192},
@@ -46,10 +33,10 @@ CASES = {
 }
 
 
-def judged(room, camera, pose, way):
+def judged(camera, pose, way):
     """Return the image's errors, and where it is wrong about hidden centres, away from edges."""
-    scene = mock_server.load_scene(room)
-    with omniscv.open_source(f"mock://{room}") as source:
+    scene = mock_server.load_scene("four-wall")
+    with omniscv.open_source("mock://four-wall") as source:
         image = omniscv.render(camera, pose, source, MODES, **{"face_size": 224, **way})
     toward = pose.to_world(camera.unproject().origins) - pose.position
     away = np.linalg.norm(toward, axis=-1)
@@ -87,7 +74,7 @@ def drawn_near_a_wall(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_near_walls(seed):
-    errors, wrongly_hidden = judged("four-wall", *drawn_near_a_wall(seed))
+    errors, wrongly_hidden = judged(*drawn_near_a_wall(seed))
     image = errors.image
     assert errors.uncovered.sum() <= max(2, UNMARKED * image.valid.sum())
     assert not wrongly_hidden.any()
