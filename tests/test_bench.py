@@ -1,6 +1,5 @@
 """``scripts/bench``: every bench runs, and its figures have the one form."""
 
-import json
 import math
 import runpy
 import sys
@@ -59,16 +58,3 @@ def bench(benches, monkeypatch):
         return 0
 
     return run
-
-
-def test_a_table_and_a_file_of_the_benches_that_are_named(bench, tmp_path, capsys):
-    assert bench("live", "--quick", "--json", str(tmp_path / "figures.json")) == 0
-    written = json.loads((tmp_path / "figures.json").read_text())
-    assert list(written["benches"]) == ["live"]
-    assert written["machine"]["cores"] > 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("|")]  # Markdown
-    header, _, *rows = lines[: 2 + len(written["benches"]["live"])]
-    assert header.replace("|", " ").split()[-5:] == ["unit", "ours", "peer", "limit", "ratio"]
-    for row, figure in zip(rows, written["benches"]["live"], strict=True):
-        assert row.split()[-2] == f"{figure['ratio']:.2f}"
-        assert figure["ours"] > 0 < figure["limit"]["value"]

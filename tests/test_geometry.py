@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from support.cases import cases
 
 import omniscv
+from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, cube_rotations
 
 angle = st.one_of(st.floats(-180, 180), st.sampled_from([-180.0, -90.0, 0.0, 90.0, 180.0]))
@@ -110,3 +111,37 @@ def test_a_pose_cannot_be_changed():
     pose = omniscv.Pose.from_angles((0, 0, 0))
     with pytest.raises(ValueError):
         pose.position[0] = 1
+
+
+@cases(15)
+@given(position, angle, pitch, angle)
+def test_a_pose_and_its_inverse_are_the_identity(where, yaw, pitch_deg, roll):
+    pose = omniscv.Pose.from_angles(where, yaw, pitch_deg, roll)
+    for both in (pose @ pose.inverse(), pose.inverse() @ pose):
+        np.testing.assert_allclose(both.rotation, np.eye(3), atol=1e-14)
+        np.testing.assert_allclose(both.position, 0, atol=1e-10)  # rounding of 10 km
+
+
+@cases(15)
+@given(position, position)
+def test_the_point_is_ahead_and_the_image_upright(where, target):
+    apart = np.subtract(target, where)
+    if np.hypot(*apart[:2]) < 1e-3:
+        return
+    pose = omniscv.Pose.look_at(where, target)
+    x, y, z = pose.to_camera(target)
+    distance = np.linalg.norm(apart)
+    assert np.hypot(x, y) <= 1e-12 * max(1, distance)
+    assert z == pytest.approx(distance)
+    yaw, pitch, roll = pose.angles()
+    assert roll == pytest.approx(0, abs=1e-9)
+    assert pitch == pytest.approx(np.degrees(np.arcsin(apart[2] / distance)), abs=1e-6)
+    assert np.cos(np.radians(yaw)) == pytest.approx(apart[0] / np.hypot(*apart[:2]), abs=1e-9)
+
+
+@pytest.mark.parametrize("target", [(1, 2, 3), (1, 2, 9), (1, 2, -9)])
+def test_no_way_is_up_along_the_axis(target):
+    with pytest.raises(ArgumentError, match=r"target: expected a point that is not along 'up'"):
+        omniscv.Pose.look_at((1, 2, 3), target)
+    if target != (1, 2, 3):
+        omniscv.Pose.look_at((1, 2, 3), target, up=(1, 0, 0))

@@ -15,14 +15,11 @@ GOOD = {
     "cameras": "{a: {model: equirectangular, width: 8, height: 4}}",
     "poses": "[{position: [0, 0, 1.5]}]",
 }
-LAUGHS = ", ".join(f"&{y} [{', '.join([f'*{x}'] * 9)}]" for x, y in zip("abcdefgh", "bcdefghi", strict=True))
 CAMERA = "{{a: {{model: equirectangular, width: {}, height: 4}}}}"
 POSE = "[{{position: [0, 0, 1.5], yaw_deg: {}}}]"
 WRONG = [
-    ("source", "!!python/object/apply:os.system [exit]", "no tags"),
     ("source", "7", "source: expected an address"),
     ("source", '"a\\0b"', "source: expected a text, got 'a\\x00b'"),
-    ("source", "[&a [x, x], " + LAUGHS + "]", "at most 100000 values"),
     ("cameras", CAMERA.format(".nan"), "cameras.a: width: expected a whole number of pixels"),
     ("cameras", CAMERA.format("9" * 1_000_000), "numbers of at most 64 characters"),
     (
@@ -33,7 +30,6 @@ WRONG = [
     ("cameras", "{'': {model: equirectangular, width: 8, height: 4}}", "cameras: stem: expected a text"),
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
     ("poses", "[{position: [0, 0, 1e300]}]", "position: expected coordinates of at most 1e+09"),
-    ("poses", "[" * 100, "at most 32 levels of nesting"),
     ("modes", "[[lit]]", "modes[0]: expected a text"),
     ("viewpoints", "1000000000000", "viewpoints: expected a whole number <= 1000000"),
     ("face_size", "true", "face_size: expected 'auto' or"),

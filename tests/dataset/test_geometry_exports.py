@@ -5,7 +5,8 @@ import pytest
 from plyfile import PlyData
 from support.datasets import made
 
-from omniscv import dataset
+from omniscv import calibration, dataset
+from omniscv.geometry.trajectory import read_trajectory
 
 EXPORTS = """
 truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}
@@ -14,6 +15,7 @@ export:
   - {format: depth-png, scale: stanford2d3d}
   - normals_png
   - poses
+  - {format: kalibr, cameras: [lens]}
   - {format: colmap, points: 0.2}
   - nerfstudio
 """
@@ -26,6 +28,21 @@ def exports(tmp_path_factory):
 
 def test_made_again_they_are_the_same_bytes(exports):
     assert dataset.check(exports.parent, deep=True) == []
+
+
+def test_each_camera_has_a_trajectory_in_the_order_of_times(exports):
+    """Of these files' forms ``tests/geometry`` and ``tests/rigs`` tell."""
+    frames = [frame for frame in dataset.open(exports.parent) if frame.camera_name == "lens"]
+    for kind in ("tum", "euroc", "kitti"):
+        read = read_trajectory(exports / f"poses/lens.{kind}", first=frames[0].pose)
+        assert read.times == pytest.approx([0, 0.5, 1])
+        for pose, frame in zip(read, frames, strict=True):
+            np.testing.assert_allclose(pose.position, frame.pose.position, atol=1e-12)
+            np.testing.assert_allclose(pose.rotation, frame.pose.rotation, atol=1e-12)
+    assert (exports / "poses/lens.keys").read_text().split() == [frame.key for frame in frames]
+    chain = calibration.load(exports / "kalibr/camchain.yaml")
+    ray = frames[0].camera.unproject([10.0, 20.0]).directions
+    np.testing.assert_allclose(chain["cam0"].project(ray)[0], [10, 20], atol=1e-9)
 
 
 def test_the_cloud_has_classes_and_their_names(exports):

@@ -10,7 +10,7 @@ from support.traced_frames import traced
 import mock_server
 from omniscv import Pose, cameras, truth
 from omniscv.errors import ArgumentError
-from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID
+from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID, motion
 
 CAMERAS = example_cameras()
 SCENE = mock_server.load_scene("six-wall")
@@ -160,6 +160,23 @@ def test_hidden_points_are_occluded(name):
     assert (wrong & hidden)[inside].sum() < 0.15 * hidden[inside].sum()  # objects thinner than a pixel
     assert wrong[inside].mean() < 0.002
     assert wrong.mean() < 0.02
+
+
+def test_an_object_that_moves_with_the_camera_has_no_flow():
+    """A rigid motion of camera and object together gives no flow, whatever the frame of the object."""
+    camera = cameras.create("equirectangular", width=96, height=48)
+    layers = traced(SCENE, camera, BEFORE)
+    label = SCENE.label("Layout_Floor")
+    for rest in (Pose.from_angles((0, 0, 0)), Pose.from_angles((3, -1, 0.5), 77, 20, 5)):
+        together = {label: motion(BEFORE @ rest, AFTER @ rest)}
+        found = truth.flow(
+            layers["depth"], camera.unproject(), BEFORE, camera, AFTER, None, layers["labels"], together
+        )
+        mine = layers["labels"] == label
+        assert mine.sum() > 10
+        assert np.abs(found.pixels[mine]).max() < 1e-9
+        still = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, AFTER)
+        np.testing.assert_array_equal(found.pixels[~mine], still.pixels[~mine])
 
 
 def test_unlabelled_surfaces_and_unknown_motions_have_no_flow():
