@@ -4,12 +4,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from omniscv.chart import failures
 from omniscv.chart.failures import Cause, Row
-from omniscv.sources.scene import open_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -41,22 +39,6 @@ def test_weak_faults_hold():
     weak = failures._Outcome(images | {"strips": (0.02, 0.0005), "adaptive": (0.02, 0.02)}, frozenset())
     rows = failures._rows(failures.CAUSES[0], 0.001, weak, sound)
     assert [row.said for row in rows] == ["holds", "marked", "holds", "silent"]
-
-
-def test_a_mirror_has_half_of_its_light_from_what_it_faces():
-    """The ceiling, 1.3 m above, in a mirror of the floor below."""
-    scene = open_scene("scene://four-wall").scene
-    down, up = np.array([[0.1, 0.1, -1.0]]), np.array([[0.1, 0.1, 1.0]])
-    origin, unit = np.array([[0.5, -1.0, 1.5]]), np.sqrt(1.02)
-    floor, mixed = (
-        failures._color(scene, origin, down / unit, *special)
-        for special in (("", ""), ("gloss", "Layout_Floor"))
-    )
-    at = origin + down * 1.5
-    ceiling = scene.trace(at + 1e-9 * up, up).color
-    light = ((mixed + 0.055) / 1.055) ** 2.4  # IEC 61966-2-1, of colours above 0.04
-    expected = (((floor + 0.055) / 1.055) ** 2.4 + ((ceiling + 0.055) / 1.055) ** 2.4) / 2
-    np.testing.assert_allclose(light, expected, rtol=1e-6)
 
 
 def table(rows):

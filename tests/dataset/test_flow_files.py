@@ -127,24 +127,6 @@ def test_frames_of_two_scenes_have_no_flow_between_them(tmp_path):
     assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-1"}
 
 
-@pytest.mark.parametrize(
-    ("poses", "says"),
-    [
-        (
-            {"Chair_1": {"position": [0, 0, 0]}},
-            r"cam-0.truth.json: expected truth records, got: poses.Chair_1: missing key 'rotation'",
-        ),
-        ({"Chair_1": 3}, r"got: poses.Chair_1: expected a mapping"),
-        ([1], "got: poses: expected a mapping"),
-    ],
-)
-def test_damaged_poses_are_named(poses, says, tmp_path):
-    one, two, _ = frames(tmp_path)
-    (path := tmp_path / "cam-0.truth.json").write_text(json.dumps({"poses": poses}))
-    with pytest.raises(ArgumentError, match=says):
-        get("flow").export([replace(one, files={**one.files, "truth": path}), two], tmp_path, {})
-
-
 def test_unsure_pixels_have_no_flow(tmp_path):
     depth = np.full((32, 64), 2, np.float32)
     unsure = np.zeros((32, 64), bool)

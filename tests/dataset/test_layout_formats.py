@@ -4,16 +4,14 @@ import json
 
 import numpy as np
 import pytest
-import shapely
 from PIL import Image
-from support.rooms import L_SHAPE, PLAIN, U_SHAPE, frame, plain_frame, room_of_plan, scene_of_plan
+from support.rooms import L_SHAPE, PLAIN, frame, plain_frame, room_of_plan, scene_of_plan
 
 from omniscv import Pose, cameras
 from omniscv.dataset import exporting
 from omniscv.errors import ArgumentError
 from omniscv.truth import project_layout
 from omniscv.truth.classes import ClassTable, SemanticClass
-from omniscv.truth.layout_labels import cor_id
 from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)
@@ -38,37 +36,6 @@ def write(name, frames, out, **options):
 # -- HorizonNet -----------------------------------------------------------------------------------------
 
 
-def read_horizonnet(folder, width):
-    """Pairs of files and their corners, with the assertions of HorizonNet's data set and evaluation."""
-    found = {}
-    images = sorted(path for path in (folder / "img").iterdir() if path.suffix in (".png", ".jpg"))
-    for path in images:
-        picture = np.array(Image.open(path), np.float32)[..., :3]
-        lines = (folder / "label_cor" / f"{path.stem}.txt").read_text().splitlines()
-        corners = np.array([line.strip().split() for line in lines if line.strip()], np.float32)
-        corners = np.roll(corners[:, :2], -2 * np.argmin(corners[::2, 0]), 0)
-        assert (corners[0::2, 0] != corners[1::2, 0]).sum() == 0
-        assert (corners[0::2, 1] > corners[1::2, 1]).sum() == 0
-        assert all(
-            above.split()[0] == below.split()[0] for above, below in zip(lines[::2], lines[1::2], strict=True)
-        )
-        assert picture.shape[1] == width
-        found[path.stem] = corners
-    return found
-
-
-def occluded(corners):
-    """Which columns a wall hides, as HorizonNet's reader finds it: the ray to a corner meets other walls."""
-    floor = corners[1::2].astype(float)
-    theta, down = (((floor + 0.5) / (1024, 512) - 0.5) * (2 * np.pi, np.pi)).T
-    plan = np.column_stack([np.sin(theta), -np.cos(theta)]) * (50 / np.tan(down))[:, None]
-    rings = [np.roll(plan, -i, axis=0)[1:] for i in range(len(plan))]
-    return [
-        shapely.LineString([(0, 0), at]).intersects(shapely.LineString(ring))
-        for at, ring in zip(plan, rings, strict=True)
-    ]
-
-
 def test_the_known_room_has_the_known_lines(tmp_path):
     files = write("horizonnet", [plain_frame(tmp_path, "a", PANORAMA, LEVEL)], tmp_path / "out")
     assert [path.relative_to(tmp_path / "out").as_posix() for path in files] == [
@@ -76,20 +43,6 @@ def test_the_known_room_has_the_known_lines(tmp_path):
         "label_cor/a.txt",
     ]
     assert files[1].read_text() == KNOWN_CORNERS
-
-
-@pytest.mark.parametrize(
-    ("plan", "position", "hidden"),
-    [(L_SHAPE, (3, -1.5, 1.4), 1), (U_SHAPE, (2, 2, 1.7), 3)],
-)
-def test_corners_that_walls_hide_are_read_too(tmp_path, plan, position, hidden):
-    pose = Pose.from_angles(position, yaw_deg=100)
-    write("horizonnet", [plain_frame(tmp_path, "a", PANORAMA, pose, plan)], tmp_path / "out")
-    corners = read_horizonnet(tmp_path / "out", 1024)["a"]
-    assert len(corners) == 2 * len(plan)
-    assert sum(occluded(corners)) >= hidden
-    exact = cor_id(room_of_plan(plan), PANORAMA, pose)
-    np.testing.assert_allclose(corners, exact, atol=1e-3)
 
 
 def test_horizonnet_refuses_tilted_cameras_and_other_rooms(tmp_path):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.datasets import tree
 
 import mock_server
 from mock_server.scene_file import turned
@@ -79,18 +78,6 @@ def test_boxes_follow_the_objects(made):
         np.testing.assert_allclose(np.abs(turn), np.abs(turned(40 * time)), atol=1e-9)
 
 
-def test_the_same_bytes_in_every_way(made, tmp_path):
-    """Workers, and a dataset that is resumed; truths that hide objects do so at the frame's instant."""
-    wanted, job = tree(made / "moving"), jobs.load(made / "job.yaml")
-    jobs.make(replace(job, out=tmp_path / "workers"), workers=3)
-    assert tree(tmp_path / "workers") == wanted
-    shutil.copytree(made / "moving", tmp_path / "resumed")
-    (tmp_path / "resumed" / "pano-1.depth.exr").unlink()
-    done = jobs.make(replace(job, out=tmp_path / "resumed"), resume=True)
-    assert (done.written, done.kept) == (1, 2)
-    assert tree(tmp_path / "resumed") == wanted
-
-
 def test_frames_of_another_motion_are_made_again(made, tmp_path):
     """Of an object that goes elsewhere after the first frame, only the others."""
     job = jobs.load(made / "job.yaml")
@@ -109,13 +96,3 @@ def test_frames_without_object_poses_have_no_flow(made, tmp_path):
     ]
     (only,) = dataset.get("flow").export(frames, tmp_path, {})
     assert json.loads(only.read_text(encoding="utf-8"))["to"] == {}
-
-
-def test_a_recording_makes_the_same_dataset(made, tmp_path):
-    """Its states are those that the job computes; poses and boxes of all that moves come from the file."""
-    text = JOB.replace("amodal: boxes, ", "")
-    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
-    job = jobs.load(tmp_path / "job.yaml")
-    jobs.make(replace(job, record=tmp_path / "kept.sqlite", out=tmp_path / "live"))
-    jobs.make(replace(job, source=str(tmp_path / "kept.sqlite"), out=tmp_path / "replayed"))
-    assert tree(tmp_path / "replayed") == tree(tmp_path / "live")

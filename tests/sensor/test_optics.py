@@ -1,18 +1,11 @@
 """Lenses: shading by each projection's closed form, blur and glare of light, lateral colour."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-import omniscv
-from mock_server import load_scene
 from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.sensor import Sensor, optics
-from omniscv.sources.scene import SceneSource
-
-POSE = omniscv.Pose.from_angles((0.1, 0, 1.5), yaw_deg=20)
 
 
 def at_degrees(camera, degrees, by="natural"):
@@ -84,24 +77,13 @@ def test_black_in_a_white_field_reads_the_glare():
     [("fisheye-equidistant", {"fov_deg": 170}), ("pinhole", {"focal": 40.0}),
      ("kannala-brandt", {"fx": 40.0, "fy": 41.0, "cx": 31.0, "cy": 33.0, "k": [0.01, 0, 0, 0]})],
 )  # fmt: skip
-def test_lateral_colour_is_three_exact_images(name, parameters):
-    camera = create(name, width=64, height=64, **parameters)
-    sensor = Sensor(lateral=(0.004, -0.003), electrons=1e9, full_well=4e9, bits=16, gain=6e-5)
-    cameras = sensor.lateral_cameras(camera)
-    with SceneSource(load_scene("four-wall"), lit="float32") as source:
-        green, *others = (
-            omniscv.render(lens, POSE, source, filter="bilinear") for lens in (camera, *cameras)
-        )
-    for share, other in zip(sensor.lateral, cameras, strict=True):
-        ray = np.array([0.1, 0.2, 1.0])
-        (seen, _), (moved, _) = camera.project(ray), other.project(ray)
-        centre, _ = camera.project(np.array([0.0, 0.0, 1.0]))
+def test_lateral_colour_is_seen_by_lenses_of_other_focal_lengths(name, parameters):
+    """That their three images make the colours, a job's test tells."""
+    camera, sensor = create(name, width=64, height=64, **parameters), Sensor(lateral=(0.004, -0.003))
+    ray, ahead = np.array([0.1, 0.2, 1.0]), np.array([0.0, 0.0, 1.0])
+    for share, other in zip(sensor.lateral, sensor.lateral_cameras(camera), strict=True):
+        (seen, _), (moved, _), (centre, _) = camera.project(ray), other.project(ray), camera.project(ahead)
         np.testing.assert_allclose(moved - centre, (seen - centre) * (1 + share), rtol=1e-9)
-    image = sensor.apply(green, lateral=others)
-    exact = np.stack([others[0].lit[..., 0], green.lit[..., 1], others[1].lit[..., 2]], axis=-1)
-    exact = np.where(np.stack([o.valid for o in (others[0], green, others[1])], axis=-1), exact, green.lit)
-    due = sensor.apply(replace(green, layers={"lit": exact.astype(np.float32)}))
-    np.testing.assert_array_equal(image["sensor"], due["sensor"])
 
 
 def test_lateral_colour_needs_a_focal_length():
