@@ -105,6 +105,14 @@ def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, p
     assert rms(image, wanted) < 0.12 * rms(bilinear, wanted)
 
 
+@pytest.mark.parametrize("name", CAMERAS)
+def test_checkerboards_show_their_means(name):
+    """Six pixels of a face or more to one of the image: what is left is their own coarseness at edges."""
+    camera = CAMERAS[name]
+    image, wanted = shown(CHECKERBOARD, camera, 512), means(CHECKERBOARD, camera)
+    assert rms(image, wanted) <= 2
+
+
 @pytest.mark.parametrize("fov_deg", [pytest.param(180, marks=pytest.mark.soak), 300])
 def test_at_the_rim_only_what_is_inside_the_field_of_view_counts(fov_deg):
     camera = create("fisheye-equidistant", width=96, height=96, fov_deg=fov_deg)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from support.exact import float_source
+from support.judged import Errors
 
 import omniscv
 from mock_server import load_scene
@@ -14,6 +15,13 @@ from omniscv.geometry import Pose
 POSE = Pose.from_angles((0.0, 0.0, 1.5), yaw_deg=20.0)
 ROOM = float_source(load_scene("four-wall"))
 LOW = create("noncentral-panorama", width=512, height=32, radius=1.0)
+CAMERAS = {
+    "panorama": LOW,
+    "ball": create(
+        "noncentral-spherical-mirror", width=128, height=128, mirror_radius=0.3, distance=0.3, fov_deg=280
+    ),
+    "cone": create("noncentral-conical-mirror", width=128, height=128, half_angle_deg=55.0, distance=0.3),
+}
 MODES = ("lit", "object_mask", "depth", "normals")
 
 
@@ -39,6 +47,16 @@ def test_few_centres_serve_as_well():
     assert not unsure[~valid].any()
     flat = valid & (np.linalg.norm(image.normals, axis=-1) > 0)
     assert flat.sum() > 0.99 * valid.sum()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_what_is_seen_by_no_centre_is_unsure(name):
+    """With two centres much is hidden: what comes out wrong must be marked."""
+    camera = CAMERAS[name]
+    image = omniscv.render(
+        camera, POSE, ROOM, ("object_mask", "depth"), strategy="reproject", viewpoints=2, face_size=336
+    )
+    assert Errors(image, ROOM.scene).uncovered.sum() <= 0.0005 * image.valid.sum()
 
 
 def test_adaptive_captures_more_where_rays_are_lost():

@@ -19,7 +19,7 @@ FAST = create(
 BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
 STRIPS, FACES = {"strategy": "strips"}, {"strategy": "faces"}
 CASES = {
-    "push-broom": (ALONG, BY_WALL, STRIPS | {"viewpoints": 4}),
+    **{f"push-broom-{count}": (ALONG, BY_WALL, STRIPS | {"viewpoints": count}) for count in (4, 20)},
     "centre-right-behind-a-wall": (
         create("noncentral-panorama", width=96, height=80, radius=1.33),
         Pose.from_angles((1.264, 2.319, 1.984), 37.9, 56.7, 151.8),

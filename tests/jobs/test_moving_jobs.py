@@ -66,6 +66,10 @@ def images_of(job):
     return found
 
 
+def instant_of(moment):
+    return moment.takes[0].instant
+
+
 def assert_same(layers, image):
     for name, layer in layers.items():
         np.testing.assert_array_equal(layer, image[name], err_msg=name)
@@ -102,8 +106,9 @@ def test_motions_of_files_and_splines(tmp_path):
     assert [motion.curve for motion in job.motions.values()] == ["linear", "spline", "spline"]
     for moment, wanted in zip(moments(job), known, strict=True):
         for name in ("Crate", "Cabinet"):
-            np.testing.assert_allclose(moment.takes[0].instant.poses[name].rotation, wanted.rotation, atol=1e-9)
-            np.testing.assert_allclose(moment.takes[0].instant.poses[name].position, wanted.position, atol=1e-12)
+            pose = instant_of(moment).poses[name]
+            np.testing.assert_allclose(pose.rotation, wanted.rotation, atol=1e-9)
+            np.testing.assert_allclose(pose.position, wanted.position, atol=1e-12)
 
 
 def test_times_of_poses(tmp_path):
@@ -117,7 +122,7 @@ def test_times_of_poses(tmp_path):
     sampled = "{path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
     path = job_of(tmp_path, "times: poses", poses=sampled)
     assert path.times == (0.0, 0.5, 1.0)
-    assert [moment.takes[0].instant.time for moment in moments(path)] == [0.0, 0.5, 1.0]
+    assert [instant_of(moment).time for moment in moments(path)] == [0.0, 0.5, 1.0]
 
 
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
@@ -127,7 +132,7 @@ def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     more = f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}"
     job = job_of(tmp_path, more, poses=poses)
     times = {
-        frame.key: (moment.takes[0].instant.time, frame.time) for moment in moments(job) for frame in moment.frames
+        frame.key: (instant_of(moment).time, frame.time) for moment in moments(job) for frame in moment.frames
     }
     assert times["right-0"] == times["right-0"][:1] * 2 == (0.25, 0.25)
     assert times["pano-1"] == times["left-1"] == (1.0, 1.0)
