@@ -159,3 +159,8 @@ def test_focal_lengths_as_text_and_as_numpy_scalars_are_numbers():
     for focal in (True, np.True_, [100.0], None.__class__, 10**400):
         with pytest.raises(ArgumentError, match="focal: expected a finite number > 0, got"):
             cameras.create("pinhole", 64, 48, focal=focal)
+
+
+def test_a_list_of_too_many_numbers_is_refused():
+    with pytest.raises(ArgumentError, match=r"coefficients: expected at most 64 numbers, got 100000"):
+        cameras.create("scaramuzza", 64, 64, coefficients=[-1.0] * 100_000)

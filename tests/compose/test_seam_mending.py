@@ -294,6 +294,15 @@ def test_faces_of_several_places_are_not_mended():
     assert "texture" not in mend([*views(512)], [*one], "close", "srgb").report.get("refused", "")
 
 
+def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
+    """Three edges of the face below are dark."""
+    darkened = exposed(room, GAINS)
+    for side in range(3):
+        np.rot90(darkened[5], side)[:2] = 2
+    assert not estimate_gains(cube(darkened), "srgb").proven
+    assert "gains explain" in mend([*views(256)], [*darkened], "gains", "srgb").report["refused"]
+
+
 def test_what_is_no_cube_stays_and_says_so():
     camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
     with open_scene("scene://four-wall") as source:

@@ -99,6 +99,23 @@ def test_between_poses_positions_are_linear_and_turns_steady():
             poses.at(outside)
 
 
+def test_a_part_keeps_its_times():
+    assert wandering()[3:5].times == wandering().times[3:5]
+
+
+@pytest.mark.parametrize(
+    ("poses", "times", "says"),
+    [
+        ((), None, "at least one pose"),
+        (STEPS.poses, (1.0,), "one per pose, got 1 for 2"),
+        (STEPS.poses, (1.0, 1.0), "increasing"),
+    ],
+)
+def test_wrong_trajectories(poses, times, says):
+    with pytest.raises(ArgumentError, match=says):
+        Trajectory(poses, times)
+
+
 def test_quaternions_turn_camera_to_world(tmp_path):
     """Worked by hand: (0.5, -0.5, 0.5, -0.5) takes a camera's z to X, x to -Y and y to -Z: level, ahead."""
     path = tmp_path / "path.txt"

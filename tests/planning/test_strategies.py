@@ -12,7 +12,7 @@ from mock_server import load_scene
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
 from omniscv.compose.ray_lookup import look_up
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.planning import drive, rounds
 from omniscv.sources.base import Capabilities
@@ -205,6 +205,18 @@ def test_wrong_options(option, value):
 def test_options_that_a_plan_cannot_have(options, says):
     with pytest.raises(ArgumentError, match=says):
         views_of(task(CAMERAS["pinhole"], **options))
+
+
+def test_a_recording_in_which_one_strip_is_missing(tmp_path):
+    """The error says which view it lacks, and which one is nearest."""
+    camera = create("noncentral-panorama", width=16, height=8, radius=0.5)
+    views = views_of(task(camera, LEVEL, strategy="strips"))
+    path = tmp_path / "most.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        for view in views[:5] + views[6:]:
+            list(source.capture([omniscv.sources.Request(view, "depth")]))
+    with omniscv.open_source(path) as replay, pytest.raises(MissingCaptureError, match="nearest recorded"):
+        omniscv.render(camera, LEVEL, replay, ("depth",), strategy="strips")
 
 
 @pytest.mark.parametrize("strategy", ["cube", "strips", "adaptive"])
