@@ -102,7 +102,7 @@ class FrameMaker:
             report = meter.part()
             images = list(images_of(self._renderer, moment, self._job, only=only, progress=report, look=look))
             seen = zip(frames, images, strict=True)
-            return [(Observation(frame, image, **world), moment.takes[0].instant) for frame, image in seen]
+            return [(Observation(frame, image, **world), moment.instant) for frame, image in seen]
         return []  # they were left out
 
     @contextmanager

@@ -61,6 +61,11 @@ class Moment:
     frames: tuple[Frame, ...]
     takes: tuple[Take, ...]
 
+    @property
+    def instant(self) -> Instant:
+        """The instant of the images' ground truth."""
+        return self.takes[0].instant
+
 
 def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> Iterator[Moment]:
     """Yield a job's images by pose and instant, and what is captured for them.
