@@ -1,8 +1,7 @@
 """A job as data: the images that a user wants, and the file that describes them."""
 
 from omniscv.job.file import EXAMPLE, Key, address, keys, load, overridden, read
-from omniscv.job.job import Job
-from omniscv.job.motions import Exposure
+from omniscv.job.job import Exposure, Job
 from omniscv.job.recipe import Recipe, Split
 
 __all__ = [

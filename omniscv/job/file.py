@@ -26,9 +26,8 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion
-from omniscv.job.job import Job
-from omniscv.job.motions import Exposure, read_motions
-from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_poses, read_times
+from omniscv.job.job import Exposure, Job
+from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, read_poses, read_times
 from omniscv.job.recipe import Media, Recipe, SplitOptions
 from omniscv.job.sampling import KINDS
 from omniscv.modalities import TRANSFERS, Transfer

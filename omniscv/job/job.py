@@ -2,22 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from omniscv import modalities, storage
+from omniscv.arguments import number, one_of, whole_number
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion
-from omniscv.job.motions import Exposure, check_times
 from omniscv.job.recipe import Recipe
 from omniscv.job.sampling import SampledPoses
 from omniscv.planning import RenderOptions
+from omniscv.records import checked, record
 from omniscv.sensor import Sensor
 from omniscv.sources.registry import SourceOptions
+
+
+def _instants(name: str, value: object) -> int | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    if (count := whole_number(name, value, least=3, most=999)) % 2 == 0:
+        raise ArgumentError(f"{name}: expected an odd number, got {count}")
+    return count
+
+
+@record
+class Exposure:
+    """How long the shutter is open while the world moves, and how finely that is captured.
+
+    The colours of an image are the mean of ``instants``: of light where the source's transfer is known, else
+    of codes. All other layers are those of the middle, which is one of the instants. The lines of a
+    rolling-shutter camera show as many instants of its read-out, those of the first and the last line among
+    them.
+
+    Raises:
+        ArgumentError: a negative time, an even number, or another word.
+    """
+
+    seconds: float = checked(number, least=0, default=0.0, help="exposure time, seconds")
+    instants: int | Literal["auto"] = checked(
+        _instants, default=9, help="averaged instants, an odd number, or auto: as many as the motion needs"
+    )
+    camera: Literal["moves", "rests"] = checked(
+        one_of,
+        words=("moves", "rests"),
+        default="moves",
+        help="moves along timed poses during the exposure, or rests",
+    )
+
+    def check(self, cameras: Mapping[str, Camera]) -> None:
+        """Refuse an exposure time for rolling-shutter cameras."""
+        rolling = [name for name, camera in cameras.items() if isinstance(camera, RollingShutter)]
+        if rolling and self.seconds:
+            wanted = "expected 0 for a rolling-shutter camera in a world that moves"
+            raise ArgumentError(f"exposure.seconds: {wanted}, got {self.seconds:g} for {rolling[0]!r}")
+
+    def offsets(self) -> tuple[float, ...]:
+        """Return seconds from the middle, that of the middle first."""
+        count = self._count() if self.seconds else 1
+        offsets = [self.seconds * ((i + 0.5) / count - 0.5) for i in range(count)]
+        middle = count // 2
+        return (0.0, *offsets[:middle], *offsets[middle + 1 :])
+
+    def lines(self, camera: RollingShutter) -> Iterator[tuple[float, Camera]]:
+        """Yield seconds after the first line is read, and a camera of the lines that are read about then."""
+        if camera.readout == 0:
+            yield 0.0, camera
+            return
+        step = 1 / (self._count() - 1)
+        for i in range(self._count()):
+            yield camera.readout * i * step, camera.lines((i - 0.5) * step, (i + 0.5) * step)
+
+    def _count(self) -> int:
+        """The number of instants, once it is chosen."""
+        assert self.instants != "auto"
+        return self.instants
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,12 +143,8 @@ class Job:
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
-        check_times(self.times, self.motions, self.clock or self.exposure.seconds > 0, self.poses)
-        if self.rig is not None and self.times is None and self.poses:  # cameras do not move along them
-            for name, mounted in self.rig.cameras.items():
-                if mounted.time_offset:
-                    got = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
-                    raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
+        if self.poses:  # else they are to be sampled
+            self._check_times()
         if self.sensor is not None:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():
@@ -123,6 +182,28 @@ class Job:
     def moves(self) -> bool:
         """Whether images show the world at their times."""
         return self.clock or bool(self.motions)
+
+    def _check_times(self) -> None:
+        """Refuse times that do not fit the poses, the motions or the rig."""
+        poses, times = len(self.poses), self.times
+        spans = {name: span for name, motion in self.motions.items() if (span := motion.span)}
+        if times is None:
+            if self.clock or self.exposure.seconds > 0 or spans:
+                wanted = "expected them where something moves"
+                raise ArgumentError(f"times: {wanted}, got poses without; give 'times'")
+            for name, mounted in self.rig.cameras.items() if self.rig else ():
+                if mounted.time_offset:  # cameras do not move along such poses
+                    got = f"{name}: time_offset {mounted.time_offset:.15g} s, and poses without times"
+                    raise ArgumentError(f"rig: expected poses with times, such as a trajectory's, got {got}")
+            return
+        if len(times) != poses:
+            raise ArgumentError(f"times: expected one for each of {poses} poses, got {len(times)}")
+        for name, (start, end) in spans.items():
+            if max(times) < start or min(times) > end:
+                wanted = (
+                    f"expected waypoints around the job's times, {min(times):.15g} to {max(times):.15g} s"
+                )
+                raise ArgumentError(f"motions.{name}: {wanted}, got {start:.15g} to {end:.15g} s")
 
 
 def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camera]:

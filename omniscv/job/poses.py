@@ -1,24 +1,32 @@
-"""The keys ``poses`` and ``times`` of a job: where its cameras are, and when.
+"""The keys ``poses``, ``motions`` and ``times`` of a job: where its cameras and objects are, and when.
 
 ``poses`` is a list, the name of a trajectory file or ``{file: NAME, frame: body}``, or a description of poses
 to sample (:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``,
-or ``poses``: those of the poses.
+or ``poses``: those of the poses. ``motions`` has waypoints by object::
+
+    motions:                              # metres and degrees, world frame; yaw to the left +
+      Chair_1:                            # waypoints: linear between them
+        - {time: 0, position: [1.2, 0.4, 0.5]}
+        - {time: 2, position: [1.2, -0.8, 0.5], yaw_deg: 90}
+      Ball: {spline: [...]}               # waypoints, or those of a file, on a smooth curve
+      Door: door.tum                      # a trajectory file; relative to the job's
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from omniscv.arguments import number, one_of, shown, text, whole_number, within
+from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.motion import Curve, Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory, read_trajectory
-from omniscv.job.motions import Waypoint
 from omniscv.job.sampling import SampledPoses, read_sampling
-from omniscv.records import checked, read, record
+from omniscv.records import checked, mapping, optional, read, record
 
 _STEEP = 0.7071  # of a direction's Z: 45 degrees up or down
 
@@ -70,7 +78,18 @@ class PoseFile:
 
 
 @record
-class _ListedPose(Waypoint):
+class _Waypoint:
+    """The keys of a pose: metres and degrees, world frame; seconds."""
+
+    position: Any = checked(numbers, shape=(3,))
+    yaw_deg: float = checked(number, default=0.0)
+    pitch_deg: float = checked(number, default=0.0)
+    roll_deg: float = checked(number, default=0.0)
+    time: float | None = checked(optional(number), default=None)
+
+
+@record
+class _ListedPose(_Waypoint):
     place: str = checked(text, default="")
 
 
@@ -105,6 +124,49 @@ def read_poses(name: str, value: object) -> Posed:
         times or None,
         places if any(places) else None,
     )
+
+
+def read_motions(name: str, value: object) -> dict[str, Motion]:
+    """Return the motions that a mapping from objects describes; ArgumentError for all else."""
+    if not isinstance(value, Mapping) or not value:
+        raise ArgumentError(f"{name}: expected a mapping from objects to motions, got {shown(value)}")
+    return {text(name, key): _read_motion(f"{name}.{key}", motion) for key, motion in value.items()}
+
+
+def _read_motion(name: str, value: object) -> Motion:
+    curve: Curve = "spline" if isinstance(value, Mapping) else "linear"
+    if isinstance(value, Mapping):
+        if "spline" not in mapping(name, value, ("spline",)):
+            raise ArgumentError(f"{name}: missing key 'spline'")
+        value = value["spline"]
+    path = _read_waypoints(name, value)
+    with within(name):
+        return Motion(path, curve)
+
+
+def _read_waypoints(name: str, value: object) -> Trajectory:
+    """Return a trajectory of waypoints, or that of a file.
+
+    Raises:
+        ArgumentError: the file cannot be read, or several waypoints without times.
+    """
+    if isinstance(value, str):
+        return read_trajectory(Path(text(name, value)), frame="object")
+    if not isinstance(value, list) or not value:
+        wanted = "expected waypoints, {spline: waypoints}, or the name of a trajectory file"
+        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    waypoints = [read(_Waypoint, keys, f"{name}[{i}]") for i, keys in enumerate(value)]
+    untimed = [i for i, waypoint in enumerate(waypoints) if waypoint.time is None]
+    if untimed and len(waypoints) > 1:
+        raise ArgumentError(f"{name}[{untimed[0]}]: missing key 'time'; give every waypoint a time")
+    with within(name):
+        return Trajectory(
+            tuple(
+                object_pose(point.position, point.yaw_deg, point.pitch_deg, point.roll_deg)
+                for point in waypoints
+            ),
+            tuple(point.time or 0.0 for point in waypoints),
+        )
 
 
 @record

@@ -21,8 +21,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.job import Job, Split
-from omniscv.job.motions import Exposure
+from omniscv.job import Exposure, Job, Split
 from omniscv.planning import densities
 from omniscv.progress import Meter, Report, without_images
 from omniscv.sources.base import Color, Source
