@@ -3,7 +3,6 @@
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import yaml
@@ -142,13 +141,6 @@ class Wrong(Game):
 def test_a_skipped_request_and_an_error_of_another_kind_are_raised(games, error, says):
     with SourcePool(games) as pool, pytest.raises(error, match=says):
         list(pool.capture(REQUESTS))
-
-
-def test_several_calls_at_once_share_the_replicas():
-    """Also where all but one of the replicas fail."""
-    with SourcePool([Game(lasts=50), Game(lasts=90), Game()]) as pool, ThreadPoolExecutor(4) as threads:
-        parts = [REQUESTS[start::4] for start in range(4)]
-        assert list(threads.map(lambda part: requests_of(pool.capture(part)), parts)) == parts
 
 
 def test_different_sources_and_none_are_refused():

@@ -15,7 +15,7 @@ import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
-from omniscv.sources import Request, View
+from omniscv.sources import Request
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
@@ -117,16 +117,6 @@ def test_bounds_serve_where_there_are_no_vertices():
         assert np.array(ends) == pytest.approx(np.array(SCENE.bounds(name)), abs=CM)
 
 
-def test_an_object_that_was_turned_has_the_box_of_its_own_frame():
-    """Pitched, so that no upright box fits as well."""
-    with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
-        before = source.geometry().boxes["Door"]
-        server.world.objects["Door"].rotation = (30.0, 20.0, 10.0)
-        after = source.geometry().boxes["Door"]
-    assert np.prod(after.size) == pytest.approx(np.prod(before.size), rel=1e-3)
-    assert after.center_w == pytest.approx(before.center_w, abs=1e-4)
-
-
 def test_plugin_0_3_10_knows_no_boxes():
     with omniscv.open_source(SMALL) as source:
         assert source.geometry().boxes == {}
@@ -191,27 +181,6 @@ def test_hidden_objects_are_gone_until_the_source_is_closed(uris):
 
 def shows(pixels, color):
     return (np.abs(pixels.astype(int) - color) <= 3).all(axis=-1).any()
-
-
-def test_views_without_objects_are_those_of_a_scene_without_them():
-    """From anywhere, also from inside furniture."""
-    rng = np.random.default_rng(5)
-    modes = ("lit", "object_mask", "depth", "normals")
-    with omniscv.open_source("scene://four-wall?masks=ids") as source:
-        for _ in range(2):
-            hide = [name for name in SCENE.objects if rng.random() < 0.8]
-            angles = dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), rng.uniform(-180, 180, 3), strict=True))
-            pose = omniscv.Pose.from_angles(rng.uniform([-2.9, -2.4, 0.1], [2.9, 2.4, 2.7]), **angles)
-            view = View(pose, rng.uniform(20, 150), 48, 32)
-            wanted = mock_server.render_view(
-                SCENE, pose.R_w_c, pose.position, view.fov_deg, view.width, view.height, hide
-            )
-            with source.without(hide) as rest:
-                found = {each.mode: each.pixels for each in rest.capture(Request(view, m) for m in modes)}
-            assert np.array_equal(found["lit"], wanted.color)
-            assert np.array_equal(found["object_mask"], wanted.label)
-            assert np.array_equal(found["depth"], wanted.depth.astype(np.float32))
-            assert np.array_equal(found["normals"], wanted.normal.astype(np.float32))
 
 
 def test_a_game_shows_its_objects_when_its_source_is_closed():

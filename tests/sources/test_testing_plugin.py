@@ -1,12 +1,9 @@
 """The pytest plugin in other people's projects: tests in files of their own, run by pytest."""
 
 import json
-import shutil
-import sqlite3
 import subprocess
 import sys
 import textwrap
-from contextlib import closing
 
 import pytest
 from support.recordings import provenances
@@ -127,9 +124,6 @@ def test_contracts_for_a_package(suite):
         from omniscv import cameras, open_source
         from omniscv.testing import check_camera, check_source
 
-        def test_camera():
-            check_camera(cameras.model("double-sphere").example(32))
-
         def test_wrong_camera():
             class Shifted(cameras.model("equirectangular")):
                 def _project(self, points):
@@ -138,10 +132,6 @@ def test_contracts_for_a_package(suite):
             with pytest.raises(AssertionError):
                 check_camera(Shifted(32, 16))
 
-        def test_source():
-            with open_source("scene://four-wall") as source:
-                check_source(source)
-
         def test_wrong_source():
             from omniscv.sources import SourceWrapper
             class Disordered(SourceWrapper):
@@ -149,27 +139,6 @@ def test_contracts_for_a_package(suite):
                     yield from super().capture(reversed(list(requests)))
             with Disordered(open_source("scene://four-wall")) as source, pytest.raises(AssertionError):
                 check_source(source)
-        """,
-        passed=4,
-    )
-
-
-def test_a_server_for_any_client(suite):
-    suite(
-        """
-        import unrealcv
-
-        @pytest.mark.unreal(scene="six-wall")
-        @pytest.mark.filterwarnings("ignore:The connected UnrealCV server is too old")  # they all are
-        def test_six(unreal_server):
-            client = unrealcv.Client(("127.0.0.1", unreal_server.port))
-            assert client.connect()
-            assert client.request("vget /scene/name") == "six-wall"
-            client.disconnect()
-            assert unreal_server.statistics.total("vget /scene/name") == 1
-
-        def test_four(unreal_server):
-            assert unreal_server.scene.name == "four-wall"
         """,
         passed=2,
     )
@@ -226,20 +195,6 @@ def test_once_records_where_a_recording_holds_nothing(left, suite, record):
         Store(record, write=True).close()
     suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
     assert verify(record).captures == 6
-
-
-def test_logs_of_the_file_before_are_not_taken_in(suite, record, recorded):
-    """Left by another program."""
-    record.parent.mkdir(parents=True)
-    shutil.copy(recorded, record)
-    with closing(sqlite3.connect(record, isolation_level=None)) as database:
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("UPDATE capture SET mode = 'depth'")
-        log = record.with_name("room.sqlite-wal").read_bytes()
-    record.with_name("room.sqlite-wal").write_bytes(log)
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=rewrite", passed=1)
-    assert times(record).keys() == {"lit"}
-    assert verify(record).ok
 
 
 def test_rewrite_keeps_the_old_file_where_nobody_answers(suite, record):

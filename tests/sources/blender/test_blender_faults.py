@@ -304,14 +304,3 @@ def test_it_belongs_to_the_process_that_opened_it(tmp_path):
                 os._exit(0 if "got a fork of that process; open it again there" in str(error) else 2)
         assert os.waitpid(child, 0)[1] == 0
         assert len(list(source.capture(REQUESTS[:2]))) == 2
-
-
-def test_processes_that_make_no_pool_are_ended(tmp_path, monkeypatch):
-    def refuse(sources):
-        raise ArgumentError("sources: expected replicas of one scene")
-
-    monkeypatch.setattr("omniscv.sources.blender.source.SourcePool", refuse)
-    before = set(psutil.Process().children())
-    with pytest.raises(ArgumentError, match="expected replicas of one scene"):
-        omniscv.open_source(blender.fake(tmp_path) + "&processes=2")
-    assert set(psutil.Process().children()) == before

@@ -7,8 +7,6 @@ import pytest
 from support.unreal import relayed
 from support.worlds import serve
 
-import omniscv
-from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.protocol import DIALECTS
 
@@ -64,16 +62,6 @@ def test_the_dev_build_is_known_by_how_it_names_cameras():
         plugin = plugin_of(uri)
     assert plugin.dialect == "Dev"
     assert CINE in plugin.templates
-
-
-def test_a_game_that_wants_a_token_is_refused_in_one_line():
-    """At once: a refusal is no fault of the wire."""
-    with serve("N3", faults=["authentication"]) as server:
-        with pytest.raises(
-            ServerRefusedError, match="expected a server without authentication; empty AuthToken"
-        ):
-            omniscv.open_source(server.uri)
-        assert server.statistics.total("vget") == 1
 
 
 def test_the_documents_have_the_table():

@@ -4,9 +4,8 @@ import random
 
 import numpy as np
 import pytest
-from support.worlds import CENTER, DIALECTS, SCENE, SIZE, at_time, serve
+from support.worlds import CENTER, SIZE, at_time, serve
 
-import mock_server
 import omniscv
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
@@ -38,47 +37,21 @@ def rig(source, pose):
 
 
 SHOTS = {"central": central, "strips": strips, "adaptive": adaptive, "rig": rig}
-ABLE = [(dialect, shot) for dialect in DIALECTS for shot in SHOTS if (dialect, shot) != ("0.3.10", "strips")]
 FEW = [("0.3.10", "central"), ("M", "central"), ("N1", "rig"), ("N2", "adaptive"), ("N3", "strips")]
-LONG = [pytest.mark.soak, pytest.mark.timeout(3600)]
-CASES = [(*each, 1) for each in FEW] + [pytest.param(*each, 100, marks=LONG) for each in ABLE]
 
 
 def turned(seed):
     return omniscv.Pose.from_angles(CENTER, yaw_deg=random.Random(seed).uniform(-180, 180))
 
 
-@pytest.mark.parametrize(("dialect", "shot", "seeds"), CASES)
-def test_captures_of_a_running_game_are_never_delivered(dialect, shot, seeds):
-    delivered = []
-    for seed in range(seeds):
-        step = random.Random(seed).choice([1 / 120, 1 / 60, 1 / 30])
-        with (
-            serve(dialect, time_step_s=step, seed=seed) as server,
-            omniscv.open_source(server.uri, freeze="none") as source,
-        ):
-            try:
-                SHOTS[shot](source, turned(seed))
-            except TornSetError:
-                continue
-            delivered.append(seed)
-    assert not delivered
-
-
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_frozen_game_shows_what_a_still_scene_does(dialect):
-    pose, instant = turned(3), at_time(0.8)
-    still = mock_server.serve(SCENE.at(0.8), dialect=dialect, size=(SIZE, SIZE), time_step_s=0.0)
-    with still as server, omniscv.open_source(server.uri) as source:
-        (wanted,) = central(source, pose)
+@pytest.mark.parametrize(("dialect", "shot"), FEW)
+def test_captures_of_a_running_game_are_never_delivered(dialect, shot):
     with (
-        serve(dialect, time_step_s=0.02) as server,
-        omniscv.open_source(server.uri) as source,
-        source.at(instant) as frozen,
+        serve(dialect, time_step_s=1 / 60) as server,
+        omniscv.open_source(server.uri, freeze="none") as source,
+        pytest.raises(TornSetError),
     ):
-        assert frozen.capabilities.moves
-        (image,) = central(frozen, pose)
-    assert all(np.array_equal(image[name], wanted[name]) for name in LAYERS)
+        SHOTS[shot](source, turned(0))
 
 
 @pytest.mark.parametrize("freeze", ["puppet", "pause", "batch"])

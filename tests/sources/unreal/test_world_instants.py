@@ -37,6 +37,7 @@ def test_a_puppet_shows_the_scene_at_any_time(dialect):
             with source.at(instant) as still:
                 assert server.world.paused
                 assert still.state == source.state == instant.state
+                assert still.capabilities.moves
                 assert source.instant is source.instant  # described once, not at every capture
                 assert not wrong(still, SCENE.at(time_s))
             assert not server.world.paused
@@ -109,7 +110,7 @@ def test_a_picture_that_proves_is_another_picture():
         assert server.statistics.counts["vget /camera/0/depth npy"] >= before + 2
 
 
-@pytest.mark.parametrize(("dialect", "late"), [("0.3.10", 1), ("0.3.10", 3), ("N1", 3), ("N3", 1)])
+@pytest.mark.parametrize(("dialect", "late"), [("0.3.10", 3), ("N1", 3)])
 def test_captures_right_after_a_move_show_it_also_where_frames_lag(dialect, late):
     with (
         serve(dialect, time_step_s=0.0, faults=[f"late-objects={late}"]) as server,
