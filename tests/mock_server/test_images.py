@@ -76,17 +76,6 @@ def test_captures_without_pixels_are_refused(camera, command):
     assert camera.text("vget /camera/1/depth npy") == "error Captured data is empty"
 
 
-def test_files_are_written_in_the_servers_folder(start, open_raw, tmp_path):
-    folder = tmp_path / "out"
-    folder.mkdir()
-    raw = open_raw(start(folder=folder))
-    raw.ask("vset /camera/0/size 16 16")
-    assert raw.text("vget /camera/0/lit a.png") == "a.png"
-    assert raw.text("vget /camera/0/depth a.npy") == "a.npy"
-    assert (folder / "a.png").read_bytes() == raw.ask("vget /camera/0/lit png")
-    assert (folder / "a.npy").read_bytes() == raw.ask("vget /camera/0/depth npy")
-
-
 def test_file_names_cannot_leave_the_folder(start, open_raw, tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()

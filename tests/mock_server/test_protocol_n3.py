@@ -101,14 +101,6 @@ def test_exposure_that_is_set_while_the_cine_model_is_on_is_lost(raw):
     assert lit() == pytest.approx(before / 2, rel=0.02)  # rounded to 8 bits
 
 
-def test_manual_exposure_holds_for_one_camera(start, open_raw):
-    raw = open_raw(start(size=(16, 16), faults=["exposure-drift"]))
-    raw.ask("vset /cameras/spawn")
-    assert raw.text("vset /camera/1/exposure_method manual") == "ok"
-    held, free = ([raw.ask(f"vget /camera/{i}/lit png") for _ in range(3)] for i in (1, 0))
-    assert (len(set(held)), len(set(free))) == (1, 3)
-
-
 def test_shared_memory_is_refused_elsewhere_than_on_windows(start, open_raw):
     raw = open_raw(start(shared_memory="refusing"))
     no = "error Windows shared memory transport is only available on Windows"

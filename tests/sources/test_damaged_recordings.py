@@ -4,7 +4,6 @@ import contextlib
 import io
 import pickle
 import sqlite3
-import struct
 
 import numpy as np
 import pytest
@@ -222,22 +221,3 @@ def test_a_recording_of_another_version_is_refused(version, error, says, copy):
     for write in (False, True):
         with pytest.raises(error, match=says):
             Store(copy, write=write)
-
-
-def test_a_tree_of_pages_that_never_ends_is_refused(copy):
-    """All entries of a page of the tree point to that page's first child: rows without end."""
-    data = bytearray(copy.read_bytes())
-    size = int.from_bytes(data[16:18], "big")
-    with contextlib.closing(sqlite3.connect(copy)) as database:
-        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'capture'")
-    start = (root - 1) * size
-    cells = [start + size - 6 * (i + 1) for i in range(300)]
-    data[start : start + 12] = struct.pack(">BHHHBI", 5, 0, 300, size - 1800, 0, root)
-    for i, cell in enumerate(cells):
-        data[start + 12 + 2 * i : start + 14 + 2 * i] = (cell - start).to_bytes(2, "big")
-        data[cell : cell + 5] = root.to_bytes(4, "big") + bytes([min(i, 127)])
-    copy.write_bytes(data)
-    for use in (info, replay):
-        with pytest.raises(RecordingError):
-            use(copy)
-    assert is_found(copy)

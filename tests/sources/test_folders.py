@@ -132,21 +132,6 @@ def test_an_index_that_is_no_json_is_refused(index, tmp_path):
         import_folder(tmp_path, tmp_path / "out.sqlite")
 
 
-def test_an_import_is_all_or_nothing(recorded, copy, tmp_path):
-    """The last entry is wrong: neither an old file is changed nor a new one created."""
-    folder = tmp_path / "faces"
-    export(recorded, folder)
-    entries = json.loads((folder / "captures.json").read_text())
-    entries[-1]["view"]["width"] = 8.0
-    (folder / "captures.json").write_text(json.dumps(entries))
-    before = copy.read_bytes()
-    for path in (copy, tmp_path / "new" / "room.sqlite"):
-        with pytest.raises(ArgumentError, match="whole number"):
-            import_folder(folder, path)
-    assert copy.read_bytes() == before
-    assert not (tmp_path / "new").exists()
-
-
 def folder_of(path, tmp_path, **changes):
     """A recording as a folder, with other files in it; None removes one."""
     folder = tmp_path / f"folder-{path.stem}"
@@ -181,18 +166,6 @@ def test_masks_of_another_scene_are_not_added(changes, says, other, copy, tmp_pa
         import_folder(folder_of(other, tmp_path, **changes), copy)
     assert len(str(error.value).splitlines()) == 1
     assert contents(copy) == before
-
-
-def test_masks_without_names_do_not_take_those_of_a_recording(recorded, tmp_path):
-    """The recording has no masks yet, but a table."""
-    path = tmp_path / "room.sqlite"
-    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
-        source.objects()
-        list(source.capture(face_requests(modes=("lit",))))
-    with pytest.raises(
-        RecordingNotWritableError, match=r"expected object masks with an object table both in"
-    ):
-        import_folder(folder_of(recorded, tmp_path, objects=None), path)
 
 
 def test_what_is_no_regular_file_is_left_alone(recorded, tmp_path):

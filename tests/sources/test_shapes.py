@@ -14,7 +14,7 @@ from support.unreal import relayed
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources import Request
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
@@ -278,16 +278,3 @@ def test_boxes_do_not_turn_over(opened, tmp_path):
 
 def heading_deg(box):
     return math.degrees(math.atan2(box.R_w_b[1, 0], box.R_w_b[0, 0]))
-
-
-def test_a_left_handed_frame_turns_its_z():
-    turn = math.radians(100)
-    axes = np.array([[math.cos(turn), math.sin(turn), 0], [-math.sin(turn), math.cos(turn), 0], [0, 0, -1]])
-    box = ObjectBox.of(np.zeros(3), axes, np.array([1.0, 2.0, 3.0]), "scene")
-    assert box.R_w_b == pytest.approx((axes * [[1], [1], [-1]]).T)
-    assert box.size == pytest.approx([1, 2, 3])
-    wanted = {tuple(np.round(c * (1, 2, 3) @ axes / 2, 9) + 0.0) for c in np.array(CORNERS)}
-    assert {tuple(np.round(corner, 9) + 0.0) for corner in box.corners_w()} == wanted
-
-
-CORNERS = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]

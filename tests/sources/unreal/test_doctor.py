@@ -340,20 +340,6 @@ def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
     }
 
 
-def test_a_world_that_moves_is_paused_for_what_else_is_measured():
-    with (
-        serve(time_step_s=0.1) as running,
-        open_connection(running.uri) as connection,
-        RawCamera(connection) as camera,
-    ):
-        world = MovingWorld(connection, camera)
-        world.findings()
-        with world.still():
-            assert running.world.paused
-            assert doctor.settle(camera).verdict == "ok"
-        assert not running.world.paused
-
-
 @pytest.mark.parametrize(("late", "verdict"), [(2, "ok"), (5, "bad")])
 def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
