@@ -4,7 +4,7 @@ import shutil
 
 from attack.commands import nothing_left, ran, require
 from attack.samples import contents, same, sample
-from attack.spoiling import spoil_file
+from attack.spoiling import regular_files, spoil_file
 
 
 def case(rng, folder):
@@ -13,9 +13,7 @@ def case(rng, folder):
     with nothing_left(folder) as work:
         shutil.copytree(true.folder, work / "faces")
         for _ in range(rng.choice([1, 1, 2, 3])):
-            files = sorted(
-                file for file in (work / "faces").iterdir() if file.is_file() and not file.is_symlink()
-            )
+            files = regular_files(work / "faces")
             spoil_file(rng, rng.choice([*[file for file in files if file.suffix == ".json"] * 8, *files]))
         target = work / "room.sqlite"
         if resumed := rng.random() < 0.5:

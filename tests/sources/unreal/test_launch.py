@@ -122,11 +122,6 @@ def test_a_game_is_stopped_whose_starter_is_gone_before_it_knows_its_process(tmp
 OURS = "; written by omniscv for one launch"
 
 
-@pytest.fixture
-def folder(tmp_path):
-    return tmp_path
-
-
 def killed_while_borrowing(folder):
     """What a launch leaves that is killed while its game starts."""
     borrowing = temporary_settings(folder, "Port=1\n", 1)
@@ -140,48 +135,48 @@ def killed_while_borrowing(folder):
 
 
 @pytest.mark.parametrize("before", [None, b"", b"Port=7\n"])
-def test_settings_come_back_after_a_launch_and_after_a_killed_one(before, folder):
-    file = folder / "unrealcv.ini"
+def test_settings_come_back_after_a_launch_and_after_a_killed_one(before, tmp_path):
+    file = tmp_path / "unrealcv.ini"
     if before is not None:
         file.write_bytes(before)
-    killed_while_borrowing(folder)
+    killed_while_borrowing(tmp_path)
     assert file.read_text().startswith(OURS)
     for _ in range(2):  # the second launch finds nothing to repair
-        with temporary_settings(folder, "Port=2\n", 1):
+        with temporary_settings(tmp_path, "Port=2\n", 1):
             assert file.read_text().startswith(OURS)
             assert file.read_text().endswith("Port=2\n")
-            assert (folder / BACKUP).exists() == (before is not None)
-        assert {path.name: path.read_bytes() for path in folder.iterdir()} == (
+            assert (tmp_path / BACKUP).exists() == (before is not None)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == (
             {} if before is None else {"unrealcv.ini": before}
         )
 
 
-def test_settings_that_were_changed_after_a_kill_are_not_touched(folder):
-    (folder / "unrealcv.ini").write_text("Port=7\n")
-    killed_while_borrowing(folder)
-    (folder / "unrealcv.ini").write_text("Port=8\n")
+def test_settings_that_were_changed_after_a_kill_are_not_touched(tmp_path):
+    (tmp_path / "unrealcv.ini").write_text("Port=7\n")
+    killed_while_borrowing(tmp_path)
+    (tmp_path / "unrealcv.ini").write_text("Port=8\n")
     with pytest.raises(
         SourceError, match=r"expected either .*-backup, .* or unrealcv.ini, changed since; keep"
     ):
-        temporary_settings(folder, "", 1).__enter__()
-    assert (folder / "unrealcv.ini").read_text() == "Port=8\n"
-    assert (folder / BACKUP).read_text() == "Port=7\n"
+        temporary_settings(tmp_path, "", 1).__enter__()
+    assert (tmp_path / "unrealcv.ini").read_text() == "Port=8\n"
+    assert (tmp_path / BACKUP).read_text() == "Port=7\n"
 
 
-def test_launches_of_one_package_wait_for_one_another(folder):
-    file = folder / "unrealcv.ini"
+def test_launches_of_one_package_wait_for_one_another(tmp_path):
+    file = tmp_path / "unrealcv.ini"
     file.write_text("Port=7\n")
     seen = []
 
     def launch_another():
-        with temporary_settings(folder, "Port=2\n", 60):
+        with temporary_settings(tmp_path, "Port=2\n", 60):
             seen.append(file.read_text())
 
-    with temporary_settings(folder, "Port=1\n", 1):
+    with temporary_settings(tmp_path, "Port=1\n", 1):
         other = threading.Thread(target=launch_another)
         other.start()
         with pytest.raises(DeadlineError, match="another launch has not started yet"):
-            temporary_settings(folder, "", 0.2).__enter__()
+            temporary_settings(tmp_path, "", 0.2).__enter__()
         assert file.read_text().endswith("Port=1\n")
     other.join(60)
     assert [text[-7:] for text in seen] == ["Port=2\n"]
