@@ -1,21 +1,20 @@
-"""Ctrl-C, and kill -9 of workers, servers, games and schedulers: what is left goes on to the same bytes."""
+"""Ctrl-C, and kill -9 of workers, servers and games: what is left goes on to the same bytes."""
 
 import os
 import re
 import signal
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 
 import psutil
 import pytest
-from support.clusters import PATIENCE_S, Cluster
-from support.clusters import waited_for as content_of
 from support.datasets import tree
 from support.games import STAND_IN, waited_for
 from support.processes import OMNISCV, started
 from support.stores import names_at
 
+import mock_server
 from omniscv import dataset, jobs
 
 JOB = """
@@ -50,83 +49,51 @@ def below(process):
     return found
 
 
-def test_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
-    """A terminal sends it to the workers too."""
-    job, out = job_of(tmp_path, "stopped"), tmp_path / "stopped"
-    jobs.make(jobs.load(job_of(tmp_path, "single")))
-    with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:1") as process:
-        while frames_in(out) < 2:
-            assert process.poll() is None
-            time.sleep(0.02)
-        workers = list(below(process))
-        for each in (*workers, process):
-            os.kill(each.pid, signal.SIGINT)
-        printed, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors.splitlines() == ["omniscv: stopped; what is complete is kept, rerun to resume"]
-    assert printed.startswith("dashboard: http://127.0.0.1:")
-    psutil.wait_procs(workers, timeout=30)
-    assert not any(each.is_running() for each in workers)
-    assert not (out / "frames.jsonl").exists()
-    made = jobs.make(jobs.load(job), resume=True)
-    assert made.kept >= 2
+def wait_for_frames(process, out, count):
+    while frames_in(out) < count:  # else the suite's time limit is over
+        assert process.poll() is None
+        time.sleep(0.02)
+
+
+def workers_of(process):
+    return [each for each, line in below(process).items() if "--multiprocessing-fork" in line]
+
+
+def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
+    """A terminal sends Ctrl-C to the workers too."""
+    jobs.make(jobs.load(job_of(tmp_path, "single", rate=12)))
+    with mock_server.serve("four-wall", latency_ms=10) as first, ExitStack() as games:
+        second = games.enter_context(mock_server.serve("four-wall", latency_ms=10))
+        job = job_of(tmp_path, "stopped", f"[{first.uri}, {second.uri}]", 12)
+        out = tmp_path / "stopped"
+        with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:2") as process:
+            wait_for_frames(process, out, 2)
+            workers_of(process)[0].kill()
+            wait_for_frames(process, out, 6)
+            second.stop()
+            games.enter_context(mock_server.serve("four-wall", port=second.port))
+            wait_for_frames(process, out, 12)
+            below_it = list(below(process))
+            for each in (*below_it, process):
+                os.kill(each.pid, signal.SIGINT)
+            printed, errors = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert errors.splitlines()[-1] == "omniscv: stopped; what is complete is kept, rerun to resume"
+        assert printed.startswith("dashboard: http://127.0.0.1:")
+        assert psutil.wait_procs(below_it, timeout=30)[1] == []
+        assert not (out / "frames.jsonl").exists()
+        assert jobs.make(jobs.load(job), resume=True).kept >= 12
     assert tree(out) == tree(tmp_path / "single")
+    assert dataset.check(out, deep=True) == []
 
 
 def test_a_worker_killed_while_it_starts_is_one_clear_sentence(tmp_path):
     with started(*OMNISCV, "dataset", "make", job_of(tmp_path, "none"), "--cluster", "local:1") as process:
-        starting = waited_for(
-            lambda: [p for p, line in below(process).items() if "--multiprocessing-fork" in line]
-        )
-        starting[0].kill()
-        _, errors = process.communicate(timeout=PATIENCE_S)
+        waited_for(lambda: workers_of(process))[0].kill()
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "--cluster: expected 1 workers to start, but one ended" in errors
     assert "Traceback" not in errors
-
-
-def wait_for_frames(out, count):
-    until = time.monotonic() + PATIENCE_S
-    while frames_in(out) < count:
-        assert time.monotonic() < until
-        time.sleep(0.005)
-
-
-def test_killed_workers_servers_and_schedulers(tmp_path):
-    with Cluster(tmp_path) as cluster:
-        games = [cluster.ready("server", 0) for _ in range(2)]
-        addresses = [address for _, address in games]
-        source = f"[{', '.join(addresses)}]"
-        jobs.make(jobs.load(job_of(tmp_path, "single", addresses[0], 12)))
-        wanted = tree(tmp_path / "single")
-        job, out = job_of(tmp_path, "killed", source, 12), tmp_path / "killed"
-        boss, address = cluster.ready("scheduler")
-        workers = [cluster.ready("worker", address, number)[0] for number in range(2)]
-        _, report = cluster.start("make", job, address)
-        wait_for_frames(out, 2)
-        cluster.kill(workers[0])
-        cluster.ready("worker", address, 0)
-        wait_for_frames(out, 8)
-        cluster.kill(games[1][0])  # whose worker is busy, with its own part or with that of the dead one
-        cluster.ready("server", addresses[1].rpartition(":")[2])
-        wait_for_frames(out, 14)
-        cluster.kill(boss)
-        lost = content_of(report)
-        assert "ClusterError: expected the scheduler to stay" in lost
-        assert "run the same command again" in lost
-        _, address = cluster.ready("scheduler")
-        for number in range(2):
-            cluster.ready("worker", address, number)
-        written, kept = cluster.ready("make", job, address)[1]
-        assert written + kept == len(jobs.load(job))
-        assert kept >= 14
-        assert tree(out) == wanted
-        assert cluster.ready("make", job, address)[1] == [0, written + kept]
-        assert tree(out) == wanted
-    assert dataset.check(out, deep=True) == []
-
-
-LINES = {"worker": r".* --multiprocessing-fork", "game": r"\S+ \S+/Binaries/Linux/Game"}  # not its watcher
 
 
 @pytest.mark.soak
@@ -138,7 +105,7 @@ def test_every_worker_launches_a_game_of_its_own_and_one_that_is_killed_again(tm
     jobs.make(jobs.load(job_of(tmp_path, "single", rate=12)))
     job, out = job_of(tmp_path, "launched", f"launch:{game}", 12), tmp_path / "launched"
     with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:2") as process:
-        wait_for_frames(out, 2)
+        wait_for_frames(process, out, 2)
         # Not the process that watches a game.
         games = [each for each, line in below(process).items() if re.fullmatch(rf"\S+ {game}", line)]
         games[0].kill()

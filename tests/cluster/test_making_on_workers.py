@@ -89,6 +89,27 @@ def test_repeated_failures_end_the_run(job):
     assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
 
 
+class Ending(Threads):
+    """Two workers, whose scheduler ends with the first frames that are made."""
+
+    @contextmanager
+    def client(self, sources):
+        with super().client(sources) as client:
+            self.end = lambda *made: client.cluster.sync(client.cluster.scheduler.close)
+            yield client
+
+
+def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
+    job, workers = replace(job, source="scene://four-wall"), Ending()
+    with pytest.raises(ClusterError, match=r"expected the scheduler to stay.*run the same command again"):
+        cluster.make(job, workers, progress=lambda *made: workers.end())
+    made = cluster.make(job, Threads())
+    assert made.written + made.kept == len(job)
+    assert made.kept > 0
+    jobs.make(replace(job, out=tmp_path / "single"))
+    assert tree(job.out) == tree(tmp_path / "single")
+
+
 def test_a_job_that_cannot_be_made_is_refused_at_once(job):
     (job.out).mkdir()
     (job.out / "objects.json").write_text("{}")

@@ -1,9 +1,6 @@
 """Recordings joined and divided: every capture stays as it was recorded, byte for byte."""
 
-import multiprocessing
-import os
 import shutil
-import signal
 from contextlib import closing
 from dataclasses import replace
 
@@ -19,7 +16,7 @@ import omniscv
 from omniscv.errors import ArgumentError, OmniscvError, RecordingError, RecordingNotWritableError
 from omniscv.geometry import R_LEVEL
 from omniscv.sources.recording import merge, part_file, split
-from omniscv.sources.recording.inspection import info, verify
+from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
 REQUESTS = [
@@ -165,32 +162,6 @@ def test_what_does_not_belong_is_refused_and_changes_nothing(make, whole, tmp_pa
         assert len(str(raised.value)) <= 300
     assert known(there) == known(whole)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["strange.sqlite", "there.sqlite"]
-
-
-def test_a_merge_that_is_killed_leaves_what_was_there(whole, tmp_path):
-    """Killed between two recordings, when one of them is written."""
-    other = record(tmp_path / "other.sqlite", face_requests(size=8, modes=("lit",)))
-    new, there = tmp_path / "new.sqlite", tmp_path / "there.sqlite"
-    shutil.copyfile(whole, there)
-    for out in (new, there):
-        process = multiprocessing.get_context("fork").Process(
-            target=_killed_merge, args=(out, [other, whole])
-        )
-        process.start()
-        process.join()
-        assert process.exitcode == -signal.SIGKILL
-    assert not new.exists()
-    assert known(there) == known(whole)
-    for out in (new, there):
-        merge(out, [other, whole])
-        assert info(out).captures["lit"] == 18
-        assert verify(out).ok
-    names = {"new.sqlite", "other.sqlite", "there.sqlite"}
-    assert {each.name for each in tmp_path.iterdir()} == names
-
-
-def _killed_merge(out, files):
-    merge(out, files, progress=lambda done, total: os.kill(os.getpid(), signal.SIGKILL))
 
 
 def test_wrong_arguments(whole, tmp_path):
