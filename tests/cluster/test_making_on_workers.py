@@ -94,7 +94,10 @@ class Ending(Threads):
 
     @contextmanager
     def client(self, sources):
-        with super().client(sources) as client:
+        import dask
+
+        soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
+        with dask.config.set(soon), super().client(sources) as client:
             self.end = lambda *made: client.cluster.sync(client.cluster.scheduler.close)
             yield client
 
