@@ -5,8 +5,8 @@ import pytest
 from attack.runner import ROUND, Tally, Worker, run
 
 SHORT = {
-    **{"texts": 25, "recordings": 10, "servers": 2, "folders": 3},
-    **{"datasets": 3, "records": 3, "names": 4, "shards": 8, "stores": 3},
+    **{"texts": 15, "recordings": 8, "servers": 2, "folders": 3},
+    **{"datasets": 2, "records": 2, "names": 3, "shards": 5, "stores": 2},
 }
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
 which ``tests/cli/test_signals.py`` tests in the suite."""

@@ -67,7 +67,6 @@ def replayed(uri):
 SOURCES = {
     "mock N3": opened("mock://four-wall"),
     "mock 0.3.10": opened(OLD),
-    "mock N2": opened("mock://four-wall?dialect=N2"),
     "scene": opened("scene://four-wall"),
     "wrapper": lambda path: SourceWrapper(omniscv.open_source("scene://four-wall?masks=ids&lit=float32")),
     "recording": recording,

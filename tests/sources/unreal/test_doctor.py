@@ -42,15 +42,13 @@ def visited(*before, change=None, scene="four-wall", **options):
                 yield connection, camera
 
 
-def motion(change=None, **options):
-    """What the doctor finds about a world that moves, by name, and the server's world afterwards."""
-    with serve(**{"time_step_s": 0.02, **options}) as running:
-        relay = relayed(running, change or (lambda command, forward: forward(command)))
-        with relay as uri, open_connection(uri) as connection:
-            with RawCamera(connection) as camera:
-                camera.lag = 0
-                findings = MovingWorld(connection, camera).findings()
-            return {finding.name: finding for finding in findings}, running.world
+MOVING = {"scene": SCENE, "time_step_s": 0.02, "frames_per_s": 2000}
+
+
+def motion(**options):
+    """What the doctor finds about a world that moves, by name."""
+    with visited(**MOVING | options) as (connection, camera):
+        return {finding.name: finding for finding in MovingWorld(connection, camera).findings()}
 
 
 # Sound servers.
@@ -174,7 +172,7 @@ NAMED = [
     ("mask-offset=3", "agree", "colours over masks", "-3 px right"),
     ("color-cast=0.3", "agree", "colours that depend on the view", ""),
     ("roll=5", "agree six-wall", "depth, turned", ""),
-    ("gloss=Picture", "agree", "colours that depend on the view", "Picture"),
+    ("gloss=Layout_Floor", "agree", "colours that depend on the view", "Layout_Floor"),
     ("glass=Sofa", "agree", "objects where they should be", "Sofa is not shown"),
     ("sky-dome=100", "agree open", "domes", "SkyDome at 100 m"),
     ("late-objects=7", "motion", "captures follow a move", "stale ticks: "),
@@ -201,8 +199,8 @@ def findings(part, *faults):
     if not part.startswith("agree"):
         options["depth"] = "float32"
     if part == "motion":
-        scene, options = SCENE, {**options, "time_step_s": 0.02, "frames_per_s": 2000}
-    with visited(scene=scene, faults=faults, **options) as (connection, camera):
+        options |= MOVING
+    with visited(**{"scene": scene, "faults": faults, **options}) as (connection, camera):
         yield PARTS[part](connection, camera)
 
 
@@ -218,9 +216,7 @@ def test_without_a_fault_nothing_is_named(part):
 
 
 @pytest.mark.parametrize(("fault", "part", "name", "text"), NAMED)
-def test_a_fault_is_named(fault, part, name, text, monkeypatch):
-    if fault == "gloss=Picture":  # which is too small in fewer pixels
-        monkeypatch.setattr(server, "EDGE_PX", 2 * EDGE)
+def test_a_fault_is_named(fault, part, name, text):
     with findings(part, fault) as results:
         finding = next(each for each in results if each.name == name)
     assert text in finding.value
@@ -327,7 +323,11 @@ def test_frames_that_blend_are_counted_and_dropped():
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "N1"])
 def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
-    found, world = motion(dialect=dialect)
+    with serve(dialect, time_step_s=0.02) as running:
+        with open_connection(running.uri) as connection, RawCamera(connection) as camera:
+            camera.lag = 0
+            found = {each.name: each for each in MovingWorld(connection, camera).findings()}
+        world = running.world
     assert found["world moves"].value == "yes: Ball"
     assert found["world moves"].verdict == "warning"
     assert found["world pauses"].verdict == "ok"
@@ -343,7 +343,7 @@ def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
 @pytest.mark.parametrize(("late", "verdict"), [(2, "ok"), (5, "bad")])
 def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
-    finding = motion(**options, faults=[f"late-objects={late}"])[0]["captures follow a move"]
+    finding = motion(**options, faults=[f"late-objects={late}"])["captures follow a move"]
     assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
 
 
@@ -366,14 +366,14 @@ def test_a_server_that_refuses_to_pause_is_a_warning():
     def refused(command, forward):
         return "error Argument Invalid" if "/action/game" in command else forward(command)
 
-    pauses = motion(refused)[0]["world pauses"]
+    pauses = motion(change=refused)["world pauses"]
     assert pauses.verdict == "warning"
     assert "Argument Invalid" in pauses.value
 
 
 def test_remedies_are_options_of_the_commands_that_capture(tmp_path):
     with findings("agree", "vignette", "exposure-drift") as spoiled:
-        remedies = " ".join(each.remedy for each in (*spoiled, *motion(dialect="N2")[0].values()))
+        remedies = " ".join(each.remedy for each in (*spoiled, *motion(dialect="N2").values()))
     named = set(
         re.findall(r"(record )?(--\S+) ([\w.=]+)", remedies.replace("--overscan 512", "--overscan 8"))
     )
