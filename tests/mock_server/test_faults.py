@@ -134,6 +134,18 @@ def test_light_leaves_depth_and_masks_alone(faulty, sound, fault):
     assert [client.ask(DEPTH), client.ask(MASK)] == [sound.ask(DEPTH), sound.ask(MASK)]
 
 
+@pytest.mark.parametrize(
+    ("fault", "command"),
+    [("vignette", "r.Tonemapper.Quality 1"), ("exposure-drift", "r.EyeAdaptationQuality 0"),
+     ("bloom", "r.BloomQuality 0")],
+)  # fmt: skip
+def test_the_console_ends_what_the_help_says(faulty, sound, fault, command):
+    client = faulty(fault)
+    assert client.ask(IMAGE) != sound.ask(IMAGE)
+    assert client.text(f"vrun {command}") == "ok"
+    assert client.ask(IMAGE) == sound.ask(IMAGE)
+
+
 # Depth in cm as the fault says that it comes, by the true one. The doctor's tests meet every other fault.
 CHANGES = {
     "far-plane=2": lambda depth: np.minimum(depth, 200),
