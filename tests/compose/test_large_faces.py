@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from support.computed import Computed
 
+import omniscv
+from omniscv.cameras import create
 from omniscv.compose.atlas import Atlas
 from omniscv.compose.ray_lookup import look_up
 from omniscv.errors import ArgumentError
@@ -48,3 +51,19 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
 def test_more_than_fit_are_refused():
     with pytest.raises(ArgumentError, match="fit into 32766"):
         Atlas(views(LARGE, count=24), range(1), support=0)
+
+
+def columns(view):
+    """Pixels whose value is their column."""
+    column = np.arange(view.width, dtype=np.float32)[None, :, None]
+    return np.broadcast_to(column, (view.height, view.width, 3))
+
+
+def test_an_image_from_an_8192_px_face():
+    camera = create("pinhole", width=64, height=64, fov_deg=60)
+    pose = Pose.from_angles((0, 0, 0))
+    image = omniscv.render(
+        camera, pose, Computed(columns), strategy="faces", filter="bilinear", face_size=8192
+    )
+    u = (camera.project(camera.unproject().directions)[0][..., 0] - 32) / camera.focal
+    np.testing.assert_allclose(image.lit[..., 0], LARGE / 2 + 4096 * u - 0.5, atol=0.01)

@@ -16,7 +16,7 @@ from support import datasets, looked
 from support.command_line import ROOT
 
 from omniscv import cameras, cli, dataset
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, RecordingError
 from omniscv.viewing.look import look
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.layers import pack
@@ -90,6 +90,22 @@ def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
         call = path.read_text()
         assert call.startswith(f"lookFrame({i},")
         assert set(json.loads(call[len(f"lookFrame({i},") : -2])) == {"layers", "boxes", "layout"}
+
+
+def test_frames_beside_a_page_are_replaced_together(truth, tmp_path):
+    _, *others = look(truth.folder, tmp_path / "page.html", most_pixels=1000)
+    before = [path.read_bytes() for path in others]
+    (truth.folder / "panorama.depth.exr").rename(tmp_path / "depth.exr")
+    try:
+        shutil.copy(truth.folder / "panorama.json", truth.folder / "panorama.depth.exr")
+        with pytest.raises(ArgumentError, match=r"panorama\.depth\.exr: expected a picture of depth"):
+            look(truth.folder, tmp_path / "page.html", most_pixels=1000)
+    finally:
+        (tmp_path / "depth.exr").rename(truth.folder / "panorama.depth.exr")
+    assert [path.read_bytes() for path in others] == before
+    look(truth.folder / "panorama.json", tmp_path / "page.html", most_pixels=1000)
+    assert [path.name for path in (tmp_path / "page.frames").iterdir()] == ["00000.js"]
+    assert {path.name for path in tmp_path.iterdir()} == {"page.html", "page.frames"}
 
 
 def test_one_image_is_shown_by_any_of_its_files(truth, tmp_path):
@@ -235,6 +251,19 @@ def test_damaged_files_are_named(truth, tmp_path, name, text, wanted):
     (folder / name).write_text(text)
     with pytest.raises(ArgumentError, match=f"{name}: {wanted}"):
         look(folder / "panorama.json", tmp_path / "page.html")
+
+
+def test_a_layer_of_another_size_is_refused(truth, tmp_path):
+    folder = shutil.copytree(truth.folder, tmp_path / "images")
+    shutil.copy(folder / "fisheye.labels.png", folder / "panorama.labels.png")
+    with pytest.raises(ArgumentError, match="expected 256x128 px, as its camera has, got 128x128"):
+        look(folder / "panorama.json", tmp_path / "page.html")
+
+
+def test_another_database_is_refused(tmp_path):
+    (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\x00" + bytes(100))
+    with pytest.raises(RecordingError):
+        look(tmp_path / "other.sqlite", tmp_path / "page.html")
 
 
 def test_the_command_prints_the_page(truth, tmp_path, capsys):
