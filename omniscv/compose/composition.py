@@ -118,18 +118,16 @@ class Composition:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
         self._put_known(viewpoint, offsets_w)
+        known, seen = viewpoint.known_depth, None
         # (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled.
-        parallax, seen = (
-            None if viewpoint.known_depth is None else viewpoint.known_depth.direction_error,
-            None,
-        )
+        parallax = None if known is None else known.direction_error
         if parallax is None and offsets_w is not None:
             parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)
             is_surface = row.interpolation == "surface"
-            if of_mode is None or (is_surface and viewpoint.known_depth is not None):
+            if of_mode is None or (is_surface and known is not None):
                 continue
             sampler = self._checked_sampler(row.name, viewpoint, of_mode)
             if is_surface:
