@@ -3,9 +3,9 @@
 STEM.lit.png (or .jxl, .jpg)   colour
 STEM.object_mask.png           mask colours
 STEM.labels.png                16-bit labels
-STEM.depth.exr                 float32 metres along the ray
+STEM.depth.exr (.tiff, .npy)   float32 metres along the ray
 STEM.normals.exr               float32, camera frame
-STEM.depth_error.exr           float16 metres that depth may be off, rounded up
+STEM.depth_error.exr           float16 metres that depth may be off; float32 in other forms
 STEM.label_edge.png            255 where a label may be the neighbour's
 STEM.relit.png                 255 where closing seams changed a colour by more than two levels
 STEM.light.png                 8-bit, what light makes doubtful: see :mod:`omniscv.compose.light_checks`
@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from omniscv import modalities, plugins
 from omniscv.arguments import one_of, shown
 from omniscv.compose.reading import ARRAY
+from omniscv.compose.rounding import as_halves
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
@@ -45,6 +46,8 @@ Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
 """``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
 
 OBJECTS = "objects.json"
+DEPTH_FORMATS = ("exr", "tiff", "npy")
+"""Suffixes of depth, its bounds and normals: as float32, in EXR bounds as half floats."""
 STORES = ("files", "fast")
 """How layers are stored: pictures that other programs read, or arrays for omniscv, torch and Blosc2."""
 
@@ -54,10 +57,6 @@ _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x and y of red, green, blue and white of floating-point colours."""
 _EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
-_ZSTD, _ZIP = "zstd:1", "zip:1"
-"""Compression of EXR. By measurement Zstd writes 0.39 of the bytes of interpolated depth, ZIP 0.83 of them in
-2.4 times its time. Readers older than OpenEXR 3.5 read only ZIP."""
-_INTERPOLATED = ("surface", "direction", "plane")
 
 
 def register(suffix: str, writer: Writer) -> None:
@@ -71,11 +70,12 @@ def formats() -> tuple[str, ...]:
     return tuple(_writers)
 
 
-def check_format(image_format: str, store: str = "files") -> None:
-    """Raise ArgumentError unless a writer is registered for an image format, and the store is known.
+def check_format(image_format: str, store: str = "files", depth_format: str = "exr") -> None:
+    """Raise ArgumentError unless a writer is registered for an image format, and the others are known.
 
     OmniscvError: the package of the store is missing.
     """
+    one_of("depth_format", depth_format, DEPTH_FORMATS)
     if one_of("store", store, STORES) == "fast":
         b2nd.package()
     if image_format not in formats():
@@ -90,6 +90,7 @@ def write(
     stem: str,
     image_format: str = "png",
     store: str = "files",
+    depth_format: str = "exr",
 ) -> list[Path]:
     """Write an image's layers and its description.
 
@@ -101,6 +102,7 @@ def write(
         stem: start of the file names.
         image_format: of colour.
         store: one of :data:`STORES`.
+        depth_format: one of :data:`DEPTH_FORMATS`.
 
     Returns:
         The files.
@@ -112,11 +114,11 @@ def write(
     """
     if not isinstance(stem, str) or not stem or stem != Path(stem).name:
         raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
-    check_format(image_format, store)
+    check_format(image_format, store, depth_format)
     if objects is not None:
         _objects_with(out / OBJECTS, objects)  # refused before anything is written
     transfer = description.get("transfer", "unknown")
-    written = list(write_layers(layers, out, stem, image_format, transfer, store).values())
+    written = list(write_layers(layers, out, stem, image_format, transfer, store, depth_format).values())
     facts = {**description, "blank": blank(layers), "versions": versions()}
     written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
@@ -134,6 +136,7 @@ def write_layers(
     image_format: str = "png",
     transfer: str = "unknown",
     store: str = "files",
+    depth_format: str = "exr",
 ) -> dict[str, Path]:
     """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
 
@@ -151,7 +154,7 @@ def write_layers(
     rows = [row for row in modalities.layers() if row.name in layers and row.name not in omitted]
     if transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8:
         rows = [replace(row, attributes=modalities.SRGB) if row.name == "lit" else row for row in rows]
-    suffixes = [_suffix(row, layers[row.name], image_format, store) for row in rows]
+    suffixes = [_suffix(row, layers[row.name], image_format, store, depth_format) for row in rows]
     pictures = [
         (out / f"{stem}.{row.name}.{suffix}", layers[row.name], row)
         for row, suffix in zip(rows, suffixes, strict=True)
@@ -198,12 +201,14 @@ def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | No
     return existing, dict(merged)
 
 
-def _suffix(row: modalities.Modality, pixels: NDArray[Any], image_format: str, store: str) -> str:
+def _suffix(
+    row: modalities.Modality, pixels: NDArray[Any], image_format: str, store: str, depth_format: str
+) -> str:
     if store == "fast":
         return ARRAY
     if row.file == "picture":
         return "exr" if pixels.dtype.kind == "f" else image_format
-    return "exr" if row.file == "bound" else row.file
+    return depth_format if row.file in ("exr", "bound") else row.file
 
 
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
@@ -225,7 +230,7 @@ def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 
 def _array(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     stored = pixels.view(np.uint8) * np.uint8(255) if row.mark else pixels
-    path.write_bytes(b2nd.encode(_rounded_up(pixels) if row.file == "bound" else stored))
+    path.write_bytes(b2nd.encode(as_halves(pixels) if row.file == "bound" else stored))
 
 
 def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
@@ -244,7 +249,7 @@ def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import OpenImageIO
 
-    stored = _rounded_up(pixels) if row.file == "bound" else pixels
+    stored = as_halves(pixels) if row.file == "bound" and path.suffix == ".exr" else pixels
     planes = stored if stored.ndim == 3 else stored[..., None]
     height, width, channels = planes.shape
     pixel_type = _EXR_TYPES.get(planes.dtype.name, planes.dtype.name)
@@ -257,8 +262,7 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
     if row.doc:
         spec.attribute("ImageDescription", row.doc)
     if path.suffix == ".exr":
-        geometry = pixel_type == "float" and row.interpolation in _INTERPOLATED
-        spec.attribute("compression", _ZSTD if geometry else _ZIP)
+        spec.attribute("compression", "zip:1")  # which every reader has
         if row.name == "lit":
             spec.attribute("chromaticities", OpenImageIO.TypeDesc("float[8]"), _REC_709)
         # By measurement: passing rows to a pool of threads takes longer than writing them.
@@ -277,18 +281,9 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         raise OmniscvError(f"{path.name}: expected to write it, got: {library_error(output)}")
 
 
-def _rounded_up(bounds: NDArray[np.float32]) -> NDArray[np.float16]:
-    """Return bounds >= 0 as the next half floats of 7 binary digits that are not less; +inf beyond the last.
-
-    By measurement all 11 digits take 1.6 times the bytes: the last ones of a bound say nothing. The bits of
-    floats have the order of their values: exponent, then 23 digits of float32 or 10 of half floats.
-    """
-    bits = bounds.view(np.int32) + 0x1FFFF >> 17  # the exponent and 6 digits, rounded up
-    bits -= (127 - 15) << 6  # from one type's exponent to the other's
-    halves = bits.clip(0, 0x1F << 6).astype(np.uint16) << 4  # at most +inf
-    tiny = (bounds > 0) & (bounds < 2.0**-14)  # half floats are evenly spaced there
-    halves[tiny] = np.ceil(bounds[tiny] * 2.0**20) * 16
-    return halves.view(np.float16)
+def _npy(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    with path.open("wb") as file:
+        np.save(file, pixels.view(np.uint8) * np.uint8(255) if row.mark else pixels, allow_pickle=False)
 
 
 def _check_space(path: Path) -> None:
@@ -327,4 +322,11 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-_writers: dict[str, Writer] = {"png": _png, "jxl": _openimageio, "jpg": _jpeg, "exr": _openimageio}
+_writers: dict[str, Writer] = {
+    "png": _png,
+    "jxl": _openimageio,
+    "jpg": _jpeg,
+    "exr": _openimageio,
+    "tiff": _openimageio,
+    "npy": _npy,
+}

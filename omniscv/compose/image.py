@@ -167,7 +167,12 @@ class OmniImage:
         return centers_w + self.depth[seen, None].astype(np.float64) * directions_w
 
     def save(
-        self, out: str | Path, stem: str = "image", image_format: str = "png", store: str = "files"
+        self,
+        out: str | Path,
+        stem: str = "image",
+        image_format: str = "png",
+        store: str = "files",
+        depth_format: str = "exr",
     ) -> list[Path]:
         """Write the layers into a folder; see :mod:`omniscv.compose.files`.
 
@@ -176,13 +181,15 @@ class OmniImage:
             stem: start of the file names.
             image_format: ``png``, ``jxl`` (lossless) or ``jpg``, for lit.
             store: ``files``, pictures that other programs read; ``fast``, arrays of Blosc2.
+            depth_format: ``exr``, ``tiff`` or ``npy``, for depth, its bounds and normals.
 
         Returns:
             The files, each written whole or not at all.
         """
         from omniscv.compose.files import write
 
-        return write(self.layers, self.description(), self.objects, Path(out), stem, image_format, store)
+        forms = image_format, store, depth_format
+        return write(self.layers, self.description(), self.objects, Path(out), stem, *forms)
 
     def to_srgb(self) -> NDArray[np.uint8]:
         """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.arguments import within
 from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.sources import codecs
 from omniscv.storage import b2nd, png
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, read_bytes
 
 ARRAY = "b2nd"
 """The suffix of layers in the store ``fast``."""
 
-_FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr"}
+_FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr", "tiff": "tiff"}
 """Names of OpenImageIO, which would read any other form under these suffixes, too."""
 
 _SPARE_BYTES = 1 << 20
@@ -57,6 +58,8 @@ def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
         width, height = header.width, header.height
     elif path.suffix == f".{ARRAY}":
         height, width = _opened_array(path, row).shape[:2]
+    elif path.suffix == ".npy":
+        height, width = _npy_shape(path, row)[:2]
     else:
         spec = _opened(path, row).spec()
         width, height = spec.width, spec.height
@@ -103,6 +106,25 @@ def _opened_array(path: Path, row: modalities.Modality) -> b2nd.Stored:
     return array
 
 
+def _npy_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
+    _npy_shape(path, row)
+    try:
+        return codecs.npy_array(read_bytes(path, MOST_PICTURE_BYTES))
+    except BadReplyError as fault:
+        raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
+
+
+def _npy_shape(path: Path, row: modalities.Modality) -> tuple[int, ...]:
+    """Return the shape in the header of a layer's NPY, which fits its row."""
+    try:
+        with path.open("rb") as file:
+            shape, dtype, _ = codecs.npy_layout(file.read(_SPARE_BYTES))
+    except (OSError, BadReplyError) as fault:
+        raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
+    _check_kind(row, *(shape[2:] or (1,)), dtype.name, shape[1], shape[0])
+    return shape
+
+
 def _other_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
     import OpenImageIO
 
@@ -133,5 +155,5 @@ def _check_kind(row: modalities.Modality, channels: int, dtype: str, width: int,
         raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
 
 
-_readers = {".png": _png_pixels, f".{ARRAY}": _array_pixels}
+_readers = {".png": _png_pixels, ".npy": _npy_pixels, f".{ARRAY}": _array_pixels}
 """By suffix; OpenImageIO reads the others."""

@@ -72,14 +72,15 @@ class Writer:
         closed: bool = False,
         media: Mapping[str, Any] | None = None,
         store: str = "files",
+        depth_format: str = "exr",
     ) -> None:
-        check_format(image_format, store)
+        check_format(image_format, store, depth_format)
         self._media = {"xmp": False, "north": 0.0, **(media or {})}
         if self._media["xmp"] and (store == "fast" or image_format not in PICTURE_SUFFIXES):
             expected = f"expected store files and image_format {' or '.join(PICTURE_SUFFIXES)}"
             raise ArgumentError(f"media.xmp: {expected}, got {store} and {image_format}")
         self._folder, self._closed = storage.folder(out), closed
-        self._image_format, self._store = image_format, store
+        self._image_format, self._store, self._depth_format = image_format, store, depth_format
         self._lock = Lock()
         wanted = begun or Manifest()
         if classes is not None:
@@ -198,7 +199,13 @@ class Writer:
         with ExitStack() as stack:
             folder = stack.enter_context(scratch(self._folder))
             files = write_layers(
-                image.layers, folder, frame.key, self._image_format, image.transfer, self._store
+                image.layers,
+                folder,
+                frame.key,
+                self._image_format,
+                image.transfer,
+                self._store,
+                self._depth_format,
             )
             if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
                 tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])

@@ -121,7 +121,7 @@ def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
         records: the kinds that are files of records.
     """
     plugins.load()
-    suffixes = (*formats(), "exr", ARRAY)
+    suffixes = (*formats(), ARRAY)
     layers = {
         row.name: frozenset(f".{row.name}.{suffix}" for suffix in suffixes) for row in modalities.layers()
     }

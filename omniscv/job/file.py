@@ -169,6 +169,9 @@ class _Keys:
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
     image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
+    depth_format: str = checked(
+        text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
+    )
     store: str = checked(
         one_of,
         words=("files", "fast"),
@@ -332,6 +335,7 @@ def read(description: object, folder: Path) -> Job:
         options=options,
         image_format=keys.image_format,
         store=keys.store,
+        depth_format=keys.depth_format,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
         recipe=recipe,
         rig=keys.rig,

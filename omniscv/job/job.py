@@ -99,6 +99,7 @@ class Job:
         record: a recording that captures are taken from and added to.
         options: of every image.
         image_format: of colour.
+        depth_format: of depth, its bounds and normals: exr, tiff or npy.
         store: of layers: ``files`` or ``fast``, see :mod:`omniscv.compose.files`.
         source_options: as :func:`omniscv.open_source`.
         times: of the poses, seconds; None if they are not known.
@@ -139,6 +140,7 @@ class Job:
     sensor: Sensor | None = None
     brackets: tuple[float, ...] = ()
     store: str = "files"
+    depth_format: str = "exr"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))

@@ -32,7 +32,7 @@ def check(job: Job) -> Contents:
         ArgumentError: no such strategy, image format, truth or format of datasets, or wrong classes.
     """
     planning.get(job.options.strategy)
-    check_format(job.image_format, job.store)
+    check_format(job.image_format, job.store, job.depth_format)
     return Contents.of(job)
 
 
@@ -196,6 +196,8 @@ class Contents:
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
         if job.store != "files":
             options["store"] = job.store
+        if job.depth_format != "exr":
+            options["depth_format"] = job.depth_format
         if job.exposure != Exposure():
             options["exposure"] = asdict(job.exposure)
         if job.brackets:

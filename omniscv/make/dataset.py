@@ -208,6 +208,7 @@ def _run(
             resume=True,
             image_format=job.image_format,
             store=job.store,
+            depth_format=job.depth_format,
             begun=begun,
             closed=part.count > 1,
             media=job.recipe.media or {},

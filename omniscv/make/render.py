@@ -84,7 +84,8 @@ def run(
                     for line in warnings_of(frame.key, image):
                         warn(line)
                 written += saving.result() if saving else []
-                saving = saver.submit(image.save, job.out, frame.key, job.image_format, job.store)
+                forms = job.image_format, job.store, job.depth_format
+                saving = saver.submit(image.save, job.out, frame.key, *forms)
         written += saving.result() if saving else []
     return written
 

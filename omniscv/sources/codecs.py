@@ -46,6 +46,7 @@ MAX_PIXELS = 1 << 27
 """The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
 
 NEAR_MIDDLE = "npy 0.005 px"
+EIGHT_BIT_NORMALS = "png normal", "npy normal"
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
@@ -148,7 +149,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
     if payload.startswith(_PNG) and len(payload) >= png.HEADER_BYTES:
         width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
     elif payload.startswith(_NPY):
-        (height, width, *_), _, _ = _npy_layout(payload)
+        (height, width, *_), _, _ = npy_layout(payload)
     else:
         raise BadReplyError(f"expected a PNG or NPY, got {_first_bytes(payload)}")
     if not 0 < width * height <= MAX_PIXELS:
@@ -180,11 +181,15 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
-    if not payload.startswith(_NPY):
-        raise BadReplyError(f"expected NPY, got {_first_bytes(payload)}")
-    shape, dtype, start = _npy_layout(payload)
+    shape, dtype, _ = npy_layout(payload)
     if shape[:2] != (view.height, view.width):
         raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
+    return npy_array(payload)
+
+
+def npy_array(payload: bytes) -> NDArray[Any]:
+    """Return the payload as a read-only array; it is never unpickled."""
+    shape, dtype, start = npy_layout(payload)
     size = math.prod(shape) * dtype.itemsize
     if len(payload) - start != size:
         raise BadReplyError(f"expected {size} bytes of pixels, got {len(payload) - start}")
@@ -221,8 +226,14 @@ def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     return array.copy()
 
 
-def _npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Return shape, dtype, and the offset of the pixels."""
+def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    """Return shape, dtype, and the offset of the pixels, of which none need be there.
+
+    Raises:
+        BadReplyError: no NPY of numbers in C order.
+    """
+    if not payload.startswith(_NPY):
+        raise BadReplyError(f"expected NPY, got {_first_bytes(payload)}")
     start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
     end = start + int.from_bytes(payload[8:start], "little")
     header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
@@ -331,8 +342,8 @@ register("pfm planar", partial(_pfm, False), ("depth",))
 register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
 for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
     register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
-register("png normal", _unreal_normals, ("normals",))
-register("npy normal", _unreal_normals, ("normals",))
+for _name in EIGHT_BIT_NORMALS:
+    register(_name, _unreal_normals, ("normals",))
 _PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
 _RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)
 register("npy planar cm", partial(_unreal_depth, False), ("depth",), _PLANAR_CM)

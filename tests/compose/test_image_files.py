@@ -7,6 +7,7 @@ import dataclasses
 import json
 from dataclasses import replace
 
+import cv2
 import imagecodecs
 import numpy as np
 import OpenEXR
@@ -19,6 +20,7 @@ import mock_server
 import omniscv
 from omniscv.compose import files
 from omniscv.compose.reading import read
+from omniscv.compose.rounding import round_depth
 from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.sources.scene import SceneSource
 
@@ -185,7 +187,7 @@ def test_a_stem_that_is_no_file_name_is_refused(image, tmp_path, stem):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("image_format", ["PNG", "tiff", ".png", "", None])
+@pytest.mark.parametrize("image_format", ["PNG", "tif", ".png", "", None])
 def test_an_unknown_format_is_refused(image, tmp_path, image_format):
     with pytest.raises(ArgumentError, match=r"image_format: expected one of png, jxl, jpg, .*; got"):
         image.save(tmp_path / "out", image_format=image_format)
@@ -261,8 +263,8 @@ def test_layers_read_back_are_those_in_memory(image, tmp_path, image_format):
 
 
 def as_half_floats(bounds):
-    """The least half floats of 7 binary digits that are not less, found among all of them."""
-    halves = np.arange(0, 0x7C01, 16, dtype=np.uint16).view(np.float16).astype(np.float64)  # 0 to +inf
+    """The least half floats of 6 binary digits that are not less, found among all of them."""
+    halves = np.arange(0, 0x7C01, 32, dtype=np.uint16).view(np.float16).astype(np.float64)  # 0 to +inf
     return halves[np.searchsorted(halves, bounds.astype(np.float64))]
 
 
@@ -273,3 +275,54 @@ def test_bounds_are_rounded_up_to_half_floats(tmp_path):
     bounds = np.array([*spread, *ends], np.float32)[None]
     files.write({"depth_error": bounds}, {}, None, tmp_path, "a")
     np.testing.assert_array_equal(read(tmp_path / "a.depth_error.exr", "depth_error"), as_half_floats(bounds))
+
+
+@pytest.mark.parametrize("depth_format", ["tiff", "npy"])
+def test_other_forms_of_depth_are_float32_to_foreign_readers(image, tmp_path, depth_format):
+    """TIFF by OpenCV, Pillow and imagecodecs' own reader; NPY by NumPy: what is in memory, bit for bit."""
+    image.save(tmp_path, "a", depth_format=depth_format)
+    for name in ("depth", "depth_error", "normals"):
+        path = tmp_path / f"a.{name}.{depth_format}"
+        np.testing.assert_array_equal(read(path, name), image[name])
+        if depth_format == "npy":
+            foreign = [np.load(path)]
+        else:
+            foreign = [imagecodecs.tiff_decode(path.read_bytes())]
+            bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            foreign += [bgr if bgr.ndim == 2 else bgr[..., ::-1]]
+            if image[name].ndim == 2:
+                mode, pixels = with_pillow(path)
+                assert mode == "F"
+                foreign += [pixels]
+        for pixels in foreign:
+            assert pixels.dtype == np.float32
+            np.testing.assert_array_equal(pixels, image[name])
+    with pytest.raises(ArgumentError, match="depth_format: expected one of exr, tiff, npy; got 'exrs'"):
+        image.save(tmp_path, "a", depth_format="exrs")
+
+
+def test_exr_is_compressed_as_every_reader_knows_it(folder):
+    """ZIP: readers before OpenEXR 3.5 have no Zstandard."""
+    for name in ("depth", "depth_error", "normals"):
+        with OpenEXR.File(str(folder / f"pano-0.{name}.exr")) as file:
+            assert file.header()["compression"] == OpenEXR.ZIP_COMPRESSION
+
+
+def test_depth_has_no_more_digits_than_its_bound_knows():
+    """Against float64: it moves by 1/32 of its bound at most, which then holds both; the rest stays."""
+    rng = np.random.default_rng(3)
+    depth = np.float32(10.0 ** rng.uniform(-6, 6, (50, 200)))
+    error = np.float32(depth * 10.0 ** rng.uniform(-9, 2, depth.shape))
+    depth[0], error[1], error[2], depth[3] = np.inf, np.inf, 0, 0
+    rounded, bound = round_depth(depth, error)
+    np.testing.assert_array_equal(rounded[:4], depth[:4])
+    assert (rounded[4:] > 0).all()
+    moved = np.abs(rounded[2:].astype(np.float64) - depth[2:])
+    assert (moved <= error[2:] / 32.0).all()
+    assert (bound[2:] >= moved + error[2:]).all()
+    step = 2.0 ** np.floor(np.log2(error[4:] / 16.0))
+    coarse = (step > 2.0**-18 * depth[4:]) & (step < 2.0**-5 * depth[4:])
+    assert (np.fmod(rounded[4:].astype(np.float64), step)[coarse] == 0).all()  # digits that compress are gone
+    np.testing.assert_array_equal(bound, as_half_floats(bound))
+    again = round_depth(rounded, error)
+    np.testing.assert_array_equal(again[0], rounded)
