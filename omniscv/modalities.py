@@ -174,5 +174,7 @@ for _row in (
              doc="bits: 1 dome, 2 translucent, 4 mismatch, 8 view-dependent, 16 clipped, 32 relit"),
     Modality("unsure", ("bool",), 0, "nearest", "png", captured=False,
              doc="not verified by any capture"),
+    Modality("unseen", ("bool",), 0, "nearest", "png", captured=False,
+             doc="within the field of view, but seen by no recorded view: as if outside"),
 ):  # fmt: skip
     register(_row)

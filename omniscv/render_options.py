@@ -23,6 +23,7 @@ FILTERS: tuple[str, ...] = get_args(Filter)
 Normals = Literal["captured", "from-depth"]
 Seams = Literal["keep", "gains", "close"]
 Checks = Literal["none", "light"]
+Unseen = Literal["refuse", "blank"]
 FINEST_TRUTH = 8
 PRICE = (5.0, 25.0)
 """Of :class:`Price`, unless it was measured."""
@@ -108,6 +109,8 @@ class RenderOptions:
             are resampled to what they should show (:mod:`omniscv.compose.slips`).
         checks: ``light`` makes the layer ``light`` (:mod:`omniscv.compose.light_checks`); it takes captures
             from beside the camera, and without objects that only colours show.
+        unseen: where no view of a recording sees a ray: ``refuse`` the image; or ``blank``, which makes its
+            pixel invalid, as outside the field of view (:attr:`omniscv.OmniImage.unseen`).
         sky: objects that stand for the sky: they become pixels without a surface.
         accuracy: share of the valid pixels that may be doubtful (:attr:`omniscv.OmniImage.doubtful`), as a
             number or as ``"0.1%"``; captures then become finer where the image needs it.
@@ -163,6 +166,12 @@ class RenderOptions:
         words=get_args(Checks),
         help="none, or light: mark what light makes doubtful, in the layer light",
     )
+    unseen: Unseen = checked(
+        one_of,
+        default="refuse",
+        words=get_args(Unseen),
+        help="refuse an image with rays that no recorded view sees, or blank: make their pixels invalid",
+    )
     sky: tuple[str, ...] = checked(_names, default=(), help="objects that stand for the sky")
     accuracy: float | None = checked(
         _accuracy, default=None, help="share of the valid pixels that may be doubtful, such as 0.1%"
@@ -199,6 +208,7 @@ class RenderKeywords(TypedDict, total=False):
     seams: Seams
     straighten: bool
     checks: Checks
+    unseen: Unseen
     sky: tuple[str, ...]
     accuracy: Any  # a number, or a text such as "0.1%"
     most_captures: int | None

@@ -1,6 +1,6 @@
 """One image, from the rounds of its plan to its layers."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,7 +57,8 @@ class Composition:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
         self._make_sampler, self._mend, self._once, self._report = sampler_of, mend, once, report
-        self._canvas = _Canvas(task.rays.valid, task.rays.origins is None)
+        track = self._modes if task.options.unseen == "blank" else ()
+        self._canvas = _Canvas(task.rays.valid, task.rays.origins is None, track)
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
@@ -93,13 +94,15 @@ class Composition:
 
     def _composed(self) -> OmniImage:
         """Return the image as far as it is composed."""
-        task, valid = self._task, self._task.rays.valid
+        task, valid = self._task, self._canvas.valid
         sampled = self._canvas.layers()
         layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
         marks = {"unsure", "occluded", "relit", "light"}
         marks |= {modalities.get(mode).marked_by for mode in self._modes}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
+        if task.options.unseen == "blank":
+            layers["unseen"] = task.rays.valid & ~valid
         _mark_beyond_reach(layers, valid)
         if "depth" in layers and "depth_error" in layers:
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
@@ -292,7 +295,7 @@ class Composition:
                     labels, layers[name] = labels_of_ids(values, objects)
                 else:
                     labels, unknown = labels_of(values, objects)
-                layers["labels"] = np.where(self._task.rays.valid, labels, np.uint16(0))
+                layers["labels"] = np.where(self._canvas.valid, labels, np.uint16(0))
         return layers, objects, unknown
 
 
@@ -302,15 +305,19 @@ class _Canvas:
     Args:
         valid: (H, W) of the image.
         central: whether depth is measured from one centre.
+        needed: the modes without which a pixel is not valid, where views need not see all of them.
     """
 
-    def __init__(self, valid: Mask, central: bool) -> None:
+    def __init__(self, valid: Mask, central: bool, needed: Collection[str] = ()) -> None:
         self._valid, self._central = valid, central
+        self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
         self._flat: dict[str, NDArray[Any]] = {}
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
         """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values."""
+        if name in self._seen:
+            self._seen[name][pixels] = True
         if self._central and len(values) == self._valid.size:
             self._flat[name] = values
         else:
@@ -334,9 +341,15 @@ class _Canvas:
         shaped = {}
         for name, values in self._flat.items():
             shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
-            if outside := modalities.get(name).outside:
-                shaped[name][~self._valid] = outside
+            if (outside := modalities.get(name).outside) or self._seen:
+                shaped[name][~self.valid] = outside
         return shaped
+
+    @property
+    def valid(self) -> Mask:
+        """(H, W) the image's valid pixels, as far as views see them in all needed modes."""
+        seen = np.logical_and.reduce([self._valid.reshape(-1), *self._seen.values()])
+        return np.asarray(seen.reshape(self._valid.shape))
 
     @property
     def centers_w(self) -> Array:

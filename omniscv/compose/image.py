@@ -51,7 +51,7 @@ class OmniImage:
 
     Attributes:
         camera, pose: of the image.
-        valid: (H, W) bool, the pixel is inside the field of view.
+        valid: (H, W) bool, the pixel is inside the field of view, and was seen (``unseen="blank"``).
         layers: by the names of :mod:`omniscv.modalities`: those that were requested, and derived ones.
         centers_w: (H, W, 3) or (3,), where depth is measured from, world frame, metres.
         objects: names and mask colours; None without labels.
@@ -125,6 +125,14 @@ class OmniImage:
         """(H, W) bool: the pixel's optical centre is not visible from the camera's position, for example
         beyond a wall; None for a single centre, and where that is not known."""
         return self.layers.get("occluded")
+
+    @property
+    def unseen(self) -> float:
+        """Share of the pixels inside the field of view, 0 to 1, that no recorded view shows; they are not
+        valid."""
+        unseen = self.layers.get("unseen")
+        missing = 0 if unseen is None else int(np.count_nonzero(unseen))
+        return missing / max(missing + int(np.count_nonzero(self.valid)), 1)
 
     @property
     def doubt(self) -> Mask:
@@ -248,6 +256,7 @@ class OmniImage:
             "options": asdict(self.options),
             **({"transfer": self.transfer} if self.lit is not None and self.transfer != "unknown" else {}),
             **reached,
+            **({"unseen": self.unseen} if self.options.unseen == "blank" else {}),
             "source": {key: each for key, each in self.provenance.items() if key not in reports},
             **reports,
             "unsure_pixels": _count(self.unsure),

@@ -121,7 +121,7 @@ def _npy_shape(path: Path, row: modalities.Modality) -> tuple[int, ...]:
             shape, dtype, _ = codecs.npy_layout(file.read(_SPARE_BYTES))
     except (OSError, BadReplyError) as fault:
         raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
-    _check_kind(row, *(shape[2:] or (1,)), dtype.name, shape[1], shape[0])
+    _check_kind(row, shape[2] if len(shape) == 3 else 1, dtype.name, shape[1], shape[0])
     return shape
 
 

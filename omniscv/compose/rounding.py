@@ -59,12 +59,11 @@ def _round_depth(depth: Floats, error: Floats, rounded: Floats, bound: Floats) -
         step = step_bits.view(np.float64)
         # Without finer digits in float32, or for 0 and infinity, the depth stays.
         moves = (step > leading * 2.0 ** (_LEAST_DIGITS - 23)) & (d < np.inf) & (e < np.inf)
-        d = np.rint(d / step) * step if moves else d
         wider = np.float64(e + 0.5 * step if moves else e)
         step_bits = np.int64(wider.view(np.int64) & _EXPONENT)
-        step = max(step_bits.view(np.float64) * 2.0 ** (1 - _DIGITS), _HALF_STEP)
-        above = np.ceil(wider / step) * step
-        rounded[i] = d
+        above_step = max(step_bits.view(np.float64) * 2.0 ** (1 - _DIGITS), _HALF_STEP)
+        above = np.ceil(wider / above_step) * above_step
+        rounded[i] = np.rint(d / step) * step if moves else d
         bound[i] = above if above <= _HALF_LARGEST else np.inf
 
 

@@ -97,9 +97,8 @@ def without_limit(camera: Camera) -> Camera:
     return from_dict({key: value for key, value in parameters.items() if key != "fov_deg"})
 
 
-def write_mask(camera: Camera, path: Path) -> Path | None:
-    """Write a mask, black outside the field of view; return None if every pixel is inside."""
-    valid = camera.valid()
+def write_mask(valid: NDArray[np.bool_], path: Path) -> Path | None:
+    """Write a mask, black where pixels are not valid; return None if all are."""
     if valid.all():
         return None
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -133,8 +133,9 @@ class Frame:
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """(H, W) bool: the pixels inside the field of view."""
-        return self.camera.valid()
+        """(H, W) bool: the pixels inside the field of view that recorded views show."""
+        valid = self.camera.valid()
+        return valid & ~self.layer("unseen") if "unseen" in self.files else valid
 
     @property
     def entries(self) -> Mapping[str, FileEntry]:

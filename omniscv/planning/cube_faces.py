@@ -73,7 +73,7 @@ class CubeFaces:
         """Return the views at a centre that show the faces that are hit, in the order of :func:`faces_hit`.
 
         Of a recording, faces of another size are taken where it lacks these, or all faces of a cube in
-        another orientation, or all views there if they see every direction.
+        another orientation.
         """
         six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
         if self._task.options.seams != "keep":
@@ -81,8 +81,6 @@ class CubeFaces:
         recorded = self._task.recorded
         if recorded is not None:
             six = recorded.faces(center_w, six, self._task.options.truth_scale)
-            if not self._task.available(six) and (views := recorded.all_around(center_w)):
-                return views
             if any(
                 view.pose.R_w_c[:, 2] @ R[:, 2] < _ALIGNED for view, R in zip(six, ROTATIONS, strict=True)
             ):

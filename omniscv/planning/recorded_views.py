@@ -1,21 +1,26 @@
-"""The views of a recording, and the cubes among them: six views along three axes, in any orientation."""
+"""The views of a recording, the cubes among them (six views along three axes, in any orientation), and the
+view at a centre that serves each ray best."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.geometry import Array, cube_rotations
+from omniscv.geometry.arrays import Ints
 from omniscv.sources.base import View
 
 _POSITION_DECIMALS = 6  # a micrometre
 _SAME = 1e-6  # matrix entries, and relative to the focal length
 _AXES = np.array([R_w_c[:, 2] for _, R_w_c in cube_rotations()])
 _R_D_FRONT = cube_rotations()[0][1]
-_DIRECTIONS = np.random.default_rng(0).normal(size=(2000, 3))
+_SAME_CENTER_M = 1e-3
+"""Recorded views so near to a position serve as views from it."""
+_SUPPORT_PX = 2.0
+"""Between a ray's pixel and the edge of its view, for every filter."""
 
 Position = tuple[float, ...]
 
@@ -77,16 +82,16 @@ class RecordedViews:
 
     Args:
         views: the recorded views.
+        of_mode: returns those that are recorded in a mode; all of them if not given.
     """
 
-    def __init__(self, views: Sequence[View]) -> None:
-        self.views = views
+    def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:
+        self.views, self._of_mode = views, of_mode
         self._held = frozenset(views)
         self._at: dict[Position, list[View]] = defaultdict(list)
         for view, position in zip(views, _positions([view.pose.t_w_c for view in views]), strict=True):
             self._at[position].append(view)
         self._cubes: dict[Position, list[_Cube]] = {}
-        self._around: dict[Position, tuple[View, ...]] = {}
 
     def hold(self, views: Iterable[View]) -> bool:
         """Return whether all of these views are recorded."""
@@ -129,20 +134,15 @@ class RecordedViews:
                     )
         return best
 
-    def all_around(self, center_w: Array) -> tuple[View, ...]:
-        """Return all views at a centre (3,) if together they see every direction; else none."""
-        (at,) = _positions([center_w])
-        if at not in self._around:
-            views = tuple(view for view in self._at.get(at, ()) if not view.lens)
-            seen = np.any([sees(view, _DIRECTIONS) for view in views], axis=0)
-            self._around[at] = views if np.all(seen) else ()
-        return self._around[at]
-
-    def through_lenses(self, pose: Pose) -> tuple[View, ...]:
-        """Return the views at a pose whose camera had a lens of its own."""
-        (at,) = _positions([pose.t_w_c])
-        lenses = (view for view in self._at.get(at, ()) if view.lens)
-        return tuple(view for view in lenses if np.abs(view.pose.R_w_c - pose.R_w_c).max() < _SAME)
+    def at(self, center_w: Array, mode: str) -> tuple[View, ...]:
+        """Return the views in a mode at the recorded centre that is nearest to a position (3,); none if it is
+        farther away than a millimetre."""
+        centers = np.array(list(self._at)).reshape(-1, 3)
+        away = np.linalg.norm(centers - center_w, axis=-1)
+        if not len(away) or away.min() > _SAME_CENTER_M:
+            return ()
+        in_mode = self._held if self._of_mode is None else frozenset(self._of_mode(mode))
+        return tuple(view for view in self._at[tuple(centers[away.argmin()])] if view in in_mode)
 
     def _cubes_at(self, at: Position) -> list[_Cube]:
         """The cubes at a position, of views that see 90 degrees both ways."""
@@ -155,6 +155,35 @@ class RecordedViews:
                     cubes[-1].add(view)
             self._cubes[at] = cubes
         return self._cubes[at]
+
+
+def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
+    """Return the view that serves each ray from the views' centre, and how far within it the ray lies.
+
+    It is the one with the most px per radian there, among those that also see the support of filters around
+    the ray, else among those that see the ray; of equal ones the first.
+
+    Args:
+        views: of any sizes, fields of view and rotations.
+        directions_w: (N, 3), world frame, of any length.
+
+    Returns:
+        (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's edge.
+    """
+    index, edge_px = np.full(len(directions_w), -1), np.full(len(directions_w), -1.0)
+    most = np.zeros(len(directions_w))
+    for k, view in enumerate(views):
+        u, v, z = view.project(view.pose.t_w_c + directions_w).T
+        fx, fy, cx, cy = view.projection
+        tangents = ((u - cx) / fx) ** 2 + ((v - cy) / fy) ** 2
+        # The mean of the scale along (1 / cos^2) and across (1 / cos) the way to the principal point:
+        density = np.sqrt(fx * fy) * (1 + tangents) ** 0.75
+        margin = np.minimum(np.minimum(u, view.width - u), np.minimum(v, view.height - v))
+        supported, before = margin >= _SUPPORT_PX, edge_px >= _SUPPORT_PX
+        finer = density > most * (1 + _SAME)
+        better = (z > 0) & (margin >= 0) & np.where(supported == before, finer, supported)
+        index[better], edge_px[better], most[better] = k, margin[better], density[better]
+    return index, edge_px
 
 
 def sees(view: View, directions_w: Array) -> NDArray[np.bool_]:

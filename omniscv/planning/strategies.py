@@ -9,20 +9,22 @@ position first, and the pixels of centres behind their surfaces are flagged.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Generator
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from omniscv.errors import ArgumentError
+from omniscv import modalities
+from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.geometry.arrays import Mask
+from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.recorded_views import sees
+from omniscv.planning.recorded_views import RecordedViews, finest, sees
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
 from omniscv.planning.strategy import Strategy, Task, get
 from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
@@ -39,6 +41,8 @@ MEAN_OF_A_FACE = float(np.sqrt(6 / np.pi))
 _STRIP_BORDER_PX = 2
 """The filter support beyond a ray's pixel, at least: a strip's rays run through its middle."""
 _NARROWEST = 1e-12  # tangent: a view of a single ray
+_TO_A_CENTER_PX = 0.5 - 1e-4
+"""From the edge of a view to the outermost centres of its pixels: beyond them nothing is interpolated."""
 _OCCLUDED_PX = 64
 """px of a face that shows where optical centres are occluded."""
 
@@ -175,7 +179,45 @@ def face_viewpoints(
         hit = [faces_hit(directions, task.pose.R_w_c) for directions in group.blocks()]
         return faces.views(center_w, np.any(hit, axis=0))
 
-    return _viewpoints(task, groups, around, views)
+    planned = _viewpoints(task, groups, around, views)
+    if whole or task.recorded is None or task.rays.origins is not None or _is_available(task, planned):
+        return planned
+    return tuple(_recorded_viewpoints(task, task.recorded, groups[0])) or planned
+
+
+def _recorded_viewpoints(task: Task, recorded: RecordedViews, group: RayGroup) -> Iterator[Viewpoint]:
+    """Yield a viewpoint for each view at a central camera's position that a recording holds and that serves
+    rays best; none if it holds none there in one of the modes.
+
+    Raises:
+        MissingCaptureError: no view sees some rays, and the options do not leave them blank.
+    """
+    center_w = task.pose.to_world(group.center_c)
+    modes_of: dict[tuple[View, ...], list[str]] = defaultdict(list)
+    for mode in task.modes or ("lit",):
+        modes_of[recorded.at(center_w, modalities.get(mode).captured_as or mode)].append(mode)
+    if not all(modes_of):
+        return
+    unseen, unsure = np.zeros((2, len(group.pixels)), np.bool_)
+    serving: dict[tuple[View, ...], Ints] = {}
+    for views in modes_of:
+        valid = (directions[~np.isnan(directions[:, 0])] for directions in group.blocks())
+        parts = [finest(views, directions @ task.pose.R_w_c.T) for directions in valid]
+        serving[views], edge_px = map(np.concatenate, zip(*parts, strict=True))
+        unseen |= serving[views] < 0
+        unsure |= edge_px < _TO_A_CENTER_PX
+    if unseen.all() or (unseen.any() and task.options.unseen == "refuse"):
+        at, share = np.round(center_w, 6).tolist(), f"{100 * unseen.mean():.3g} %"
+        advice = "render with unseen='blank' (unseen: blank in a job) for the image of what is seen"
+        raise MissingCaptureError(
+            f"expected recorded views at {at} m to see all rays, but {share} are seen by none", None, advice
+        )
+    for views, modes in modes_of.items():
+        for k in np.unique(serving[views][~unseen]):
+            mine = ~unseen & (serving[views] == k)
+            only = tuple(modes) if len(modes_of) > 1 else None
+            view = views[k]
+            yield Viewpoint(view.pose.t_w_c, (view,), group.pixels[mine], only, unsure=unsure[mine])
 
 
 def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
@@ -264,22 +306,16 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
 
 
 def _own_view(task: Task, group: RayGroup) -> View | None:
-    """Return the view through a lens of the source's own, recorded or not, in which all rays of a group lie.
+    """Return the view through a lens of the source's own, if all rays of a group lie in it.
 
     The image's camera has the view's pose: as the lens has a place in the picture, it is not turned.
     """
+    own = task.capabilities
+    if own.lens is None or own.fov_deg is None or own.image_size is None:
+        return None
     pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c)
-    if task.recorded is not None:
-        views = tuple(task.recorded.through_lenses(pose))
-    else:
-        own = task.capabilities
-        if own.lens is None or own.fov_deg is None or own.image_size is None:
-            return None
-        views = (View(pose, own.fov_deg, *own.image_size, own.lens),)
-    if not views:
-        return None  # most sources have no lens: without turning a ray
-    directions_w = group.directions @ pose.R_w_c.T
-    return next((view for view in views if sees(view, directions_w).all()), None)
+    view = View(pose, own.fov_deg, *own.image_size, own.lens)
+    return view if sees(view, group.directions @ pose.R_w_c.T).all() else None
 
 
 def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:

@@ -184,6 +184,10 @@ class Source(ABC):
         """Return the views that can be replayed; None for a source that makes new captures."""
         return None
 
+    def recorded_in(self, mode: str) -> tuple[View, ...]:
+        """Return those of :meth:`recorded_views` that can be replayed in a mode; all, if not overridden."""
+        return self.recorded_views() or ()
+
     @property
     def scene_identity(self) -> SceneIdentity:
         """The scene: a recording holds captures of one scene only."""
@@ -293,6 +297,9 @@ class SourceWrapper(Source):
 
     def recorded_views(self) -> tuple[View, ...] | None:
         return self._source.recorded_views()
+
+    def recorded_in(self, mode: str) -> tuple[View, ...]:
+        return self._source.recorded_in(mode)
 
     def geometry(self) -> SceneGeometry:
         return self._source.geometry()

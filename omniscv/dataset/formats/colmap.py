@@ -4,7 +4,8 @@
 COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
 each other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres,
 in our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view,
-is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``.
+is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``. Images with
+pixels that no recorded view shows have masks of their own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
 """
 
 from collections.abc import Iterator, Sequence
@@ -62,7 +63,15 @@ class Colmap(Format):
         if spaced := [name for name in names if " " in name]:
             wanted = "expected names of images without spaces, for COLMAP"
             raise ArgumentError(f"{wanted}, got {spaced[0]!r}")
-        masks = [write_mask(camera, out / "masks" / f"{name}.png") for name, camera in model.cameras.items()]
+        masks = [
+            write_mask(camera.valid(), out / "masks" / f"{name}.png")
+            for name, camera in model.cameras.items()
+        ]
+        masks += [
+            write_mask(frame.valid, out / "masks" / f"{name}.png")
+            for frame, name in zip(model.images, names, strict=True)
+            if "unseen" in frame.files
+        ]
         points = None
         if options.points is not None:
             ids, limit = model.image_ids, options.max_relative_error

@@ -8,7 +8,8 @@ names, as nerfstudio sorts them; splits become ``train_filenames``, ``val_filena
 
 Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none and where it is inexact: planar for
 ``pinhole`` cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The
-mask, if pixels lie outside the field of view, is black there.
+mask, if pixels lie outside the field of view, is black there; images with pixels that no recorded view shows
+have one of their own.
 
 Cameras: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
 OPENCV_FISHEYE; ``equirectangular``.
@@ -96,8 +97,8 @@ def _write_camera(
 ) -> list[Path]:
     camera = frames[0].camera
     with_depth = all("depth" in frame.files for frame in frames)
-    mask = write_mask(camera, folder / "masks" / f"{camera_name}.png")
-    written = [] if mask is None else [mask]
+    of_camera = write_mask(camera.valid(), folder / "masks" / f"{camera_name}.png")
+    written = [] if of_camera is None else [of_camera]
     entries = []
     for frame in frames:
         paths = {"file_path": copy_lit(frame, folder / "images")}
@@ -107,6 +108,10 @@ def _write_camera(
                 metres = np.where(inexact(frame, max_relative), np.float32(0), metres)
             depth, _ = encode(metres, camera, PRESETS["mm"])
             paths["depth_file_path"] = write_pixels(folder / "depth" / f"{frame.key}.png", depth)
+        mask = of_camera
+        if "unseen" in frame.files:
+            mask = write_mask(frame.valid, folder / "masks" / f"{frame.key}.png")
+            written += [] if mask is None else [mask]
         written += paths.values()
         if mask is not None:
             paths["mask_path"] = mask

@@ -65,6 +65,10 @@ class RecordedViews:
         """All views, in the order of recording; DamagedRecordingError for what is no view."""
         return tuple(self._modes_of)
 
+    def in_mode(self, mode: str) -> tuple[View, ...]:
+        """Return the views that were recorded in a mode."""
+        return tuple(view for view, modes in self._modes_of.items() if mode in modes)
+
     @cached_property
     def _modes_of(self) -> dict[View, set[str]]:
         modes: dict[View, set[str]] = defaultdict(set)
@@ -222,6 +226,9 @@ class RecordedSource(Source):
     def recorded_views(self) -> tuple[View, ...]:
         """The views of the state that is replayed."""
         return self._views.get(self._state, NO_VIEWS).views
+
+    def recorded_in(self, mode: str) -> tuple[View, ...]:
+        return self._views.get(self._state, NO_VIEWS).in_mode(mode)
 
     @property
     def scene_identity(self) -> SceneIdentity:
