@@ -12,7 +12,7 @@ from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
-from omniscv.compose.rounding import round_depth, round_normals
+from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
 from omniscv.compose.seen_points import SeenPoints
@@ -65,7 +65,6 @@ class Composition:
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
-        self._eight_bit = False  # whether normals were captured so
         self._pixels, self._stopped = 0, ""
 
     def capture(self, round_: Round) -> Kept:
@@ -213,7 +212,6 @@ class Composition:
         else:
             values = sample(sampler, self._filter, faces)
         self._canvas.put(row.name, viewpoint.pixels, values)
-        self._eight_bit |= captures[0].encoding in codecs.EIGHT_BIT_NORMALS
         if row.name == "lit" and self._task.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
@@ -287,8 +285,6 @@ class Composition:
             name = "normals" if row.interpolation == "plane" else mode
             turned = row.interpolation in ("direction", "plane")
             layers[name] = _turned(values, self._task.pose.R_w_c) if turned else values
-            if row.interpolation == "direction" and self._eight_bit:
-                layers[name] = round_normals(layers[name])
             if "labels" in row.derives:
                 objects = self._source.objects()
                 if values.ndim == 2:

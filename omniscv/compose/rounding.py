@@ -1,4 +1,4 @@
-"""Depth, bounds and normals with no more digits than are known: what is in memory is what files hold.
+"""Depth and its bound with no more digits than are known: what is in memory is what files hold.
 
 The last digits of a composed depth lie far below its bound, and are most of the bytes of its file. Depth is
 rounded to multiples of a power of two, at most 1/32 of its bound away; the bound grows by as much.
@@ -12,8 +12,9 @@ from omniscv.geometry.arrays import Floats, Ints, run
 
 _PARTS = 32.0
 """Depth moves by at most its bound divided by this."""
-_LEAST_DIGITS = 4
-"""Binary digits that a depth keeps however wide its bound is."""
+_LEAST_DIGITS = 11
+"""Binary digits that a depth keeps however wide its bound is, as half floats: beside a step it stays on its
+surface."""
 _DIGITS = 6
 """Binary digits of bounds. Half floats, in which files have them, have 11: the last ones say nothing, and by
 measurement all 11 take twice the bytes."""
@@ -21,8 +22,6 @@ _HALF_LARGEST, _HALF_LEAST = 65504.0, 2.0**-14
 """The largest half float; and the least one with all its digits, below which they are evenly spaced."""
 _HALF_STEP = _HALF_LEAST * 2.0 ** (1 - _DIGITS)
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
-NORMAL_STEP = 2.0**-12
-"""Of the coordinates of normals that were captured in 8 bits: 1/32 of what these leave open."""
 
 
 def round_depth(depth: Floats, error: Floats) -> tuple[Floats, Floats]:
@@ -42,11 +41,6 @@ def as_halves(bounds: Floats) -> NDArray[np.float16]:
     flat = np.ascontiguousarray(bounds).reshape(-1)
     run(_as_halves, (flat, flat.view(np.int32), halves))
     return halves.view(np.float16).reshape(bounds.shape)
-
-
-def round_normals(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (H, W, 3) normals as multiples of :data:`NORMAL_STEP`."""
-    return np.asarray(np.rint(normals / np.float32(NORMAL_STEP)) * np.float32(NORMAL_STEP), np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -46,7 +46,6 @@ MAX_PIXELS = 1 << 27
 """The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
 
 NEAR_MIDDLE = "npy 0.005 px"
-EIGHT_BIT_NORMALS = "png normal", "npy normal"
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
@@ -342,8 +341,8 @@ register("pfm planar", partial(_pfm, False), ("depth",))
 register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
 for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
     register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
-for _name in EIGHT_BIT_NORMALS:
-    register(_name, _unreal_normals, ("normals",))
+register("png normal", _unreal_normals, ("normals",))
+register("npy normal", _unreal_normals, ("normals",))
 _PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
 _RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)
 register("npy planar cm", partial(_unreal_depth, False), ("depth",), _PLANAR_CM)

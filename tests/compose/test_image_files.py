@@ -321,7 +321,7 @@ def test_depth_has_no_more_digits_than_its_bound_knows():
     assert (moved <= error[2:] / 32.0).all()
     assert (bound[2:] >= moved + error[2:]).all()
     step = 2.0 ** np.floor(np.log2(error[4:] / 16.0))
-    coarse = (step > 2.0**-18 * depth[4:]) & (step < 2.0**-5 * depth[4:])
+    coarse = (step > 2.0**-18 * depth[4:]) & (step < 2.0**-13 * depth[4:])
     assert (np.fmod(rounded[4:].astype(np.float64), step)[coarse] == 0).all()  # digits that compress are gone
     np.testing.assert_array_equal(bound, as_half_floats(bound))
     again = round_depth(rounded, error)

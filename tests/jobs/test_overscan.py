@@ -37,7 +37,8 @@ def test_overscan_changes_no_image(name, filter_, both):
     narrow, wide = images
     np.testing.assert_array_equal(narrow.labels, wide.labels)
     np.testing.assert_array_equal(narrow.valid, wide.valid)
-    np.testing.assert_allclose(narrow.depth, wide.depth, rtol=1e-6)
+    rounding = narrow.depth_error / 16  # by at most 1/32 of the bound each
+    assert (np.abs(narrow.depth - wide.depth) <= rounding + 1e-6 * wide.depth).all()
     np.testing.assert_allclose(narrow.normals, wide.normals, atol=1e-5)
     assert (narrow.lit != wide.lit).mean() < 1e-4
 
