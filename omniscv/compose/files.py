@@ -267,6 +267,8 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
             spec.attribute("chromaticities", OpenImageIO.TypeDesc("float[8]"), _REC_709)
         # By measurement: passing rows to a pool of threads takes longer than writing them.
         OpenImageIO.attribute("exr_threads", -1)
+    if path.suffix == ".tiff":
+        spec.attribute("tiff:Predictor", 1)  # that of floats is known to few readers
     if path.suffix == ".jxl":
         spec.attribute("compression", "lossless")
         spec.attribute("jpegxl:effort", 1)
