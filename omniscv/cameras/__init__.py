@@ -18,6 +18,7 @@ from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scara
 from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
 from omniscv.cameras.circle_panoramas import NoncentralPanorama, OmnidirectionalStereo, Vr180
 from omniscv.cameras.noncentral_mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
+from omniscv.cameras.lidar import Lidar
 from omniscv.cameras.rolling_shutter import RollingShutter
 from omniscv.cameras.parallel_rays import Orthographic, PushBroom
 from omniscv.cameras.pinhole import Pinhole
@@ -43,6 +44,7 @@ __all__ = [
     "FisheyeOrthographic",
     "FisheyeStereographic",
     "KannalaBrandt",
+    "Lidar",
     "NoncentralConicalMirror",
     "NoncentralPanorama",
     "NoncentralSphericalMirror",

@@ -54,13 +54,18 @@ def model(name: str) -> type[Camera]:
     return _MODELS[name if known else one_of("camera", name, names())]
 
 
-def create(name: str, /, width: int, height: int, **parameters: Parameter) -> Camera:
+def create(
+    name: str, /, width: int | None = None, height: int | None = None, **parameters: Parameter
+) -> Camera:
     """Return a camera by its model's name, image size in px, and the model's own parameters.
+
+    Only ``lidar`` has a size of its own where none is given.
 
     Raises:
         ArgumentError: an unknown name, or a parameter that the model does not take, lacks or refuses.
     """
-    return _construct(name, {"width": width, "height": height, **parameters})
+    size = {"width": width, "height": height}
+    return _construct(name, {key: px for key, px in size.items() if px is not None} | parameters)
 
 
 def from_dict(data: Mapping[str, Any]) -> Camera:
@@ -85,7 +90,7 @@ def _construct(name: str, arguments: Mapping[str, Any]) -> Camera:
         missing = [f"no {key}" for key in needed if key not in arguments]
         unknown = [shown(key) for key in arguments if key not in known]
         optional = [key for key in known if key not in needed]
-        expected = ", ".join(needed) + (f" and optionally {', '.join(optional)}" if optional else "")
+        expected = " and optionally ".join(", ".join(keys) for keys in (needed, optional) if keys)
         advice = f"'omniscv cameras {name}' has an example"
         raise ArgumentError(
             f"camera {name}: expected {expected}; got {', '.join(missing + unknown)}; {advice}"

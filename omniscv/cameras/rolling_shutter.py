@@ -1,4 +1,4 @@
-"""Rolling shutters: cameras that move while their image is read line by line."""
+"""Rolling shutters: cameras, and turning scanners, that move while their image is read line by line."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, viewpoints_by_line
+from omniscv.cameras.lidar import Lidar
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -27,10 +28,10 @@ _MEETS = 1e-9  # the same: the point is seen
 
 @register
 class RollingShutter(Camera):
-    """A central camera that moves while its lines are read, one after the other.
+    """A central camera, or a ``lidar``, that moves while its lines are read, one after the other.
 
     The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
-    ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and starting at ``t v``.
+    ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and shifted by ``t v``.
     Parameters: ``base``, the camera at rest, or its dict (without size and a centre in the middle);
     ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
     ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
@@ -75,6 +76,7 @@ class RollingShutter(Camera):
         self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
         self._backward = self.scan in ("bottom-to-top", "right-to-left")
         self._lines = self.height if self._axis == 1 else self.width
+        self._wraps = self._axis == 0 and self.base.wraps
         self._at_rest = not (self._travel.any() or self._turn)
 
     @classmethod
@@ -150,7 +152,10 @@ class RollingShutter(Camera):
         if self._at_rest:
             return origins, directions, valid
         part = self._fraction(pixels)
-        return part[..., None] * self._travel, self._rotate(directions, part), valid
+        shifted = part[..., None] * self._travel
+        if not self.base.central:
+            shifted = shifted + self._rotate(np.broadcast_to(origins, directions.shape), part)
+        return shifted, self._rotate(directions, part), valid
 
     def _rotate(self, vectors: Array, part: Array) -> Array:
         """Turn vectors (..., 3) of the moving camera into the first line's frame (Rodrigues' formula)."""
@@ -167,7 +172,12 @@ class RollingShutter(Camera):
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
         middle = np.arange(0.5, self._lines) / self._lines
-        origins = (1 - middle if self._backward else middle)[:, None] * self._travel
+        part = 1 - middle if self._backward else middle
+        origins = part[:, None] * self._travel
+        if not self.base.central:  # the mean of each line's
+            own, _, _ = self.base._unproject(self.base.pixels())
+            own = np.broadcast_to(own, (self.height, self.width, 3)).mean(axis=self._axis)
+            origins = origins + self._rotate(own, part)
         return viewpoints_by_line(origins, self.valid(), 1 - self._axis, count)
 
     # -- points ---------------------------------------------------------------------------------
@@ -185,6 +195,9 @@ class RollingShutter(Camera):
             part[twice], _ = self._search(flat[twice], _FINER * _INTERVALS)
         seen = ~np.isnan(part)
         pixels, _ = self._project_at(flat, np.where(seen, part, 0.0))
+        if self._wraps:  # the seam is in the first column and in the last
+            late = self._fraction(pixels) - part
+            pixels[:, 0] += self.width * np.round(late) * (1 if self._backward else -1)
         return pixels.reshape(*points.shape[:-1], 2), seen.reshape(points.shape[:-1])
 
     def _project_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
@@ -196,7 +209,8 @@ class RollingShutter(Camera):
 
     def _late(self, points: Array, part: Array) -> Array:
         """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen."""
-        return self._fraction(self._project_at(points, part)[0]) - part
+        late: Array = self._fraction(self._project_at(points, part)[0]) - part
+        return late - np.round(late) if self._wraps else late
 
     def _search(self, points: Array, intervals: int) -> tuple[Array, Mask]:
         """Search intervals of the read-out in turn.
@@ -218,8 +232,8 @@ class RollingShutter(Camera):
             rows = np.flatnonzero(meets & np.isnan(first))
             if len(rows):
                 root = self._root(points[rows], (low, high), (before[rows], after[rows]))
-                pixels, valid = self._project_at(points[rows], root)
-                seen = valid & (np.abs(self._fraction(pixels) - root) <= _MEETS)
+                _, valid = self._project_at(points[rows], root)
+                seen = valid & (np.abs(self._late(points[rows], root)) <= _MEETS)
                 first[rows] = np.where(seen, root, np.nan)
             before = after
         return first, near
@@ -292,8 +306,8 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
         description = base.to_dict() if isinstance(base, Camera) else base
         if not isinstance(description, Mapping) or "model" not in description:
             raise ArgumentError(f"expected a camera or a mapping with 'model' in it, got {shown(base)}")
-        if not model(description["model"]).central:
-            raise ArgumentError(f"expected a central camera, got {description['model']}")
+        if not model(description["model"]).central and description["model"] != Lidar.name:
+            raise ArgumentError(f"expected a central camera or a lidar, got {description['model']}")
         camera = from_dict({"width": width, "height": height, **description})
         if (camera.width, camera.height) != (width, height):
             got = f"{camera.width} x {camera.height}"

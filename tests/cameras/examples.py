@@ -54,6 +54,11 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "noncentral-panorama": [{**WIDE, "radius": 0.0}, {**LONG, "radius": 0.5}],
     "ods": [{**WIDE, "interpupillary": 0.5, "eye": "right"}, {**LONG, "interpupillary": 0.0}],
     "vr180": [{**LONG, "interpupillary": 0.2, "eye": "right"}],
+    "lidar": [
+        {**LONG, "preset": "vlp-16"},
+        {"width": 64, "preset": "os1-128"},
+        {**WIDE, "preset": "hdl-32e"},
+    ],
     "push-broom": [{**LONG, "travel": (0.5, 0.1, -0.2), "focal": 30.0}],
     "orthographic": [{**LONG, "width_m": 0.3, "center": (10, 40)}],
     "rolling-shutter": [
@@ -73,6 +78,14 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
             "velocity": (0.0, 0.0, 3.0),
             "angular_velocity_deg": (0, 60, 0),
             "scan": "right-to-left",
+        },
+        {
+            **WIDE,
+            "base": {"model": "lidar", "preset": "vlp-16"},
+            "readout": 0.05,
+            "velocity": (0.0, 0.0, 1.0),
+            "angular_velocity_deg": (0, 20, 0),
+            "scan": "left-to-right",
         },
     ],
     "noncentral-spherical-mirror": [

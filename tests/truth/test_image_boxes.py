@@ -95,7 +95,7 @@ def test_the_distance_is_to_the_nearest_point():
     assert truth.boxes(hits.label, scene.objects, depth=endless)[0]["distance"] is None
 
 
-FULL = {"equirectangular", "cylindrical", "noncentral-panorama", "ods"}
+FULL = {"equirectangular", "cylindrical", "noncentral-panorama", "ods", "lidar"}
 
 
 @pytest.mark.parametrize("name", omniscv.cameras.names())
