@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from dataclasses import dataclass, replace
+from typing import get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import R_LEVEL, Pose
-from omniscv.geometry.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import RotationSpline
-
-Curve = Literal["linear", "spline"]
+from omniscv.geometry.trajectory import Curve, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +35,7 @@ class Motion:
         one_of("curve", self.curve, get_args(Curve))
         if self.waypoints.times is None and len(self.waypoints) > 1:
             raise ArgumentError(f"waypoints: expected times, got {len(self.waypoints)} poses without times")
+        object.__setattr__(self, "waypoints", replace(self.waypoints, curve=self.curve))
 
     @classmethod
     def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
@@ -71,21 +64,7 @@ class Motion:
         if time is None:
             raise ArgumentError("time: expected seconds for an object that moves, got None")
         first, last = self.span
-        time = min(max(time, first), last)
-        if self.curve == "linear":
-            return self.waypoints.at(time)
-        positions, rotations = self._splines
-        return Pose(positions(time), rotations(time).as_matrix())
-
-    @cached_property
-    def _splines(self) -> tuple[CubicSpline, RotationSpline]:
-        from scipy.interpolate import CubicSpline  # slow to load
-        from scipy.spatial.transform import Rotation, RotationSpline
-
-        times = self.waypoints.times or ()
-        rotations = Rotation.from_matrix(np.stack([pose.rotation for pose in self.waypoints]))
-        positions = CubicSpline(times, np.stack([pose.position for pose in self.waypoints]))
-        return positions, RotationSpline(times, rotations)
+        return self.waypoints.at(min(max(time, first), last))
 
 
 def object_pose(

@@ -22,15 +22,17 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
-from typing import Literal, overload
+from typing import Any, Literal, NamedTuple, overload
 
 import numpy as np
 
 from omniscv.arguments import number, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import R_LEVEL, Pose
+from omniscv.geometry import R_LEVEL, Array, Pose
 
+Curve = Literal["linear", "spline"]
 Frame = Literal["camera", "body", "object"]
 
 _NS = 10**9
@@ -41,6 +43,23 @@ _KITTI_ROUNDING = 1e-4
 """Largest entry of |R R^T - I| in a file: those of KITTI have seven digits."""
 
 
+class Motions(NamedTuple):
+    """A body's motion at N times, by the derivatives of splines.
+
+    Attributes:
+        positions_w, velocities_w, accelerations_w: (N, 3) metres and seconds, world frame.
+        rotations: (N, 3, 3) from the body to the world.
+        rates, rate_changes: (N, 3) angular velocity, rad/s, and acceleration, in the body's frame.
+    """
+
+    positions_w: Array
+    velocities_w: Array
+    accelerations_w: Array
+    rotations: Array
+    rates: Array
+    rate_changes: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory(Sequence[Pose]):
     """Poses in order, and their times.
@@ -48,6 +67,8 @@ class Trajectory(Sequence[Pose]):
     Args:
         poses: at least one.
         times: seconds, increasing, one per pose; None if they are unknown.
+        curve: between poses: ``linear`` interpolates as :meth:`Pose.interpolate`; ``spline`` uses cubic
+            splines of positions and rotations, whose velocities and accelerations are continuous.
 
     Raises:
         ArgumentError: no pose, not one time per pose, or times that do not increase.
@@ -55,6 +76,7 @@ class Trajectory(Sequence[Pose]):
 
     poses: tuple[Pose, ...]
     times: tuple[float, ...] | None = None
+    curve: Curve = "linear"
 
     def __post_init__(self) -> None:
         if not self.poses:
@@ -77,14 +99,14 @@ class Trajectory(Sequence[Pose]):
     def __getitem__(self, index: slice) -> Trajectory: ...
     def __getitem__(self, index: int | slice) -> Pose | Trajectory:
         if isinstance(index, slice):
-            return Trajectory(self.poses[index], None if self.times is None else self.times[index])
+            return Trajectory(self.poses[index], self.times and self.times[index], self.curve)
         return self.poses[index]
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
 
     def at(self, time: float, steps_beyond: float = 0.0) -> Pose:
-        """Return the pose at a time, interpolated between two poses: see :meth:`Pose.interpolate`.
+        """Return the pose at a time, as ``curve`` says.
 
         Args:
             time: seconds.
@@ -105,7 +127,38 @@ class Trajectory(Sequence[Pose]):
         if not -steps_beyond <= fraction <= 1 + steps_beyond:
             beyond = ", or a step beyond" if steps_beyond else ""
             raise ArgumentError(f"time: expected {first:.15g} to {last:.15g} s{beyond}, got {time:.15g}")
+        if self.curve == "spline":
+            positions, rotations = self._splines
+            return Pose(positions(time), rotations(time).as_matrix())
         return self.poses[i - 1].interpolate(self.poses[i], fraction)
+
+    def motions(self, times: Array) -> Motions:
+        """Return what the splines and their derivatives are at times (N,), seconds."""
+        positions, rotations = self._splines
+        return Motions(
+            *(positions(times, order) for order in range(3)),
+            rotations(times).as_matrix(),
+            *(rotations(times, order) for order in (1, 2)),
+        )
+
+    def misses(self) -> tuple[float, float]:
+        """Return how far the splines pass from the poses at most: metres, and radians."""
+        at = self.motions(np.array(self.times))
+        away = np.linalg.norm(at.positions_w - [pose.position for pose in self.poses], axis=1)
+        turned = np.abs(at.rotations - [pose.rotation for pose in self.poses])
+        return float(away.max()), float(turned.max())
+
+    @cached_property
+    def _splines(self) -> tuple[Any, Any]:
+        """Splines of positions, and of rotations with rates in the body's frame: slow to load."""
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        if self.times is None or len(self.times) < 2:
+            raise ArgumentError("trajectory: expected two or more poses with times, for splines")
+        rotations = Rotation.from_matrix(np.stack([pose.rotation for pose in self.poses]))
+        positions = CubicSpline(self.times, np.stack([pose.position for pose in self.poses]))
+        return positions, RotationSpline(self.times, rotations)
 
 
 def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame = "camera") -> Trajectory:

@@ -1,4 +1,4 @@
-"""Ground truth of images as records, derived from images and scenes. Nothing here reads or writes files.
+"""Ground truth of images and trajectories as records. Nothing here reads or writes files.
 
 Public names are imported when they are first used.
 """
@@ -7,6 +7,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from omniscv.sensor.imu import measure as imu
     from omniscv.truth.layout_record import project_layout, room_of
     from omniscv.truth.object_boxes import boxes, boxes3d
     from omniscv.truth.optical_flow import Flow, flow, motion
@@ -29,6 +30,7 @@ _NAMES = {
 """By module, the public names."""
 
 _HOMES = {name: f"omniscv.truth.{module}:{name}" for module, names in _NAMES.items() for name in names}
+_HOMES["imu"] = "omniscv.sensor.imu:measure"
 
 __all__ = [
     "Flow",
@@ -41,6 +43,7 @@ __all__ = [
     "boxes3d",
     "flow",
     "fov_iou",
+    "imu",
     "layout",
     "merged",
     "motion",

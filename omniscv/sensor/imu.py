@@ -1,0 +1,201 @@
+"""An inertial measurement unit that a rig carries: angular rate and specific force along its trajectory.
+
+The trajectory is the spline that moves the cameras; its derivatives are exact. Noise is white noise and a
+random walk of the bias, as Kalibr's and EuRoC's files describe it (continuous-time densities). A sample's
+noise depends on the seed, the axis and the sample's number alone.
+Source: Woodman 2007, An introduction to inertial navigation; Furgale et al. 2013 for the noise model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import number, numbers, whole_number
+from omniscv.errors import ArgumentError
+from omniscv.geometry import R_LEVEL, Array, Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.records import checked, nested, read, record
+from omniscv.sensor import noise
+
+PASSES = 1e-6
+"""Metres and radians within which the spline passes through the poses that were given."""
+_WHITE, _WALK = 0, 1  # purposes of random numbers
+_MOST = 100_000_000  # samples
+
+
+def _axes(name: str, value: Any) -> tuple[float, ...]:
+    """Read one number or three as three."""
+    return tuple(numbers(name, [value] * 3 if np.ndim(value) == 0 else value, (3,)).tolist())
+
+
+def _densities(name: str, value: Any) -> tuple[float, ...]:
+    return tuple(number(name, density, least=0) for density in _axes(name, value))
+
+
+@record
+class ImuNoise:
+    """The errors of three axes, each one number or three: rad/s of a gyroscope, m/s^2 of an accelerometer."""
+
+    bias: tuple[float, ...] = checked(_axes, default=(0.0,) * 3, help="constant error, rad/s or m/s^2")
+    noise_density: tuple[float, ...] = checked(
+        _densities, default=(0.0,) * 3, help="of white noise, unit / sqrt(Hz)"
+    )
+    random_walk: tuple[float, ...] = checked(
+        _densities, default=(0.0,) * 3, help="of the bias, unit / s / sqrt(Hz)"
+    )
+
+    def errors(self, seed: int, name: str, rate: float, count: int) -> tuple[Array, Array]:
+        """Return biases and white noise, (count, 3) each, of the samples from the first one on."""
+        biases, white = np.tile(self.bias, (count, 1)), np.zeros((count, 3))
+        key = noise.key(seed, f"imu.{name}")
+        for axis, (density, walk) in enumerate(zip(self.noise_density, self.random_walk, strict=True)):
+            if density:
+                white[:, axis] = density * rate**0.5 * noise.normals(key, _WHITE, axis, 0, count)
+            if walk:
+                biases[1:, axis] += (
+                    np.cumsum(noise.normals(key, _WALK, axis, 0, count - 1)) * walk / rate**0.5
+                )
+        return biases, white
+
+
+@dataclass(frozen=True, eq=False)
+class ImuSamples:
+    """Measurements, and the truth at their times.
+
+    Attributes:
+        times: (N,) seconds.
+        angular_velocity, specific_force: (N, 3) as measured, rad/s and m/s^2, in the body's frame.
+        positions_w, velocities_w: (N, 3) of the body, metres and seconds, world frame.
+        rotations: (N, 3, 3) from the body to the world.
+        gyro_bias, accel_bias: (N, 3) the biases in the measurements.
+    """
+
+    times: Array
+    angular_velocity: Array
+    specific_force: Array
+    positions_w: Array
+    velocities_w: Array
+    rotations: Array
+    gyro_bias: Array
+    accel_bias: Array
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@record
+class Imu:
+    """An IMU on a rig. Its body frame is X forward, Y left, Z up where the rig looks, unless it is turned."""
+
+    rate: float = checked(number, above=0, default=200.0, help="samples a second")
+    position: tuple[float, ...] = checked(
+        _axes, default=(0.0,) * 3, help="in the rig's frame (x right, y down, z forward), metres"
+    )
+    yaw_deg: float = checked(number, default=0.0, help="turn of the body on the rig: to the left +")
+    pitch_deg: float = checked(number, default=0.0, help="the same, nose up +")
+    roll_deg: float = checked(number, default=0.0, help="the same, right side down +")
+    gravity: tuple[float, ...] = checked(
+        _axes, default=(0.0, 0.0, -9.81), help="acceleration of free fall, m/s^2, world frame"
+    )
+    gyroscope: ImuNoise = checked(nested(ImuNoise), default=ImuNoise(), help="errors of angular rates")
+    accelerometer: ImuNoise = checked(nested(ImuNoise), default=ImuNoise(), help="errors of specific force")
+    seed: int = checked(whole_number, least=0, default=0, help="of the noise")
+
+    @property
+    def pose(self) -> Pose:
+        """``T_rig_body``."""
+        turn = Pose.from_angles((0, 0, 0), self.yaw_deg, self.pitch_deg, self.roll_deg).rotation
+        return Pose(self.position, R_LEVEL.T @ turn @ R_LEVEL.T)
+
+    def times(self, path: Trajectory) -> Array:
+        """Return (N,) the times of the samples along timed poses, from the first to the last, seconds.
+
+        Raises:
+            ArgumentError: poses without times, or too many samples.
+        """
+        if path.times is None:
+            raise ArgumentError("imu: expected poses with times, got poses without")
+        span = (path.times[-1] - path.times[0]) * self.rate
+        if span >= _MOST:
+            raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
+        return path.times[0] + np.arange(int(span + 1e-6) + 1) / self.rate
+
+    def samples(self, path: Trajectory) -> ImuSamples:
+        """Return the measurements along the spline through a rig's timed poses.
+
+        Raises:
+            ArgumentError: fewer than two poses, or poses without times.
+        """
+        times, mounted = self.times(path), self.pose
+        at = path.motions(times)
+        rotations, lever = at.rotations @ mounted.rotation, mounted.position
+        # of the point that is mounted there: it moves and accelerates by the rig's turning, too
+        turning = np.cross(at.rates, lever)
+        across = np.cross(at.rate_changes, lever) + np.cross(at.rates, turning)
+        accelerations_w = at.accelerations_w + np.einsum("nij,nj->ni", at.rotations, across)
+        force = np.einsum("nji,nj->ni", rotations, accelerations_w - self.gravity)
+        gyro_bias, gyro_white = self.gyroscope.errors(self.seed, "gyroscope", self.rate, len(times))
+        accel_bias, accel_white = self.accelerometer.errors(self.seed, "accelerometer", self.rate, len(times))
+        return ImuSamples(
+            times,
+            at.rates @ mounted.rotation + gyro_bias + gyro_white,
+            force + accel_bias + accel_white,
+            at.positions_w + at.rotations @ lever,
+            at.velocities_w + np.einsum("nij,nj->ni", at.rotations, turning),
+            rotations,
+            gyro_bias,
+            accel_bias,
+        )
+
+
+def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
+    """Return what an IMU measures on a rig that moves along the spline through timed poses.
+
+    Args:
+        path: of the rig, a camera frame: x right, y down, z forward.
+        imu: the sensor; an ideal one at 200 Hz if not given.
+
+    Raises:
+        ArgumentError: fewer than two poses, or poses without times.
+    """
+    return (imu or Imu()).samples(replace(path, curve="spline"))
+
+
+@dataclass(frozen=True, eq=False)
+class ImuTrack:
+    """An IMU and the trajectory of its rig, as a dataset holds them.
+
+    Attributes:
+        imu: the sensor.
+        path: the rig's timed poses; splines are between them.
+    """
+
+    imu: Imu
+    path: Trajectory
+
+    def samples(self) -> ImuSamples:
+        """Return the measurements."""
+        return self.imu.samples(self.path)
+
+    def camera_on_body(self, pose: Pose, time: float) -> Pose:
+        """Return ``T_body_cam`` of a camera with a pose in the world at a time."""
+        return (self.path.at(time, steps_beyond=1) @ self.imu.pose).inverse() @ pose
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON: the sensor's, and rows ``time x y z qx qy qz qw``."""
+        poses = zip(self.path.times or (), self.path, strict=True)
+        rows = [[time, *pose.position.tolist(), *pose.quaternion()] for time, pose in poses]
+        return {"sensor": asdict(self.imu), "path": rows}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ImuTrack:
+        """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
+        rows = numbers("imu.path", data["path"], (None, 8)).tolist()
+        poses = tuple(Pose.from_quaternion(row[1:4], row[4:]) for row in rows)
+        return cls(
+            read(Imu, data["sensor"], "imu"), Trajectory(poses, tuple(row[0] for row in rows), "spline")
+        )
