@@ -23,6 +23,7 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import OBJECTS, versions
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, file_endings
+from omniscv.sensor.imu import ImuTrack
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 from omniscv.storage.local import locked
@@ -78,6 +79,12 @@ class Manifest:
         return None if self.rules is None else self.rules.table(self.names)
 
     @cached_property
+    def imu(self) -> ImuTrack | None:
+        """What the rig carries, and its trajectory; None without."""
+        track = self.settings.get("options", {}).get("imu")
+        return None if track is None else ImuTrack.from_dict(track)
+
+    @cached_property
     def _endings(self) -> Mapping[str, Collection[str]]:
         return file_endings(truths.kinds())
 
@@ -91,7 +98,7 @@ class Manifest:
         Raises:
             ArgumentError: no such line, a camera that the dataset does not have, or an unknown kind of file.
         """
-        return Frame.from_dict(line, folder, self.cameras, self._endings, self.names, self.classes)
+        return Frame.from_dict(line, folder, self.cameras, self._endings, self.names, self.classes, self.imu)
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
         """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files.
@@ -154,6 +161,7 @@ class Manifest:
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
             manifest = cls(cameras, names, rules, settings, versions)
+            manifest.imu  # noqa: B018 - refuses another track
             vars(manifest)["classes"] = table  # not matched again: foreign patterns may take for ever
             return manifest
         except (TypeError, KeyError, AttributeError) as cause:

@@ -35,6 +35,7 @@ from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 if TYPE_CHECKING:
+    from omniscv.sensor.imu import ImuTrack
     from omniscv.truth.classes import ClassTable
 
 
@@ -56,6 +57,7 @@ class Frame:
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
         blank: marks that no pixel has: layers without a file.
+        imu: of the dataset's rig, with its trajectory; None without.
     """
 
     key: str
@@ -71,6 +73,7 @@ class Frame:
     scene: str = ""
     state: str = ""
     blank: tuple[str, ...] = ()
+    imu: ImuTrack | None = None
 
     def __repr__(self) -> str:
         split = f", {self.split}" if self.split else ""
@@ -172,13 +175,14 @@ class Frame:
         endings: Mapping[str, Collection[str]],
         instances: Mapping[str, int] | None = None,
         classes: ClassTable | None = None,
+        imu: ImuTrack | None = None,
     ) -> Frame:
         """Return the frame of a line.
 
         Args:
             data: what :meth:`to_dict` returned.
             folder: of the files.
-            cameras, instances, classes: of the dataset.
+            cameras, instances, classes, imu: of the dataset.
             endings: of the names of files, as :func:`omniscv.frame.file_endings` returns them.
 
         Raises:
@@ -200,6 +204,7 @@ class Frame:
                 blank=tuple(one_of("blank", name, _marks()) for name in data.get("blank", ())),
                 instances=instances or {},
                 classes=classes,
+                imu=imu,
                 time=optional_number("time", data["time"]),
                 place=_text("place", data["place"]),
                 split=data["split"] and stem("split", data["split"]),

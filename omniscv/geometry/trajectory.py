@@ -135,11 +135,9 @@ class Trajectory(Sequence[Pose]):
     def motions(self, times: Array) -> Motions:
         """Return what the splines and their derivatives are at times (N,), seconds."""
         positions, rotations = self._splines
-        return Motions(
-            *(positions(times, order) for order in range(3)),
-            rotations(times).as_matrix(),
-            *(rotations(times, order) for order in (1, 2)),
-        )
+        at, velocities, accelerations = (positions(times, order) for order in range(3))
+        rates, changes = (rotations(times, order) for order in (1, 2))
+        return Motions(at, velocities, accelerations, rotations(times).as_matrix(), rates, changes)
 
     def misses(self) -> tuple[float, float]:
         """Return how far the splines pass from the poses at most: metres, and radians."""

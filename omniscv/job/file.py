@@ -26,6 +26,7 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion
+from omniscv.geometry.trajectory import Trajectory
 from omniscv.job.job import Exposure, Job
 from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, read_poses, read_times
 from omniscv.job.recipe import Media, Recipe, SplitOptions
@@ -36,6 +37,7 @@ from omniscv.records import checked, help_of, key_of, mapping, nested, optional,
 from omniscv.records import read as read_record
 from omniscv.render_options import LayoutKey, MapOptions, Tolerance
 from omniscv.sensor import Sensor
+from omniscv.sensor.imu import PASSES, Imu, ImuNoise, ImuTrack
 from omniscv.sensor.optics import NATURAL
 from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
@@ -194,6 +196,9 @@ class _Keys:
     sensor: Sensor | None = checked(
         optional(nested(Sensor)), default=None, help="simulated noise and lens effects"
     )
+    imu: Imu | None = checked(
+        optional(nested(Imu)), default=None, help="an IMU on the rig; cameras then move on a spline"
+    )
 
 
 _RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
@@ -203,6 +208,9 @@ _BELOW: dict[str, type[Any]] = {
     **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
     "exposure": Exposure,
     "sensor": Sensor,
+    "imu": Imu,
+    "imu.gyroscope": ImuNoise,
+    "imu.accelerometer": ImuNoise,
     "split": SplitOptions,
     "media": Media,
     "layout": LayoutKey,
@@ -325,7 +333,11 @@ def read(description: object, folder: Path) -> Job:
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     keys = read_record(_Keys, values)
     freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
-    posed = at_times(keys.poses, keys.times)
+    posed = at_times(keys.poses, keys.times, "linear" if keys.imu is None else "spline")
+    track = None
+    if keys.imu is not None:
+        track, passed = _track(keys.imu, keys.poses, posed.times)
+        posed = posed._replace(assumed="\n".join(filter(None, (posed.assumed, passed))))
     return Job(
         source=address(keys.source, folder),
         cameras=keys.cameras or {},
@@ -345,7 +357,25 @@ def read(description: object, folder: Path) -> Job:
         exposure=keys.exposure,
         brackets=keys.brackets,
         sensor=keys.sensor,
+        imu=track,
     )
+
+
+def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[ImuTrack, str]:
+    """Return an IMU on the spline through the poses that were given, at their own times or the job's, and in
+    one line how far from them it passes."""
+    wanted = "expected two or more poses with times, such as a trajectory's or a path's"
+    times = given.times or times
+    if times is None or len(times) != len(given.poses) or len(times) < 2:
+        raise ArgumentError(f"imu: {wanted}, got {len(given.poses)} poses and {len(times or ())} times")
+    with within("imu"):
+        track = ImuTrack(imu, Trajectory(given.poses, times, "spline"))
+        metres, radians = track.path.misses()
+    if not max(metres, radians) <= PASSES:
+        got = f"{metres:.2g} m and {radians:.2g} rad"
+        raise ArgumentError(f"imu: expected a spline within {PASSES:g} m and rad of the poses, got {got}")
+    passed = f"imu: a spline through {len(times)} poses, within {metres:.1g} m and {radians:.1g} rad of them"
+    return track, passed
 
 
 _FILES = (

@@ -19,6 +19,7 @@ from omniscv.job.sampling import SampledPoses
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, record
 from omniscv.sensor import Sensor
+from omniscv.sensor.imu import ImuTrack
 from omniscv.sources.registry import SourceOptions
 
 
@@ -112,6 +113,7 @@ class Job:
         exposure: of every image.
         assumed: of the file of its poses, in one line; empty for nothing.
         brackets: stops of the exposures that colours are merged from, to light; empty for one exposure.
+        imu: what the rig carries, and the timed poses whose spline its cameras move on; None without one.
         sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
 
     Raises:
@@ -140,6 +142,7 @@ class Job:
     sensor: Sensor | None = None
     brackets: tuple[float, ...] = ()
     store: str = "files"
+    imu: ImuTrack | None = None
     depth_format: str = "exr"
 
     def __post_init__(self) -> None:

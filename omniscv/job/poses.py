@@ -23,8 +23,8 @@ import numpy as np
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.motion import Curve, Motion, object_pose
-from omniscv.geometry.trajectory import Trajectory, read_trajectory
+from omniscv.geometry.motion import Motion, object_pose
+from omniscv.geometry.trajectory import Curve, Trajectory, read_trajectory
 from omniscv.job.sampling import SampledPoses, read_sampling
 from omniscv.records import checked, mapping, optional, read, record
 
@@ -189,7 +189,7 @@ def read_times(name: str, value: object) -> Times:
     return tuple(times.start + i / times.rate for i in range(times.count))
 
 
-def at_times(posed: Posed, times: Times | None) -> Posed:
+def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Posed:
     """Return poses at the times of a job.
 
     One pose is taken at every time; poses with their own times are interpolated; otherwise there is one time
@@ -205,7 +205,7 @@ def at_times(posed: Posed, times: Times | None) -> Posed:
     if posed.times is not None and posed.sampling is None:
         if posed.places is not None:
             raise ArgumentError("times: expected poses without times of their own, as they have places")
-        path = Trajectory(posed.poses, posed.times)
+        path = Trajectory(posed.poses, posed.times, curve)
         with within("times"):
             return Posed(tuple(path.at(time) for time in times), times)
     if len(posed.poses) == 1:

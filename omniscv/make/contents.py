@@ -204,6 +204,8 @@ class Contents:
             options["brackets"] = list(job.brackets)
         if job.sensor is not None:
             options["sensor"] = job.sensor.to_dict()
+        if job.imu is not None:
+            options["imu"] = job.imu.to_dict()
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
         options["truth"] = {name: {**truth, **named.get(name, {})} for name, truth in self.truth.items()}
         options["media"] = dict(job.recipe.media or {})

@@ -171,7 +171,9 @@ def _path(job: Job) -> Trajectory | None:
     """
     exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
     staggered = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
-    return Trajectory(job.poses, job.times) if staggered or exposed else None
+    if not (staggered or exposed):
+        return None
+    return Trajectory(job.poses, job.times) if job.imu is None else job.imu.path
 
 
 @contextmanager

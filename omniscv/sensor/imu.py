@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.arguments import number, numbers, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, write_tum
 from omniscv.records import checked, nested, read, record
 from omniscv.sensor import noise
 
@@ -109,7 +109,7 @@ class Imu:
     def pose(self) -> Pose:
         """``T_rig_body``."""
         turn = Pose.from_angles((0, 0, 0), self.yaw_deg, self.pitch_deg, self.roll_deg).rotation
-        return Pose(self.position, R_LEVEL.T @ turn @ R_LEVEL.T)
+        return Pose(np.array(self.position), R_LEVEL.T @ turn @ R_LEVEL.T)
 
     def times(self, path: Trajectory) -> Array:
         """Return (N,) the times of the samples along timed poses, from the first to the last, seconds.
@@ -186,15 +186,13 @@ class ImuTrack:
         return (self.path.at(time, steps_beyond=1) @ self.imu.pose).inverse() @ pose
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON: the sensor's, and rows ``time x y z qx qy qz qw``."""
-        poses = zip(self.path.times or (), self.path, strict=True)
-        rows = [[time, *pose.position.tolist(), *pose.quaternion()] for time, pose in poses]
-        return {"sensor": asdict(self.imu), "path": rows}
+        """Return plain values for JSON: the sensor's, and lines ``time x y z qx qy qz qw``."""
+        return {"sensor": asdict(self.imu), "path": write_tum(self.path).splitlines()[1:]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ImuTrack:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
-        rows = numbers("imu.path", data["path"], (None, 8)).tolist()
+        rows = numbers("imu.path", [line.split() for line in data["path"]], (None, 8)).tolist()
         poses = tuple(Pose.from_quaternion(row[1:4], row[4:]) for row in rows)
         return cls(
             read(Imu, data["sensor"], "imu"), Trajectory(poses, tuple(row[0] for row in rows), "spline")
