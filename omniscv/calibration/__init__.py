@@ -1,8 +1,8 @@
-"""Calibration files of other programs: OpenCV, Kalibr, COLMAP, OCamCalib, Aria, Isaac Sim, NCore.
+"""Calibration files of other programs: docs/lens-files.md lists them.
 
-The module of each format says what it carries, and how its pixel centres relate to ours, which are at .5.
-Readers raise ``ArgumentError`` for text that does not follow the format, writers for cameras, names and poses
-that the format cannot carry. Nothing is approximated silently.
+A format is a row of ``table.py``, or where it is odd a module of its own, which says how its pixel centres
+relate to ours, which are at .5. Readers raise ``ArgumentError`` for text that does not follow the format,
+writers for cameras, names and poses that the format cannot carry. Nothing is approximated silently.
 """
 
 from omniscv.calibration.files import (
@@ -13,6 +13,7 @@ from omniscv.calibration.files import (
     load,
     load_rig,
     loads,
+    nearest,
     save,
     save_rig,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "load",
     "load_rig",
     "loads",
+    "nearest",
     "save",
     "save_rig",
     "to_opencv",

@@ -1,68 +1,118 @@
-"""COLMAP's text files ``cameras.txt`` and ``rigs.txt``, and the lines of ``frames.txt``.
+"""COLMAP's ``cameras.txt`` and ``cameras.bin``, ``rigs.txt``, and the lines of ``frames.txt``.
 
 Half pixel: none to shift. COLMAP's top-left pixel has its centre at (0.5, 0.5), as ours. The camera frames
-agree: x right, y down, z forward. Carried: the models of ``MODELS``, and ``equirectangular``. Special
-cases are written as the general model: ``fisheye-equidistant`` as a fisheye without coefficients,
-``fisheye-stereographic`` and an undistorted ``unified`` as ``EUCM``, without the circle in which they end.
+agree: x right, y down, z forward. Special cases are written as the general model, which more programs know:
+``fisheye-equidistant`` as a fisheye without coefficients, ``fisheye-stereographic`` and an undistorted
+``unified`` as ``EUCM``, without the circle in which they end.
 
-Not carried: every other model, a limit ``fov_deg``, a name that is no whole number, a rig's time offsets.
-COLMAP reaches only rays less than 90 degrees off the axis in every model but ``EQUIRECTANGULAR``; a comment
-says so for cameras that see more.
+Not carried: a name that is no whole number, a rig's time offsets. COLMAP reaches only rays less than 90
+degrees off the axis in every model but ``EQUIRECTANGULAR``; a comment says so for cameras that see more.
 
-Source: COLMAP 4.2, ``src/colmap/sensor/models.h`` and ``scene/reconstruction_io_text.cc``.
+Source: COLMAP 4.2, ``src/colmap/sensor/models.h``, ``scene/reconstruction_io_text.cc`` and ``_binary.cc``.
 """
 
+import re
+import struct
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import numbers, one_of, shown, within
+from omniscv.arguments import numbers, shown, within
 from omniscv.calibration import intrinsics
+from omniscv.calibration.documents import Content
+from omniscv.calibration.forms import Form, Values
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
-MODELS = intrinsics.format_models("""
-SIMPLE_PINHOLE             pinhole          f cx cy
-PINHOLE                    pinhole          fx fy cx cy
-SIMPLE_RADIAL              pinhole          f cx cy k1
-RADIAL                     pinhole          f cx cy k1 k2
-OPENCV                     pinhole          fx fy cx cy k1 k2 p1 p2
-FULL_OPENCV                pinhole          fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
-SIMPLE_FISHEYE             kannala-brandt   f cx cy
-FISHEYE                    kannala-brandt   fx fy cx cy
-SIMPLE_RADIAL_FISHEYE      kannala-brandt   f cx cy k1
-RADIAL_FISHEYE             kannala-brandt   f cx cy k1 k2
-OPENCV_FISHEYE             kannala-brandt   fx fy cx cy k1 k2 k3 k4
-RAD_TAN_THIN_PRISM_FISHEYE fisheye624       fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3
-SIMPLE_DIVISION            division         f cx cy k
-DIVISION                   division         fx fy cx cy k
-EUCM                       extended-unified fx fy cx cy alpha beta
-""")
-"""COLMAP's models by name, with our model and COLMAP's order of the parameters."""
+_MODELS = """
+SIMPLE_PINHOLE pinhole PARAMS=f,cx,cy
+PINHOLE pinhole PARAMS=fx,fy,cx,cy
+SIMPLE_RADIAL pinhole PARAMS=f,cx,cy,k1
+RADIAL pinhole PARAMS=f,cx,cy,k1,k2
+OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2
+OPENCV_FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy,k1,k2,k3,k4
+FULL_OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,k5,k6
+FOV - PARAMS=fx,fy,cx,cy,omega
+SIMPLE_RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1
+RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1,k2
+THIN_PRISM_FISHEYE - PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,s1,s2
+RAD_TAN_THIN_PRISM_FISHEYE fisheye624 PARAMS=fx,fy,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1,s0,s1,s2,s3
+SIMPLE_DIVISION division PARAMS=f,cx,cy,k
+DIVISION division PARAMS=fx,fy,cx,cy,k
+SIMPLE_FISHEYE kannala-brandt PARAMS=f,cx,cy
+FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy
+EUCM extended-unified PARAMS=fx,fy,cx,cy,alpha,beta
+EQUIRECTANGULAR equirectangular PARAMS=W,H
+"""
+"""In the order of COLMAP's ids, which its binary files hold."""
+_IDS = {i: row.split() for i, row in enumerate(_MODELS.strip().splitlines())}
+_KNOWN = [line for line in _MODELS.strip().splitlines() if line.split()[1] != "-"]
+_SPECIAL = (
+    "SIMPLE_PINHOLE SIMPLE_RADIAL RADIAL SIMPLE_FISHEYE FISHEYE SIMPLE_RADIAL_FISHEYE RADIAL_FISHEYE DIVISION"
+)
+"""Special cases of other models, which many programs that read COLMAP's files do not know."""
+NAMES = tuple(words[0] for words in _IDS.values())
 
-_SPECIAL = {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "FISHEYE", "DIVISION"}
-_SPECIAL |= {"SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-# Many programs that read COLMAP's files do not know these special cases of other models.
-_WRITTEN = [row for name, row in MODELS.items() if name not in _SPECIAL]
 
-NAMES = (*MODELS, "EQUIRECTANGULAR")
-
-
-def read_colmap(text: str) -> dict[str, Camera]:
-    """Return the cameras of a ``cameras.txt``, named by their ids."""
-    cameras: dict[str, Camera] = {}
+def _lenses(content: Content) -> dict[str, Values]:
+    """Return the lines of a file, or of its binary form, by camera id."""
+    text = _of_binary(content.data) if content.is_binary else content.text
+    cameras: dict[str, Values] = {}
+    if not re.search(rf"^[ \t]*\d+[ \t]+({'|'.join(NAMES)})[ \t]", text, re.MULTILINE):
+        return cameras
     for number, line in enumerate(text.splitlines(), start=1):
-        if words := line.partition("#")[0].split():
-            with within(f"line {number}"):
-                name, camera = _camera(words)
-                if name in cameras:
-                    raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
-                cameras[name] = camera
-    if not cameras:
-        raise ArgumentError("expected lines 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got none")
+        words = line.partition("#")[0].split()
+        if not words:
+            continue
+        with within(f"line {number}"):
+            if len(words) < 4:
+                raise ArgumentError(f"expected 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got {shown(line)}")
+            name = str(intrinsics.whole_number("CAMERA_ID", words[0]))
+            if name in cameras:
+                raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
+            cameras[name] = dict(
+                zip(("MODEL", "WIDTH", "HEIGHT", "PARAMS"), [*words[1:4], words[4:]], strict=True)
+            )
     return cameras
+
+
+def _of_binary(data: bytes) -> str:
+    """Return the text of a ``cameras.bin``; "" for other bytes."""
+    lines, at = [], 8
+    try:
+        for _ in range(struct.unpack_from("<Q", data)[0]):
+            camera_id, model, width, height = struct.unpack_from("<IiQQ", data, at)
+            name, _, params = _IDS[model]
+            count = params.count(",") + 1
+            values = struct.unpack_from(f"<{count}d", data, at + 24)
+            lines.append(" ".join(map(str, [camera_id, name, width, height, *values])))
+            at += 24 + 8 * count
+    except (struct.error, KeyError):
+        return ""
+    return "\n".join(lines) if at == len(data) else ""
+
+
+class Colmap(Form):
+    """The row of COLMAP; names are ids, and a comment tells cameras that COLMAP sees in part."""
+
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
+        return write_colmap({name: mounted.camera for name, mounted in cameras.items()})
+
+
+COLMAP = Colmap(
+    "colmap",
+    "COLMAP, GLOMAP: cameras.txt, cameras.bin",
+    "MODEL PARAMS",
+    "\n".join(f"< {line}" if line.split()[0] in _SPECIAL.split() else line for line in _KNOWN),
+    word="MODEL",
+    size="WIDTH HEIGHT",
+    shift=0.0,
+    split=_lenses,
+    refused="FOV, THIN_PRISM_FISHEYE, DIVISION with two focal lengths",
+)
 
 
 def write_colmap(cameras: Mapping[str, Camera]) -> str:
@@ -75,27 +125,19 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
     for name, camera in cameras.items():
         with within(name):
             camera_id = intrinsics.whole_number("name", name)
-            line = camera_line(camera_id, camera)
+            values: dict[str, Any] = COLMAP.values_of(camera)
         if _sees_backwards(camera):
             lines.append(f"# {camera_id}: COLMAP uses only the rays less than 90 degrees off the axis.")
-        lines.append(line)
+        size = camera.width, camera.height
+        params = size if isinstance(camera, Equirectangular) else values["PARAMS"]
+        lines.append(" ".join(map(str, [camera_id, values["MODEL"], *size, *params])))
     return "\n".join(lines) + "\n"
-
-
-def camera_line(camera_id: int, camera: Camera) -> str:
-    """Return a camera's line of ``cameras.txt``, without a line break."""
-    if isinstance(camera, Equirectangular):
-        return f"{camera_id} EQUIRECTANGULAR {camera.width} {camera.height} {camera.width} {camera.height}"
-    known = ", ".join(dict.fromkeys(row.model for row in MODELS.values()))
-    expected = f"COLMAP: expected equirectangular, {known}, unskewed"
-    row, values = intrinsics.write_numbers(camera, _WRITTEN, 0.0, expected)
-    return " ".join(map(str, [camera_id, row.name, camera.width, camera.height, *values]))
 
 
 def refuses(camera: Camera) -> str | None:
     """Return why COLMAP cannot carry a camera, in one line; None where it can."""
     try:
-        camera_line(1, camera)
+        COLMAP.values_of(camera)
     except ArgumentError as cause:
         return str(cause)
     return None
@@ -116,7 +158,7 @@ def pose_of(words: list[str]) -> Pose:
 
 def rig_from_colmap(cameras: str, rigs: str) -> Rig:
     """Return the rig of a ``cameras.txt`` and a ``rigs.txt`` with one rig, in the frame of its reference."""
-    known = read_colmap(cameras)
+    known = {name: entry.camera for name, entry in COLMAP.read(Content(cameras)).items()}
     lines = [words for line in rigs.splitlines() if (words := line.partition("#")[0].split())]
     if len(lines) != 1 or len(lines[0]) < 4:
         raise ArgumentError(
@@ -142,7 +184,7 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
 
 def rig_to_colmap(rig: Rig) -> tuple[str, str]:
     """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by their ids."""
-    intrinsics.check_first_is_origin(rig, "COLMAP")
+    intrinsics.check_first_is_origin(rig.cameras, "COLMAP")
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:
             got = f"{mounted.time_offset:.15g}"
@@ -175,24 +217,6 @@ def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]
     """
     data = " ".join(f"CAMERA {camera_id} {image_id}" for camera_id, image_id in images.items())
     return f"{frame_id} {rig_id} {pose_words(pose)} {len(images)} {data}"
-
-
-def _camera(words: list[str]) -> tuple[str, Camera]:
-    if len(words) < 4:
-        raise ArgumentError(f"expected 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got {shown(' '.join(words))}")
-    model = one_of("MODEL", words[1], NAMES)
-    name = str(intrinsics.whole_number("CAMERA_ID", words[0]))
-    width, height = intrinsics.whole_number("WIDTH", words[2]), intrinsics.whole_number("HEIGHT", words[3])
-    if model == "EQUIRECTANGULAR":
-        size = numbers(f"PARAMS of {model}", words[4:], (2,)).tolist()
-        if size != [width, height]:
-            raise ArgumentError(
-                f"PARAMS of EQUIRECTANGULAR: expected the image size {width} {height}, got {size}"
-            )
-        return name, Equirectangular(width, height)
-    row = MODELS[model]
-    values = numbers(f"PARAMS of {model}", words[4:], (len(row.numbers),)).tolist()
-    return name, intrinsics.camera_of(row.model, width, height, intrinsics.read_numbers(row, values, 0.0))
 
 
 def _sees_backwards(camera: Camera) -> bool:

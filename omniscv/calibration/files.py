@@ -1,93 +1,231 @@
-"""Load and save calibration files and rigs in any format, and our own JSON."""
+"""Load and save calibration files and rigs in any form, and our own JSON."""
 
 import json
+import logging
 import re
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from omniscv.arguments import one_of, within
-from omniscv.calibration import aria, colmap, intrinsics, kalibr, nvidia, ocamcalib, opencv
-from omniscv.cameras import Camera, from_dict
-from omniscv.cameras.rig import Rig
+import numpy as np
+
+from omniscv.arguments import one_of, shown, within
+from omniscv.calibration import colmap, nvidia, ocamcalib, opencv, table
+from omniscv.calibration.documents import Content
+from omniscv.calibration.fitting import Fit, fit
+from omniscv.calibration.forms import Entry, Form, Node, plain
+from omniscv.calibration.intrinsics import only_camera
+from omniscv.calibration.kalibr import KALIBR
+from omniscv.cameras import Camera, from_dict, names
+from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, StorageError
-from omniscv.storage.bounded import read_text
+from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes, read_text
 from omniscv.storage.local import write_text
 
-FormatName = Literal[
-    "json",
-    "opencv",
-    "opencv-fisheye",
-    "opencv-omnidir",
-    "kalibr",
-    "colmap",
-    "ocamcalib",
-    "aria",
-    "isaac",
-    "ncore",
-]
-RigFormat = Literal["json", "kalibr", "colmap", "aria"]
-
+_log = logging.getLogger("omniscv")
 _COLMAP_FILES = ("cameras.txt", "rigs.txt")
+_MARK = "omniscv"
+_NO_RAY = 0.6  # share of the pixels without a ray that gets a warning: a circle in a wide picture has 0.56
+_NEAREST = 3  # forms that a message lists
 
 
-class _Format(NamedTuple):
-    """A format: its test of a file's text, reader and writer."""
+class Coded(NamedTuple):
+    """A form that is no row: what a :class:`Form` does, by functions."""
 
-    recognises: Callable[[str], object]
-    read: Callable[..., dict[str, Camera]]
-    write: Callable[..., str]
+    name: str
+    programs: str
+    models: str
+    recognises: Callable[[Content], object]
+    reader: Callable[[Content], dict[str, Entry]]
+    writer: Callable[[Mapping[str, RigCamera], bool], str]
+    refused: str = ""
 
+    def is_of(self, content: Content) -> bool:
+        return bool(self.recognises(content))
 
-def _opencv(model: str) -> _Format:
-    def recognises(text: str) -> bool:
-        return opencv.model_of(text) == model
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        if size is not None:
+            raise ArgumentError(
+                f"size: expected none, a file of {self.name} holds it; got {size[0]} x {size[1]}"
+            )
+        return self.reader(content)
 
-    return _Format(recognises, partial(opencv.read, model), partial(opencv.write, model))
-
-
-def _read_json(text: str) -> dict[str, Camera]:
-    return {"cam0": from_dict(intrinsics.parse_mapping(text))}
-
-
-def _write_json(cameras: Mapping[str, Camera]) -> str:
-    with intrinsics.only_camera(cameras, "our JSON") as camera:
-        return json.dumps(camera.to_dict(), indent=1)
-
-
-def _matches(pattern: str) -> Callable[[str], object]:
-    return re.compile(pattern, re.MULTILINE).search
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
+        return self.writer(cameras, rig)
 
 
-_FORMATS: dict[str, _Format] = {
-    "json": _Format(_matches(r'^[{\s]*"?model"?[ \t]*:'), _read_json, _write_json),
-    "opencv": _opencv("opencv"),
-    "opencv-fisheye": _opencv("opencv-fisheye"),
-    "opencv-omnidir": _opencv("opencv-omnidir"),
-    "kalibr": _Format(_matches(r"^[ \t]*camera_model[ \t]*:"), kalibr.read_kalibr, kalibr.write_kalibr),
-    "colmap": _Format(
-        _matches(rf"^[ \t]*\d+[ \t]+({'|'.join(colmap.NAMES)})[ \t]"), colmap.read_colmap, colmap.write_colmap
-    ),
-    "ocamcalib": _Format(
-        _matches(r"^#[ \t]*polynomial coefficients"), ocamcalib.read_ocamcalib, ocamcalib.write_ocamcalib
-    ),
-    "aria": _Format(_matches(r'"CameraCalibrations"'), aria.read_aria, aria.write_aria),
-    "isaac": _Format(nvidia.ATTRIBUTE.search, nvidia.read_isaac, nvidia.write_isaac),
-    "ncore": _Format(_matches(r'"pixeldist_to_angle_poly"'), nvidia.read_ncore, nvidia.write_ncore),
+def _text_form(
+    name: str,
+    programs: str,
+    models: str,
+    pattern: str,
+    read: Callable[[str], dict[str, Camera]],
+    write: Callable[[Mapping[str, Camera]], str],
+    refused: str = "",
+) -> Coded:
+    """Return a form whose text a pattern shows, and which carries no poses."""
+
+    def writer(cameras: Mapping[str, RigCamera], rig: bool) -> str:
+        if rig:
+            raise ArgumentError(f"{name}: expected a form that carries poses, got one that does not")
+        return write({name: mounted.camera for name, mounted in cameras.items()})
+
+    return Coded(
+        name,
+        programs,
+        models,
+        lambda content: re.search(pattern, content.text, re.MULTILINE),
+        lambda content: {name: Entry(camera) for name, camera in read(content.text).items()},
+        writer,
+        refused,
+    )
+
+
+# -- our own JSON ---------------------------------------------------------------------------------------
+
+
+def _own(content: Content) -> dict[str, Any] | None:
+    """Return the document of our own JSON; a foreign one may have our keys, but for the mark."""
+    document = content.values[0] if len(content.values) == 1 else None
+    if not isinstance(document, dict):
+        return None
+    if _MARK in document or (
+        isinstance(document.get("cameras"), dict)
+        and all(isinstance(mount, dict) and "camera" in mount for mount in document["cameras"].values())
+    ):
+        return document
+    ours = {"focal", "center", "skew", "distortion", "fov_deg"}
+    is_own = document.get("model") in names() and (document["model"] != "pinhole" or ours & document.keys())
+    return document if is_own or document.keys() == {"model", "width", "height"} else None
+
+
+def _read_own(content: Content) -> dict[str, Entry]:
+    document = _own(content)
+    if document is None:
+        raise content.error or ArgumentError(
+            "camera: expected a mapping with 'model' in it, got another file"
+        )
+    values = {key: value for key, value in document.items() if key != _MARK}
+    if str(document.get(_MARK, 1)) != "1":
+        raise ArgumentError(f"{_MARK}: expected 1, this version's mark, got {shown(document[_MARK])}")
+    if "cameras" in values:
+        rig = Rig.from_dict(values)
+        return {
+            name: Entry(mount.camera, mount.pose, mount.time_offset) for name, mount in rig.cameras.items()
+        }
+    if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
+        _log.warning(
+            "no mark %r: 1 in the file: read as omniscv's own, whose pixel centres are at .5; "
+            "add 0.5 to the centre where they were at whole numbers", _MARK
+        )  # fmt: skip
+    return {"cam0": Entry(from_dict(values))}
+
+
+def _write_own(cameras: Mapping[str, RigCamera], rig: bool) -> str:
+    if rig:
+        return json.dumps({_MARK: 1, **Rig(cameras).to_dict()}, indent=1)
+    with only_camera(cameras, "our JSON") as mounted:
+        return json.dumps({_MARK: 1, **mounted.camera.to_dict()}, indent=1)
+
+
+JSON = Coded("json", "omniscv", "every model", _own, _read_own, _write_own)
+OCAMCALIB = _text_form(
+    "ocamcalib",
+    "OCamCalib: calib_results.txt",
+    "scaramuzza",
+    r"^#[ \t]*polynomial coefficients",
+    ocamcalib.read_ocamcalib,
+    ocamcalib.write_ocamcalib,
+    "an affine part that mirrors",
+)
+ISAAC = _text_form(
+    "isaac",
+    "Isaac Sim: USD as text",
+    "ftheta, pinhole, kannala-brandt",
+    nvidia.ATTRIBUTE.pattern,
+    nvidia.read_isaac,
+    nvidia.write_isaac,
+    "values that change with time",
+)
+NCORE = _text_form(
+    "ncore",
+    "NVIDIA NCore",
+    "ftheta",
+    r'"pixeldist_to_angle_poly"',
+    nvidia.read_ncore,
+    nvidia.write_ncore,
+    "the windshield, tangential coefficients",
+)
+
+FORMS: dict[str, Form | Coded] = {
+    form.name: form
+    for form in (
+        JSON,
+        table.CAMODOCAL,
+        table.STELLA,
+        table.ORB,
+        KALIBR,
+        table.SENSOR,
+        opencv.ROS,
+        table.GYROFLOW,
+        table.OPENICC,
+        table.NERFSTUDIO,
+        table.KITTI,
+        table.MIDDLEBURY,
+        colmap.COLMAP,
+        table.BASALT,
+        table.WOODSCAPE,
+        table.ARIA,
+        table.NUSCENES,
+        table.METASHAPE,
+        table.OPENSFM,
+        table.OPENMVG,
+        table.DSO,
+        table.ZED,
+        table.HUGIN,
+        OCAMCALIB,
+        ISAAC,
+        NCORE,
+        table.OPEN3D,
+        table.INTRINSICS,
+        opencv.OPENCV,
+        opencv.FISHEYE,
+        opencv.OMNIDIR,
+    )
 }
+"""In the order in which they are recognised: the first whose marks a file has."""
 
-_RIG_WRITERS: dict[str, Callable[[Rig], str]] = {
-    "json": lambda rig: json.dumps(rig.to_dict(), indent=1),
-    "kalibr": kalibr.rig_to_kalibr,
-    "aria": aria.rig_to_aria,
-}
+FormatName = Literal[
+    "json", "camodocal", "stella-vslam", "orb-slam", "kalibr", "sensor", "ros", "gyroflow", "openicc",
+    "nerfstudio", "kitti", "middlebury", "colmap", "basalt", "woodscape", "aria", "nuscenes", "open3d",
+    "intrinsics", "opencv", "opencv-fisheye", "opencv-omnidir", "metashape", "opensfm", "openmvg", "dso",
+    "zed", "hugin", "ocamcalib", "isaac", "ncore",
+]  # fmt: skip
+RigFormat = FormatName
 
 
 def formats() -> list[str]:
     """Return the names of the formats."""
-    return list(_FORMATS)
+    return list(FORMS)
+
+
+# -- reading --------------------------------------------------------------------------------------------
+
+
+class Loaded(NamedTuple):
+    """A file that was read: the name of its format, and its cameras by name."""
+
+    format: str
+    entries: dict[str, Entry]
+
+
+def read(data: bytes | str, format: FormatName | None = None, size: tuple[int, int] | None = None) -> Loaded:
+    """Return the format and the cameras of a file's bytes or text; see :func:`load`."""
+    content = Content(data)
+    form = _form_of(content) if format is None else FORMS[one_of("format", format, FORMS)]
+    return Loaded(form.name, form.read(content, size))
 
 
 def load(
@@ -95,51 +233,129 @@ def load(
 ) -> dict[str, Camera]:
     """Return the cameras of a calibration file, by name.
 
-    Names are COLMAP's ids, Kalibr's ``cam0``, ``cam1``, ..., Aria's labels and Isaac's prims; the one camera
-    of the other formats is ``cam0``.
+    Names are those of the file, such as COLMAP's ids, Kalibr's ``cam0``, ``cam1``, ..., or Aria's labels; a
+    camera without a name is ``cam0``.
 
     Args:
         path: the file.
         format: one of :func:`formats`; recognised by the content if not given.
-        size: width and height of the image, px, for files of OpenCV that do not hold them.
+        size: width and height of the image, px, for files that do not hold them.
 
     Raises:
         ArgumentError: the file cannot be read, its format is not recognised, or it does not follow the
             format; the message starts with the path.
     """
+    cameras = {name: entry.camera for name, entry in load_file(path, format, size).entries.items()}
+    for name, camera in cameras.items():
+        for doubt in doubts(camera):
+            _log.warning("%s: %s: %s", path, name, doubt)
+    return cameras
+
+
+def load_file(
+    path: str | PathLike[str], format: FormatName | None = None, size: tuple[int, int] | None = None
+) -> Loaded:
+    """Return the format and cameras of a file, with poses and the keys that are ignored; see :func:`load`."""
     with within(path):
-        return loads(read_text(Path(path)), format, size)
+        return read(read_bytes(Path(path), MOST_JSON_BYTES), format, size)
 
 
 def loads(
-    text: str, format: FormatName | None = None, size: tuple[int, int] | None = None
+    text: str | bytes, format: FormatName | None = None, size: tuple[int, int] | None = None
 ) -> dict[str, Camera]:
     """Return the cameras of a calibration file's text, as :func:`load`; ArgumentError for other text."""
-    known = _format_of(text) if format is None else one_of("format", format, _FORMATS)
-    if size is None:
-        return _FORMATS[known].read(text)
-    if not known.startswith("opencv"):
-        raise ArgumentError(f"size: expected none, a file of {known} holds it; got {size[0]} x {size[1]}")
-    return _FORMATS[known].read(text, size)
+    return {name: entry.camera for name, entry in read(text, format, size).entries.items()}
 
 
-def _format_of(text: str) -> str:
-    """Return the format that a file's content shows."""
-    matches = [name for name, known in _FORMATS.items() if known.recognises(text)]
-    if opencv.is_own_yaml(text):
-        matches = [name for name in matches if name.startswith("opencv")]
-    if len(matches) == 1:
-        return matches[0]
-    if opencv.model_of(text) == opencv.EITHER:
-        raise ArgumentError(
-            "expected coefficients of one model, got four, which may be of two: give format opencv "
-            "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), such as "
-            "--set camera.format=opencv"
+def doubts(camera: Camera) -> list[str]:
+    """Return what is odd about a camera of a file, in lines."""
+    lines = []
+    u, v = camera.center.tolist()
+    if not (0 <= u <= camera.width and 0 <= v <= camera.height):
+        lines.append(
+            f"its centre ({u:.6g}, {v:.6g}) lies outside the image of {camera.width} x {camera.height} px"
         )
+    u, v = (np.linspace(0, size, 66)[1:-1] for size in (camera.width, camera.height))
+    blind = 1 - float(camera.valid(np.stack(np.meshgrid(u, v), axis=-1)).mean())
+    if blind > _NO_RAY:
+        lines.append(f"{100 * blind:.3g} % of its pixels have no ray")
+    return lines
+
+
+def _form_of(content: Content) -> Form | Coded:
+    """Return the first form whose marks a file has."""
+    if content.is_binary and not content.values and not colmap.COLMAP.is_of(content):
+        raise ArgumentError(
+            "expected a text file, an archive of numpy or COLMAP's cameras.bin, got other bytes"
+        )
+    for form in FORMS.values():
+        if form.is_of(content):
+            return form
+    if (
+        content.error is not None
+        and not isinstance(content.error, type(None))
+        and "key once" in str(content.error)
+    ):
+        raise content.error
+    nearest = ", ".join(f"{name} (no {missing})" for name, missing in _nearest(content))
+    why = f" ({content.error.message})" if content.error is not None else ""
     raise ArgumentError(
-        f"expected a file that looks like one of {', '.join(_FORMATS)}; it looks like "
-        f"{' and '.join(matches) or 'none of them'}: give format"
+        f"expected a calibration file, got none of a known form{why}; nearest are {nearest}: give format"
     )
+
+
+def _nearest(content: Content) -> list[tuple[str, str]]:
+    """Return the forms of whose keys a file has most, each with one that it lacks."""
+    keys: set[str] = set()
+
+    def collect(value: Any) -> None:
+        for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
+            keys.update(plain(str(key)).split("."))
+            if isinstance(below, Mapping | list):
+                collect(below)
+
+    for value in content.values:
+        collect(value)
+    ranked = []
+    for form in FORMS.values():
+        if not isinstance(form, Form):
+            continue
+        needed = [*form.mark.split(), *(key.paths for key in form.rows[0].keys if not key.optional)]
+        missing = [
+            p for p in needed if not any(plain(path).rpartition(".")[2] in keys for path in p.split("|"))
+        ]
+        ranked.append(
+            (len(missing) / len(needed), form.name, (missing or form.size.split())[0].partition("|")[0])
+        )
+    return [(name, missing) for _, name, missing in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
+
+
+def markdown() -> str:
+    """Return the table of docs/lens-files.md: every form, from its row."""
+    lines = [
+        "| format | programs | their models and ours | pixel centres at | poses | not carried |",
+        "|---|---|---|---|---|---|",
+    ]
+    for form in FORMS.values():
+        centres, poses, models = "-", "yes" if form is JSON else "", form.models
+        if isinstance(form, Form):
+            by_model: dict[str, list[str]] = {}
+            for row in form.rows:
+                word = (row.words or ("",))[0].replace("+", "-")
+                by_model.setdefault(row.model, []).append(word + ("" if row.written else " (read only)"))
+            models = "; ".join(
+                f"{', '.join(dict.fromkeys(filter(None, words)))} `{model}`".strip()
+                for model, words in by_model.items()
+            )
+            centres = ".5" if form.shift == 0 else "whole numbers"
+            poses = "yes" if form.poses or form is colmap.COLMAP else ""
+        elif form is not JSON:
+            centres = "whole numbers"
+        lines.append(f"| `{form.name}` | {form.programs} | {models} | {centres} | {poses} | {form.refused} |")
+    return "\n".join(lines) + "\n"
+
+
+# -- writing --------------------------------------------------------------------------------------------
 
 
 def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: FormatName) -> None:
@@ -149,14 +365,14 @@ def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: Forma
         path: the file, replaced if it exists; for OpenCV's formats the suffixes ``.xml`` and ``.json`` select
             the syntax.
         cameras: by name, at least one. Kalibr's names are ``cam0``, ``cam1``, ...; COLMAP's whole numbers;
-            Aria's its labels; Isaac's are of prims; the other formats hold one camera and no name.
+            KITTI's ``00``, ``01``, ...; Isaac's are of prims; formats of one camera hold no name.
         format: one of :func:`formats`.
 
     Raises:
         ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry, or a
             file that cannot be written; an existing file is then unchanged.
     """
-    one_of("format", format, _FORMATS)
+    one_of("format", format, FORMS)
     with within(path):
         _write(Path(path), dumps(cameras, format, Path(path).suffix))
 
@@ -171,30 +387,76 @@ def dumps(cameras: Mapping[str, Camera], format: FormatName, suffix: str = "") -
     Raises:
         ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry.
     """
-    write = _FORMATS[one_of("format", format, _FORMATS)].write
+    form = FORMS[one_of("format", format, FORMS)]
     if not cameras:
         raise ArgumentError("cameras: expected at least one, got none")
-    return write(cameras, suffix) if format.startswith("opencv") else write(cameras)
+    if isinstance(form, opencv.OpenCV):
+        with only_camera(cameras, "OpenCV") as camera:
+            return opencv.write(form, camera, suffix)
+    return form.write({name: RigCamera(camera) for name, camera in cameras.items()})
 
 
-def load_rig(path: str | PathLike[str]) -> Rig:
-    """Return the rig of a file or folder.
-
-    Files are JSON (or YAML) as :meth:`Rig.to_dict` gives it, a chain of Kalibr, or the calibration of an Aria
-    device. A folder holds COLMAP's ``cameras.txt`` and ``rigs.txt``.
+def nearest(camera: Camera, format: FormatName, models: Sequence[str]) -> Fit | None:
+    """Return the best fit of a camera by models that a format has; None where it carries the camera itself.
 
     Raises:
-        ArgumentError: the file cannot be read or is none of these; the message starts with the path.
+        ArgumentError: none of the models can be fitted.
+    """
+    try:
+        dumps({_NAME_IN.get(format, "cam0"): camera}, format)
+        return None
+    except ArgumentError as cause:
+        fits = []
+        for model in dict.fromkeys(models):
+            with suppress(ArgumentError):
+                found = fit(camera, model)
+                dumps({_NAME_IN.get(format, "cam0"): found.camera}, format)
+                fits.append(found)
+        if not fits:
+            raise ArgumentError(f"{cause.message}; and none of its models can be fitted") from cause
+        return max(fits, key=lambda found: (round(found.coverage, 3), -found.rms_px))
+
+
+_NAME_IN = {"colmap": "1", "kitti": "00"}
+
+
+def load_rig(path: str | PathLike[str], size: tuple[int, int] | None = None) -> Rig:
+    """Return the rig of a file or folder.
+
+    Files are of any form that has poses, such as JSON (or YAML) as :meth:`Rig.to_dict` gives it, or a chain
+    of Kalibr. A folder holds COLMAP's ``cameras.txt`` and ``rigs.txt``.
+
+    Args:
+        path: the file or folder.
+        size: width and height of the images, px, for files that do not hold them.
+
+    Raises:
+        ArgumentError: the file cannot be read or holds no poses; the message starts with the path.
     """
     path = Path(path)
     with within(path):
         if path.is_dir():
             return colmap.rig_from_colmap(*(read_text(path / name) for name in _COLMAP_FILES))
-        text = read_text(path)
-        data = intrinsics.parse_mapping(text)
-        if "CameraCalibrations" in data:
-            return aria.rig_from_aria(text)
-        return Rig.from_dict(data) if "cameras" in data else kalibr.rig_from_kalibr(text)
+        return loads_rig(read_bytes(path, MOST_JSON_BYTES), size)
+
+
+def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
+    """Return the rig of a file's text, as :func:`load_rig`."""
+    content = Content(text)
+    form = _form_of(content)
+    entries = form.read(content, size)
+    if isinstance(form, Form) and form.stereo is not None:
+        entries = form.stereo(Node(content.values[0]), entries)
+    lost = [name for name, entry in entries.items() if entry.pose is None]
+    if lost and len(entries) > 1:
+        wanted = (
+            " or ".join(path.partition("|")[0] for path, _ in form.poses) if isinstance(form, Form) else ""
+        )
+        raise ArgumentError(
+            f"{lost[0]}: expected the pose of every camera ({wanted or 'none in this form'}), got none"
+        )
+    safe = {re.sub(r"[^\w.-]+", "_", name).lstrip("."): entry.mounted for name, entry in entries.items()}
+    return Rig(safe)
 
 
 def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
@@ -205,10 +467,11 @@ def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
     """
     path = Path(path)
     with within(path):
-        if one_of("format", format, (*_RIG_WRITERS, "colmap")) == "colmap":
+        form = FORMS[one_of("format", format, FORMS)]
+        if form is colmap.COLMAP:
             texts = dict(zip((path / name for name in _COLMAP_FILES), colmap.rig_to_colmap(rig), strict=True))
         else:
-            texts = {path: _RIG_WRITERS[format](rig)}
+            texts = {path: form.write(rig.cameras, rig=True)}
         for file, text in texts.items():
             _write(file, text)
 

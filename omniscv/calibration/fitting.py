@@ -248,10 +248,10 @@ class _Fitting:
 
 
 def _create(model: str, width: int, height: int, numbers: dict[str, float], factor: float) -> Camera:
-    if model in MODELS:
-        both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
-        return camera_of(model, width, height, numbers | both)
     if model == "ftheta":
         polynomial = [0.0, numbers["focal"], *(100 * factor * numbers[f"c{i}"] for i in range(2, 6))]
         return create(model, width, height, cx=numbers["cx"], cy=numbers["cy"], polynomial=polynomial)
+    if model in MODELS:
+        both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
+        return camera_of(model, width, height, numbers | both)
     return create(model, width, height, focal=numbers["focal"], center=[numbers["cx"], numbers["cy"]])

@@ -4,7 +4,8 @@ A format is a table of its models, and of the numbers that it holds of each: :fu
 What the formats share is here too: values from untrusted text, and the one camera of a file.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, NamedTuple, TypeVar
@@ -12,9 +13,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from omniscv import arguments
-from omniscv.arguments import Reader, shown, within
+from omniscv.arguments import Reader, number, shown, within
 from omniscv.cameras import Camera, create
-from omniscv.cameras.rig import Rig
+from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.records import key_of, mapping, read
 from omniscv.storage.bounded import parse_yaml
@@ -30,13 +31,108 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
     "extended-unified": {"skew": "skew", "alpha": "alpha", "beta": "beta"},
     "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
     "division": {"k": "k"},
+    "scaramuzza": {"coefficients": "a0 a1 a2 a3 a4", "affine": "c d e"},
+    "ftheta": {"polynomial": "c0 c1 c2 c3 c4 c5"},
+    "equirectangular": {},
 }
 """By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each."""
 
 MODELS = tuple(_ARGUMENTS)
 """The models that such numbers describe."""
 
+_FOCAL = (1e-3, 1e5)
+"""Least and largest focal length, in longer sides of the image, that a picture can have."""
+_FARTHEST_CENTER = 100
+"""Of the principal point, in longer sides of the image."""
+
 Numbers = dict[str, float]
+
+
+class Derived(NamedTuple):
+    """A number of files that is computed from ours.
+
+    Attributes:
+        read: returns our numbers of its value; its arguments are the value, our numbers so far, and the size.
+        write: returns its value; None where it cannot hold our numbers.
+        covers: names of our numbers that it holds.
+    """
+
+    read: Callable[[float, Numbers, int, int], Numbers]
+    write: Callable[[Numbers, int, int], float | None]
+    covers: str
+
+
+def _size_of(index: int, factor: float) -> Derived:
+    def check(value: float, numbers: Numbers, *size: int) -> Numbers:
+        if abs(value - factor * size[index]) > 1e-6:
+            raise ArgumentError(f"expected the image size, {size[0]} {size[1]}, got {value:.15g}")
+        return {}
+
+    return Derived(check, lambda numbers, *size: factor * size[index], "")
+
+
+def _of_angle(index: int, scale: float) -> Derived:
+    """A field of view from edge to edge, in radians times ``scale``."""
+    name = ("fx", "fy")[index]
+
+    def read(value: float, numbers: Numbers, *size: int) -> Numbers:
+        focal = (
+            size[index]
+            / 2
+            / math.tan(number("field of view", value, above=0, below=math.pi * scale) / scale / 2)
+        )
+        return {name: focal} if "fx" in numbers else {"fx": focal, "fy": focal}
+
+    def write(numbers: Numbers, *size: int) -> float:
+        return 2 * scale * math.atan(size[index] / 2 / numbers[name])
+
+    return Derived(read, write, name)
+
+
+def _ratio(value: float, numbers: Numbers, width: int, height: int) -> Numbers:
+    return {"fy": numbers["fx"] * value}
+
+
+DERIVED: dict[str, Derived] = {
+    "f": Derived(
+        lambda v, n, w, h: {"fx": v, "fy": v},
+        lambda n, w, h: n["fx"] if n["fx"] == n["fy"] else None,
+        "fx fy",
+    ),
+    "s": Derived(
+        lambda v, n, w, h: {"skew": v / (n["fx"] or math.nan)},
+        lambda n, w, h: n.get("skew", 0.0) * n["fx"],
+        "skew",
+    ),
+    "ratio": Derived(_ratio, lambda n, w, h: n["fy"] / n["fx"], "fy"),
+    "angle_x": _of_angle(0, 1.0),
+    "angle_y": _of_angle(1, 1.0),
+    "du": Derived(lambda v, n, w, h: {"cx": w / 2 + v}, lambda n, w, h: n["cx"] - w / 2, "cx"),
+    "dv": Derived(lambda v, n, w, h: {"cy": h / 2 + v}, lambda n, w, h: n["cy"] - h / 2, "cy"),
+    # Metashape: one focal length, what fx has more, and skew in px.
+    "b1": Derived(lambda v, n, w, h: {"fx": n["fx"] + v}, lambda n, w, h: n["fx"] - n["fy"], "fx"),
+    "f_y": Derived(lambda v, n, w, h: {"fx": v, "fy": v}, lambda n, w, h: n["fy"], "fy"),
+    # OpenSfM: in units of the longer side, from the middle.
+    "nf": Derived(
+        lambda v, n, w, h: {"fx": v * max(w, h), "fy": v * max(w, h)},
+        lambda n, w, h: n["fx"] / max(w, h) if n["fx"] == n["fy"] else None,
+        "fx fy",
+    ),
+    "nfx": Derived(lambda v, n, w, h: {"fx": v * max(w, h)}, lambda n, w, h: n["fx"] / max(w, h), "fx"),
+    "nfy": Derived(lambda v, n, w, h: {"fy": v * max(w, h)}, lambda n, w, h: n["fy"] / max(w, h), "fy"),
+    "ncx": Derived(
+        lambda v, n, w, h: {"cx": w / 2 + v * max(w, h)}, lambda n, w, h: (n["cx"] - w / 2) / max(w, h), "cx"
+    ),
+    "ncy": Derived(
+        lambda v, n, w, h: {"cy": h / 2 + v * max(w, h)}, lambda n, w, h: (n["cy"] - h / 2) / max(w, h), "cy"
+    ),
+    "W": _size_of(0, 1.0),
+    "H": _size_of(1, 1.0),
+    "W/2": Derived(lambda v, n, w, h: {}, lambda n, w, h: w / 2, ""),
+    "H/2": Derived(lambda v, n, w, h: {}, lambda n, w, h: h / 2, ""),
+    "_": Derived(lambda v, n, w, h: {}, lambda n, w, h: 0.0, ""),
+}
+"""By name in the tables of forms."""
 
 T = TypeVar("T")
 
@@ -86,7 +182,11 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
         return [unified, _extended(unified)]
     if camera.name not in _ARGUMENTS:
         return []
+    if camera.name == "equirectangular":
+        return [Intrinsics("equirectangular", {"cx": u_0, "cy": v_0})]
     refuse_limit(camera)
+    if camera.name in ("scaramuzza", "ftheta"):
+        return _polynomial(camera, {"cx": u_0, "cy": v_0})
     for argument, names in _ARGUMENTS[camera.name].items():
         values = np.ravel(getattr(camera, argument, 0.0)).tolist()
         matrix |= zip(names.split(), values, strict=False)
@@ -95,12 +195,28 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
     return [exact, _extended(exact)] if camera.name == "unified" and not distorted else [exact]
 
 
+def _polynomial(camera: Camera, center: Numbers) -> list[Intrinsics]:
+    """Return the numbers of a polynomial; none where the camera has more than those."""
+    (argument, names), *_ = _ARGUMENTS[camera.name].items()
+    terms = getattr(camera, argument).tolist()
+    plain = camera.name == "scaramuzza" or (
+        camera.reference == "angle-to-pixel"  # type: ignore[attr-defined]
+        and camera.linear.tolist() == [1, 0, 0]  # type: ignore[attr-defined]
+        and camera.max_angle_deg is None  # type: ignore[attr-defined]
+    )
+    if not plain or any(terms[len(names.split()) :]):
+        return []
+    affine = dict(zip("cde", getattr(camera, "affine", np.zeros(0)).tolist(), strict=False))
+    return [Intrinsics(camera.name, center | dict(zip(names.split(), terms, strict=False)) | affine)]
+
+
 def _extended(unified: Intrinsics) -> Intrinsics:
     """Return the unified model as the extended one with ``beta`` = 1."""
     numbers = unified.numbers
     alpha = numbers["xi"] / (1 + numbers["xi"])
     scaled = {name: (1 - alpha) * numbers[name] for name in ("fx", "fy")}
-    return Intrinsics("extended-unified", {**numbers, **scaled, "alpha": alpha, "beta": 1.0})
+    kept = {name: value for name, value in numbers.items() if name != "xi"}
+    return Intrinsics("extended-unified", {**kept, **scaled, "alpha": alpha, "beta": 1.0})
 
 
 def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float]) -> Camera:
@@ -111,11 +227,24 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     """
     terms: dict[str, object] = {}
     for argument, names in _ARGUMENTS[model].items():
-        values = [numbers.get(name, 0.0) for name in names.split()]
+        values = [numbers.get(name, float(name == "c")) for name in names.split()]
         if any(values) or argument not in ("skew", "distortion"):
             terms[argument] = values if " " in names else values[0]
+    if model == "equirectangular":
+        return create(model, width, height)
     center = {"cx": numbers["cx"], "cy": numbers["cy"]}
+    for name, at in center.items():
+        number(
+            name, at, least=-_FARTHEST_CENTER * max(width, height), most=_FARTHEST_CENTER * max(width, height)
+        )
+    if model == "scaramuzza":
+        return create(model, width, height, center=[*center.values()], **terms)  # type: ignore[arg-type]
+    if model == "ftheta":
+        return create(model, width, height, **center, **terms)  # type: ignore[arg-type]
     fx, fy = numbers["fx"], numbers["fy"]
+    for name in ("fx", "fy"):
+        least, most = (factor * max(width, height) for factor in _FOCAL)
+        number(name, numbers[name], least=least, most=most)
     if model == "division":
         if fx != fy:
             raise ArgumentError(
@@ -126,6 +255,36 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     if model == "pinhole" and not terms and fx == fy:
         return create(model, width, height, focal=fx, center=[*center.values()])
     return create(model, width, height, fx=fx, fy=fy, **center, **terms)  # type: ignore[arg-type]
+
+
+def complete(values: Mapping[str, float], width: int, height: int, shift_px: float) -> Numbers:
+    """Return our numbers of those of a form; ``shift_px`` is added to the principal point."""
+    ours = {name: value for name, value in values.items() if name not in DERIVED}
+    for name in {"cx", "cy"} & ours.keys():
+        ours[name] += shift_px
+    for name, value in values.items():
+        if name in DERIVED:
+            ours |= DERIVED[name].read(value, ours, width, height)
+    return {"cx": width / 2, "cy": height / 2, **ours}
+
+
+def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers | None:
+    """Return a form's numbers, the inverse of :func:`complete`; None where it cannot hold ours."""
+    names = list(names)
+    covered = {
+        word for name in names for word in (DERIVED[name].covers.split() if name in DERIVED else [name])
+    }
+    middle = {"cx": width / 2, "cy": height / 2}
+    if any(value != middle.get(name, 0.0) for name, value in ours.items() if name not in covered):
+        return None
+    values: Numbers = {}
+    for name in names:
+        shift = shift_px if name in ("cx", "cy") else 0.0
+        value = DERIVED[name].write(ours, width, height) if name in DERIVED else ours.get(name, 0.0) - shift
+        if value is None:
+            return None
+        values[name] = value
+    return values
 
 
 def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
@@ -213,7 +372,7 @@ def image_size(name: str, value: object) -> tuple[int, int]:
 
 
 @contextmanager
-def only_camera(cameras: Mapping[str, Camera], program: str) -> Iterator[Camera]:
+def only_camera(cameras: Mapping[str, T], program: str) -> Iterator[T]:
     """Yield the camera of a file that holds one; its name is in the messages of errors.
 
     Raises:
@@ -227,9 +386,9 @@ def only_camera(cameras: Mapping[str, Camera], program: str) -> Iterator[Camera]
         yield camera
 
 
-def check_first_is_origin(rig: Rig, program: str) -> None:
+def check_first_is_origin(cameras: Mapping[str, RigCamera], program: str) -> None:
     """Raise ArgumentError where the first camera is not the rig's frame."""
-    name, first = next(iter(rig.cameras.items()))
+    name, first = next(iter(cameras.items()))
     offset = max(np.abs(first.pose.position).max(), np.abs(first.pose.rotation - np.eye(3)).max())
     if offset > 1e-12:
         raise ArgumentError(

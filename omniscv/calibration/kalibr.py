@@ -1,31 +1,17 @@
 """Kalibr's ``camchain.yaml``: cameras ``cam0``, ``cam1``, ... with models, intrinsics, resolutions, poses.
 
-Half pixel: Kalibr puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
+``omni`` is Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the unit
+direction x_s. ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is the picture of a mirror:
+``catadioptric-planar`` (xi = 0), ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with ``fu = -eta
+focal``. Our frame looks at the mirror, Mei's z away from it: half a turn about x, ``X_mei = (x, -y, -z)``,
+hence the sign of fv (about y, and fu, where that is the negative one). Kalibr's own programs refuse negative
+focal lengths: see docs/calibration.md. The mirror's size is not carried, and no ray depends on it:
+hyperboloids are read with ``distance`` 1, paraboloids with ``semi_latus_rectum`` 1.
 
-``pinhole-none``, ``pinhole-radtan``
-    ``pinhole``, with k1, k2, p1, p2.
-``pinhole-equidistant``
-    ``kannala-brandt``, and ``fisheye-equidistant`` without the circle in which it ends. Kalibr itself reaches
-    only rays with z > 0.
-``omni-none``, ``omni-radtan``
-    ``unified``, Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the
-    unit direction x_s; and ``fisheye-stereographic``, whose xi is 1, without the circle in which it ends.
-    ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is the picture of a mirror:
-    ``catadioptric-planar`` (xi = 0), ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with
-    ``fu = -eta focal``. Our frame looks at the mirror, Mei's z away from it: half a turn about x,
-    ``X_mei = (x, -y, -z)``, hence the sign of fv (about y, and fu, where that is the negative one).
-    Kalibr's own programs refuse negative focal lengths: see docs/calibration.md. The mirror's size is not
-    carried, and no ray depends on it: hyperboloids are read with ``distance`` 1, paraboloids with
-    ``semi_latus_rectum`` 1.
-``eucm-none``, ``ds-none``
-    ``extended-unified`` and ``double-sphere``.
-
-Rigs: a chain has each camera's pose relative to the one before it, ``T_cn_cnm1``, and ``timeshift_cam_imu``,
-which is our time offset: the time at which an image was taken, in the IMU's time, minus its stamp. The first
-camera is the rig's frame: see :meth:`Rig.seen_from`. ``T_cam_imu`` is ignored.
-
-Not carried: every other model (of Kalibr's own, ``pinhole-fov``), skew, a limit ``fov_deg``, where a mirror
-ends, topics.
+Rigs: a chain has each camera's pose relative to the one before it, ``T_cn_cnm1``, or relative to the IMU,
+``T_cam_imu`` or ``T_imu_cam`` (OpenVINS); ``timeshift_cam_imu`` is our time offset: the time at which an
+image was taken, in the IMU's time, minus its stamp. The first camera is the rig's frame: see
+:meth:`Rig.seen_from`. A line delay is a rolling shutter.
 
 Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 """
@@ -33,131 +19,69 @@ Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-import yaml
 
-from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.arguments import shown, within
 from omniscv.calibration import intrinsics
-from omniscv.calibration.intrinsics import HALF_PIXEL
+from omniscv.calibration.documents import Content
+from omniscv.calibration.forms import Entry, Form, Row, Values, matrix_of_pose, pose_of_matrix
+from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel
-from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.records import checked, mapping, record
 
-_MODELS = intrinsics.format_models("""
-pinhole-none        pinhole          fx fy cx cy
-pinhole-radtan      pinhole          fx fy cx cy k1 k2 p1 p2
-pinhole-equidistant kannala-brandt   fx fy cx cy k1 k2 k3 k4
-omni-none           unified          xi fx fy cx cy
-omni-radtan         unified          xi fx fy cx cy k1 k2 p1 p2
-eucm-none           extended-unified alpha beta fx fy cx cy
-ds-none             double-sphere    xi alpha fx fy cx cy
-""")
-"""``camera_model-distortion_model``: our model; its intrinsics, then its coefficients, in Kalibr's order."""
-
-_NAME = re.compile(r"cam\d+")
+_COEFFICIENTS = "distortion_coeffs|distortion_coefficients"
 
 
-@record
-class _Entry:
-    """A camera of a chain; the numbers are checked once the model is known."""
+class Kalibr(Form):
+    """The row of Kalibr, with what no row says: pictures of mirrors, and chains."""
 
-    camera_model: Any
-    distortion_model: Any
-    intrinsics: Any
-    distortion_coeffs: Any
-    resolution: tuple[int, int] = checked(intrinsics.image_size)
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        entries, nodes = super().read(content, size), self.nodes(content)
+        of_body = {name: entry.pose for name, entry in entries.items()}
+        first, poses = "cam0", {"cam0": Pose(np.zeros(3), np.eye(3))}
+        for i in range(1, len(nodes) + 1 if first in nodes else 0):
+            name, before, T_body_0 = f"cam{i}", poses.get(f"cam{i - 1}"), of_body[first]
+            if name not in nodes:
+                continue
+            if before is not None and nodes[name].has("T_cn_cnm1"):
+                with within(f"{name}.T_cn_cnm1"):
+                    poses[name] = before @ pose_of_matrix(nodes[name].take("T_cn_cnm1")).inverse()
+            elif T_body_0 is not None and (T_body_n := of_body[name]) is not None:
+                poses[name] = T_body_0.inverse() @ T_body_n
+        return {name: entry._replace(pose=poses.get(name)) for name, entry in entries.items()}
 
-
-def read_kalibr(text: str) -> dict[str, Camera]:
-    """Return the cameras of a chain by their names ``cam0``, ``cam1``, ...; their poses are ignored."""
-    return {name: _camera(name, entry) for name, entry in _entries(text).items()}
-
-
-def write_kalibr(cameras: Mapping[str, Camera]) -> str:
-    """Return the chain of cameras named ``cam0``, ``cam1``, ...; intrinsics only."""
-    return _dump({name: _entry(name, camera) for name, camera in cameras.items()})
-
-
-def rig_from_kalibr(text: str) -> Rig:
-    """Return the rig of a chain ``cam0``, ``cam1``, ... in the frame of ``cam0``."""
-    entries = _entries(text)
-    cameras = {name: _camera(name, entry) for name, entry in entries.items()}
-    names = [f"cam{i}" for i in range(len(cameras))]
-    if sorted(cameras) != sorted(names):
-        raise ArgumentError(f"expected a chain {', '.join(names)}, got {shown(sorted(cameras))}")
-    mounted: dict[str, RigCamera] = {}
-    T_0_n = Pose(np.zeros(3), np.eye(3))
-    for name in names:
-        entry = entries[name]
-        if mounted:
-            if "T_cn_cnm1" not in entry:
-                raise ArgumentError(f"{name}: missing key 'T_cn_cnm1', the pose in a chain")
-            matrix = numbers(f"{name}.T_cn_cnm1", entry["T_cn_cnm1"], (4, 4))
-            if matrix[3].tolist() != [0, 0, 0, 1]:
-                wanted = "expected a last row [0, 0, 0, 1]"
-                raise ArgumentError(f"{name}.T_cn_cnm1: {wanted}, got {shown(matrix[3])}")
-            with within(f"{name}.T_cn_cnm1"):
-                T_0_n = T_0_n @ Pose(matrix[:3, 3], matrix[:3, :3]).inverse()
-        shift = number(f"{name}.timeshift_cam_imu", entry.get("timeshift_cam_imu", 0.0))
-        mounted[name] = RigCamera(cameras[name], T_0_n, shift)
-    return Rig(mounted)
-
-
-def rig_to_kalibr(rig: Rig) -> str:
-    """Return the chain of a rig whose cameras are named ``cam0``, ``cam1``, ... in this order."""
-    if list(rig.cameras) != [f"cam{i}" for i in range(len(rig.cameras))]:
-        raise ArgumentError(
-            f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(rig.cameras))}"
-        )
-    intrinsics.check_first_is_origin(rig, "Kalibr")
-    shifted = any(mounted.time_offset for mounted in rig.cameras.values())
-    chain = {}
-    previous: Pose | None = None
-    for name, mounted in rig.cameras.items():
-        chain[name] = entry = _entry(name, mounted.camera)
-        if previous is not None:
-            T_n_m = mounted.pose.inverse() @ previous
-            rows = np.column_stack([T_n_m.rotation, T_n_m.position]).tolist()
-            entry["T_cn_cnm1"] = [*rows, [0.0, 0.0, 0.0, 1.0]]
-        if shifted:
-            entry["timeshift_cam_imu"] = mounted.time_offset
-        previous = mounted.pose
-    return _dump(chain)
-
-
-def _entries(text: str) -> dict[str, dict[str, Any]]:
-    """Return the entries of a chain that are cameras."""
-    chain = intrinsics.parse_mapping(text)
-    entries = {name: mapping(name, entry) for name, entry in chain.items() if _NAME.fullmatch(name)}
-    if not entries:
-        raise ArgumentError(f"expected cameras cam0, cam1, ..., got {shown(list(chain))}")
-    return entries
-
-
-def _dump(chain: dict[str, Any]) -> str:
-    return yaml.safe_dump(chain, sort_keys=False, default_flow_style=None)
-
-
-def _camera(name: str, entry: dict[str, Any]) -> Camera:
-    data = intrinsics.read_known(_Entry, entry, name)
-    with within(name):
-        model = one_of(
-            "camera_model-distortion_model", f"{data.camera_model}-{data.distortion_model}", _MODELS
-        )
-        row = _MODELS[model]
-        split = row.numbers.index("cy") + 1
-        lens = numbers("intrinsics", data.intrinsics, (split,)).tolist()
-        terms = numbers("distortion_coeffs", data.distortion_coeffs, (len(row.numbers) - split,)).tolist()
-        values = intrinsics.read_numbers(row, [*lens, *terms], HALF_PIXEL)
-        width, height = data.resolution
-        if row.name == "omni-none" and min(values["fx"], values["fy"]) < 0:
+    def camera(self, row: Row, width: int, height: int, values: Numbers) -> Camera:
+        if row.words[0] == "omni+none" and min(values["fx"], values["fy"]) < 0:
             return _mirror(width, height, **values)
-        return intrinsics.camera_of(row.model, width, height, values)
+        return super().camera(row, width, height, values)
+
+    def held(self, camera: Camera) -> tuple[Row, Numbers]:
+        if not isinstance(camera, SphereModel):
+            return super().held(camera)
+        if isinstance(camera, CatadioptricHyperbolic) and camera.xi == 1:
+            raise ArgumentError(
+                "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi "
+                f"rounds to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"
+            )
+        row = next(row for row in self.rows if row.words[0] == "omni+none")
+        focal, (cx, cy) = -camera.eta * camera.focal, (camera.center - HALF_PIXEL).tolist()
+        return row, {"xi": camera.xi, "fx": focal, "fy": -focal, "cx": cx, "cy": cy}
+
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
+        if wrong := [name for name in cameras if not re.fullmatch(r"cam\d+", name)]:
+            raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(wrong[0])}")
+        if not rig:
+            return super().write(cameras)
+        if list(cameras) != [f"cam{i}" for i in range(len(cameras))]:
+            raise ArgumentError(
+                f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(cameras))}"
+            )
+        intrinsics.check_first_is_origin(cameras, "Kalibr")
+        return super().write(cameras, rig=True)
 
 
 def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
@@ -166,7 +90,7 @@ def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float,
             "intrinsics: expected fu = -fv and 0 <= xi <= 1 for a mirror's picture, got "
             f"xi = {xi:.15g}, fu = {fx:.15g}, fv = {fy:.15g}"
         )
-    focal, center = abs(fx), (cx, cy)
+    focal, center = abs(fx), (cx + HALF_PIXEL, cy + HALF_PIXEL)
     if xi == 0:
         return CatadioptricPlanar(width, height, focal=focal, center=center)
     if xi == 1:
@@ -176,33 +100,38 @@ def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float,
     return CatadioptricHyperbolic(width, height, 1.0, minus_eta / xi, focal=focal / minus_eta, center=center)
 
 
-def _entry(name: str, camera: Camera) -> dict[str, Any]:
-    if not _NAME.fullmatch(name):
-        raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(name)}")
-    known = ", ".join(dict.fromkeys(row.model for row in _MODELS.values()))
-    expected = f"Kalibr: expected {known}, unskewed, or a central mirror"
-    with within(name):
-        if isinstance(camera, SphereModel):
-            row, values = _MODELS["omni-none"], _mirror_values(camera)
-        else:
-            row, values = intrinsics.write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
-    split = row.numbers.index("cy") + 1
-    model, distortion = row.name.split("-")
-    return {
-        "camera_model": model,
-        "intrinsics": values[:split],
-        "distortion_model": distortion,
-        "distortion_coeffs": values[split:],
-        "resolution": [camera.width, camera.height],
-    }
+def _chain(cameras: dict[str, Values]) -> Values:
+    """Replace poses in the rig's frame by those relative to the camera before."""
+    previous: Pose | None = None
+    for values in cameras.values():
+        if (matrix := values.pop("T_cam_imu", None)) is None:
+            continue
+        T_cam_rig = pose_of_matrix(matrix)
+        if previous is not None:
+            values["T_cn_cnm1"] = matrix_of_pose(T_cam_rig @ previous)
+        previous = T_cam_rig.inverse()
+    return dict(cameras)
 
 
-def _mirror_values(camera: SphereModel) -> list[float]:
-    """Return xi, fu, fv, pu, pv of a mirror's picture."""
-    if isinstance(camera, CatadioptricHyperbolic) and camera.xi == 1:
-        raise ArgumentError(
-            "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi rounds "
-            f"to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"
-        )
-    focal = -camera.eta * camera.focal
-    return [camera.xi, focal, -focal, *(camera.center - HALF_PIXEL).tolist()]
+KALIBR = Kalibr(
+    "kalibr",
+    "Kalibr, OpenVINS, TUM-VI",
+    f"camera_model {_COEFFICIENTS} intrinsics",
+    f"""
+    pinhole+none pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
+    pinhole+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2;k3
+    pinhole+equidistant kannala-brandt intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,k3,k4
+    omni+none unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
+    omni+radtan unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2
+    eucm+none extended-unified intrinsics=alpha,beta,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
+    ds+none double-sphere intrinsics=xi,alpha,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
+    """,
+    word="camera_model distortion_model",
+    size="resolution",
+    poses=(("T_cam_imu", "T_c_b"), ("T_imu_cam", "T_b_c")),
+    time=("timeshift_cam_imu", 1.0),
+    readout=("line_delay_nanoseconds", 1e-9, True),
+    join=_chain,
+    harmless="^t_cn_cnm1$",
+    refused="pinhole-fov",
+)

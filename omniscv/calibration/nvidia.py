@@ -19,19 +19,24 @@ sensor models.
 """
 
 import json
+import logging
 import re
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration import intrinsics
+from omniscv.calibration.forms import Node, plain, unread_keys
 from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera, FTheta, create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.records import checked, record
+from omniscv.records import checked, key_of, record
+
+_log = logging.getLogger("omniscv")
 
 _PREFIX = "omni:lensdistortion:"
 _PRIM = re.compile(r'\bdef\s+Camera\s+"([^"\n]{1,100})"')
@@ -174,7 +179,13 @@ class _NCore:
 def read_ncore(document: str) -> dict[str, Camera]:
     """Return the camera, named ``cam0``, of NCore's f-theta parameters in JSON."""
     data = intrinsics.parse_mapping(document)
-    f = intrinsics.read_known(_NCore, data.get("camera_model_parameters", data))
+    one_of("camera_model_type", data.get("camera_model_type", "ftheta"), ("ftheta",))
+    node = Node(data.get("camera_model_parameters", data))
+    f = intrinsics.read_known(_NCore, node.values)
+    node.used = {plain(key_of(field)) for field in fields(_NCore)} | {"cameramodeltype"}
+    unread_keys(node, "^shuttertype$")
+    if "ROLLING" in str(shutter := node.take("shutter_type", "GLOBAL")):
+        _log.warning("shutter_type: %s: its read-out time is not in the file; read as a global one", shutter)
     key = f"{f.reference.lower()}_poly"
     polynomial = numbers(key, getattr(f, key), (None,))
     max_angle_deg = float(np.degrees(f.max_angle))

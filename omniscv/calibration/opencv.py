@@ -1,4 +1,4 @@
-"""OpenCV's three models, as arrays and as the files that ``cv2.FileStorage`` writes: YAML, XML or JSON.
+"""OpenCV's three models, as arrays and as files: of ``cv2.FileStorage``, of ROS, and of people's scripts.
 
 Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
 
@@ -12,44 +12,261 @@ Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point i
     ``unified``: K, xi and D of ``cv2.omnidir``, skew in ``K[0, 1] = fx skew``; and ``fisheye-stereographic``
     without the circle in which it ends.
 
-Not carried: every other model, a limit ``fov_deg``; the arrays do not hold the image size either.
+The keys of files are those of OpenCV's calibration samples, or any of ``K`` and ``D`` below, also of two
+cameras (``K1``, ``left_camera_matrix``). ``fisheye_model`` may be missing but not that of the other model:
+four coefficients of it describe another lens.
 
-The keys of files are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` and
-``fisheye_model``, or ``xi`` of an omnidirectional camera. ``fisheye_model`` may be missing but not that of
-the other model: four coefficients of it describe another lens. The keys of ROS's ``camera_info`` and ``K``,
-``D``, ``width`` and ``height`` mean the same.
-
-Source: OpenCV 5, calib3d; opencv_contrib, ccalib (omnidir.cpp); the files' keys are those of OpenCV's
-calibration samples.
+Source: OpenCV 5, calib3d; opencv_contrib, ccalib (omnidir.cpp); ROS, sensor_msgs/CameraInfo.
 """
 
 import re
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers, shown
-from omniscv.calibration import intrinsics
-from omniscv.calibration.intrinsics import HALF_PIXEL
-from omniscv.cameras import Camera
+from omniscv.arguments import number, shown
+from omniscv.calibration.documents import Content
+from omniscv.calibration.forms import Entry, Form, Node, Values, canonical, floats, marked, plain, whole
+from omniscv.calibration.intrinsics import Numbers
+from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
+from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, record
+from omniscv.geometry import Pose
 
 Floats = NDArray[np.float64]
 
-_MODELS = intrinsics.format_models("""
-opencv-4       pinhole        fx fy cx cy k1 k2 p1 p2
-opencv-5       pinhole        fx fy cx cy k1 k2 p1 p2 k3
-opencv-8       pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
-opencv-12      pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
-opencv-fisheye kannala-brandt fx fy cx cy skew k1 k2 k3 k4
-opencv-omnidir unified        fx fy cx cy skew k1 k2 p1 p2 xi
-""")
-_COUNTS = (4, 5, 8, 12)
-_SUFFIXES = (".yml", ".yaml", ".xml", ".json")
+K = (
+    "camera_matrix|K|mtx|intrinsic_matrix|camera_intrinsics|intrinsics|intrinsic|cam_matrix|cam_mtx|cameraMat|"
+    "camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|new_K"
+)
+_UPRIGHT, _SKEWED = "fx,0,cx,0,fy,cy,0,0,1", "fx,s,cx,0,fy,cy,0,0,1"
+_SIZES = f"{WIDTH} {HEIGHT}"
+_WORDS = "distortion_model|distortion_type|lens_model|lens_type"
+_LOOSE_WORDS = "camera_model|model|type|model_type|camera_type|calibration_type|projection_model"
+_FLAGS = "fisheye_model|fisheye|is_fisheye|use_fisheye"
+_PLAIN_WORDS = ("radtan", "none", "pinhole", "perspective", "frame")
+_OTHER_WORDS = [
+    "fov",
+    "atan",
+    "doublesphere",
+    "ds",
+    "eucm",
+    "ucm",
+    "omni",
+    "omnidirectional",
+    "mei",
+    "unified",
+    "extendedunified",
+    "thinprismfisheye",
+    "division",
+    "ftheta",
+    "inversebrownconrady",
+    "modifiedbrownconrady",
+    "scaramuzza",
+    "ocam",
+    "radtanthinprismfisheye",
+    "fisheye624",
+    "spherical",
+]
+_K_NAMES, _NAMES = ([plain(name) for name in names.split("|")] for names in (K, f"{K}|{D}"))
+_SIDED = re.compile(
+    rf"(?:(left|right|l|r|cam[0-9]|camera[0-9])\.?)?({'|'.join(_NAMES)})\.?(left|right|l|r|[0-9])?"
+)
+EITHER = "opencv or opencv-fisheye"
+
+
+def model_of(node: Node) -> str:
+    """Return which of the three models a camera has; ``EITHER`` where four coefficients may be of two.
+
+    Raises:
+        ArgumentError: a word for another model.
+    """
+    if node.has("xi"):
+        return "opencv-omnidir"
+    for word in (canonical(node.take(paths)) for paths in (_WORDS, _LOOSE_WORDS) if node.has(paths)):
+        if word == "equidistant":
+            return "opencv-fisheye"
+        if word in _PLAIN_WORDS and (word != "none" or node.has(_WORDS)):
+            return "opencv"
+        if word in _OTHER_WORDS or (node.has(_WORDS) and isinstance(node.take(_WORDS), str)):
+            got = shown(node.take(_WORDS, None) or node.take(_LOOSE_WORDS))
+            raise ArgumentError(
+                f"distortion_model: expected plumb_bob, rational_polynomial or equidistant, got {got}"
+            )
+    if node.has(_FLAGS) and str(flag := node.take(_FLAGS)).lower() in (
+        "0",
+        "1",
+        "true",
+        "false",
+        "0.0",
+        "1.0",
+    ):
+        return "opencv-fisheye" if str(flag).lower() in ("1", "true", "1.0") else "opencv"
+    given = floats("distortion_coefficients", node.take(D, []) or [])
+    return EITHER if len(given) == 4 and any(given) else "opencv"
+
+
+def lenses(content: Content) -> dict[str, Node]:
+    """Return the cameras of a file that have a matrix, by name: ``cam0``, their key, or their side."""
+    found: dict[str, Node] = {}
+    for document in content.values:
+        for path, node in marked(document, [K]):
+            if _is_matrix(node) and node.values not in [other.values for other in found.values()]:
+                words = [str(part) for part in path if isinstance(part, str)]
+                name = words[-1] if words else "cam0"
+                found[name if name not in found else f"{name}-{len(found)}"] = node
+        if not found:
+            found |= _sides(document)
+    return found
+
+
+def _is_matrix(node: Node) -> bool:
+    values = [value for path in K.split("|") if node.has(path) for value in [node.take(path)]]
+    try:
+        return all(len(floats("", value)) == 9 for value in values)
+    except ArgumentError:
+        return True  # refused with its name
+
+
+def _sides(document: Any, outer: tuple[Any, ...] = ()) -> dict[str, Node]:
+    """Return the cameras of keys such as K1, D1, or left_camera_matrix; R and T lead to the second."""
+    if not isinstance(document, Mapping):
+        return {}
+    sides: dict[str, Values] = {}
+    shared: Values = {}
+    for key, value in document.items():
+        match = _SIDED.fullmatch(plain(key))
+        if match and (side := match[1] or match[3]) and isinstance(value, Mapping | list | str):
+            sides.setdefault(side, {})[
+                "camera_matrix" if match[2] in _K_NAMES else "distortion_coefficients"
+            ] = value
+        else:
+            shared[key] = value
+    sides = {side: lens for side, lens in sides.items() if "camera_matrix" in lens}
+    if not sides:
+        return {k: v for below in document.values() for k, v in _sides(below, (document, *outer)).items()}
+    pose = {key: shared.pop(key) for key in ("R", "T") if key in shared}
+    long = {"l": "left", "r": "right"}
+    found = {long.get(side, side): Node({**shared, **lens}, outer) for side, lens in sorted(sides.items())}
+    if len(pose) == 2 and len(found) == 2:  # x_2 = R x_1 + T
+        first, second = found.values()
+        matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
+        first.values = {**first.values, "T_stereo": np.eye(4).tolist()}
+        second.values = {**second.values, "T_stereo": matrix.ravel().tolist()}
+    return {f"cam{name}" if name.isdigit() else name: node for name, node in found.items()}
+
+
+class OpenCV(Form):
+    """One of the three models in files of any spelling."""
+
+    def nodes(self, content: Content) -> dict[str, Node]:
+        return lenses(content)
+
+    def is_of(self, content: Content) -> bool:
+        """Return whether a file's cameras are all of this model, as their keys say."""
+        nodes = self.nodes(content)
+        models = {model_of(node) for node in nodes.values()}
+        if models == {EITHER}:
+            raise ArgumentError(
+                "expected coefficients of one model, got four, which may be of two: give format opencv "
+                "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), such as "
+                "--set camera.format=opencv"
+            )
+        return models == {self.name}
+
+    def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
+        if (model := model_of(node)) not in (self.name, EITHER):
+            raise ArgumentError(
+                f"expected a camera of {self.name}, got one of {model}: read the file as {model!r}"
+            )
+        for path in (_WORDS, _LOOSE_WORDS, _FLAGS):
+            node.take(path, None)
+        return super().entry(node, size)
+
+
+_COMMON: dict[str, Any] = {
+    "mark": K,
+    "size": _SIZES,
+    "poses": (("T_stereo", "T_c_b"),),
+    "harmless": "^(rectification|projection)matrix$",
+}
+OPENCV = OpenCV(
+    "opencv",
+    "OpenCV's samples, numpy archives, scripts: K and D in any spelling",
+    models=f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}",
+    **_COMMON,
+)
+FISHEYE = OpenCV(
+    "opencv-fisheye",
+    "the same of cv2.fisheye",
+    models=f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0",
+    **_COMMON,
+)
+OMNIDIR = OpenCV(
+    "opencv-omnidir",
+    "the same of cv2.omnidir",
+    models=f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2",
+    **_COMMON,
+)
+
+
+def _binned(
+    node: Node, word: str, values: Numbers, width: int, height: int
+) -> tuple[Numbers, tuple[int, int]]:
+    """Crop to the region of interest, then bin: pixels of the sensor become those of the image."""
+    size = []
+    for axis, full in (("x", width), ("y", height)):
+        by = max(1, whole(f"binning_{axis}", node.take(f"binning_{axis}", 1) or 1))
+        side = {"x": "width", "y": "height"}[axis]
+        start = number("roi", node.take(f"roi.{axis}_offset", 0), least=0)
+        part = int(number("roi", node.take(f"roi.{side}", 0), least=0)) or full
+        if start + part > full:
+            raise ArgumentError(f"roi: expected a part of the image of {full} px, got {start:.15g} + {part}")
+        values[f"f{axis}"] /= by
+        values[f"c{axis}"] = (values[f"c{axis}"] + 0.5 - start) / by - 0.5
+        size.append(part // by)
+    node.take("roi.do_rectify", None)
+    return values, (size[0], size[1])
+
+
+class Ros(Form):
+    """``camera_info``: the camera of the raw picture; and of the rectified one, where that is turned."""
+
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        entries = super().read(content, size)
+        for name, node in self.nodes(content).items():
+            turn = floats("rectification_matrix", node.take("rectification_matrix|R", []) or [])
+            P = floats("projection_matrix", node.take("projection_matrix|P", []) or [])
+            if len(turn) != 9 or not any(turn) or np.abs(np.reshape(turn, (3, 3)) - np.eye(3)).max() < 1e-9:
+                continue
+            if len(P) != 12 or not P[0]:
+                raise ArgumentError(
+                    f"rectification_matrix: expected an identity, or a projection_matrix, got {shown(turn)}"
+                )
+            raw = entries[name].camera
+            lens = create("pinhole", raw.width, raw.height, fx=P[0], fy=P[5], cx=P[2] + 0.5, cy=P[6] + 0.5)
+            entries[name] = entries[name]._replace(pose=Pose(np.zeros(3), np.eye(3)))
+            entries[f"{name}-rectified"] = Entry(lens, Pose(np.zeros(3), np.reshape(turn, (3, 3)).T))
+        return entries
+
+
+ROS = Ros(
+    "ros",
+    "ROS 1 and 2: camera_info as file, .ini or print",
+    f"{K} distortion_model|rectification_matrix|projection_matrix|rectification|projection|P",
+    f"""
+    plumb_bob|rational_polynomial pinhole {K}={_UPRIGHT} {D}=;{PLAIN}
+    none pinhole {K}={_UPRIGHT} {D}=;k1,k2,p1,p2,k3
+    equidistant kannala-brandt {K}={_UPRIGHT} {D}=k1,k2,k3,k4
+    """,
+    word="distortion_model|camera_model",
+    size=f"image.width|{WIDTH} image.height|{HEIGHT}",
+    constant={"camera_name": "camera"},
+    harmless="^r(ectification(matrix)?)?$|^p(rojection(matrix)?)?$",
+    finish=_binned,
+)
 
 
 # -- arrays --------------------------------------------------------------------------------------------
@@ -65,15 +282,7 @@ def from_opencv(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
             or (1, N).
         width, height: image size, px; K and D do not hold it.
     """
-    matrix = _matrix_numbers(K, skewed=False)
-    values = _vector(D, None)
-    if len(values) == 14 and values[12:] == [0, 0]:
-        values = values[:12]
-    if len(values) not in _COUNTS:
-        got = f"{len(values)}: {shown(values)}"
-        raise ArgumentError(f"D: expected 4, 5, 8 or 12 coefficients (and no tilt), got {got}")
-    terms = _MODELS["opencv-12"].numbers[4:]
-    return intrinsics.camera_of("pinhole", width, height, matrix | dict(zip(terms, values, strict=False)))
+    return _camera(OPENCV, width, height, K, D)
 
 
 def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
@@ -81,8 +290,8 @@ def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
 
     OpenCV projects points with z < 0 too, mirrored.
     """
-    values = _values(camera, "pinhole", "OpenCV: expected a camera pinhole without skew")
-    return _matrix(values), np.array(values[4:])
+    K, D, _ = _arrays(OPENCV, camera)
+    return K, D
 
 
 def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
@@ -94,8 +303,7 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
         D: four numbers (k1, k2, k3, k4), as (4,), (4, 1) or (1, 4).
         width, height: image size, px; K and D do not hold it.
     """
-    k = dict(zip(("k1", "k2", "k3", "k4"), _vector(D, 4), strict=True))
-    return intrinsics.camera_of("kannala-brandt", width, height, _matrix_numbers(K) | k)
+    return _camera(FISHEYE, width, height, K, D)
 
 
 def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
@@ -104,8 +312,8 @@ def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
     OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0; it takes skew as
     its argument ``alpha``, ``K[0, 1] / K[0, 0]``.
     """
-    values = _values(camera, "kannala-brandt", "OpenCV fisheye: expected a camera kannala-brandt")
-    return _matrix(values, values[4]), np.array(values[5:])
+    K, D, _ = _arrays(FISHEYE, camera)
+    return K, D
 
 
 def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, height: int) -> Camera:
@@ -117,208 +325,44 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
         D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
         width, height: image size, px; the arrays do not hold it.
     """
-    terms = dict(zip(("k1", "k2", "p1", "p2"), _vector(D, 4), strict=True))
-    xi = number("xi", np.asarray(xi, dtype=object).item() if np.size(xi) == 1 else xi)
-    return intrinsics.camera_of("unified", width, height, _matrix_numbers(K) | terms | {"xi": xi})
+    return _camera(OMNIDIR, width, height, K, D, xi=np.squeeze(np.asarray(xi, dtype=object)).tolist())
 
 
 def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
     """Return K (3, 3), xi and D (4,) for ``cv2.omnidir``; 0.5 is taken from the principal point."""
-    values = _values(camera, "unified", "OpenCV omnidir: expected a camera unified")
-    return _matrix(values, values[4]), values[9], np.array(values[5:9])
+    K, D, values = _arrays(OMNIDIR, camera)
+    return K, values["xi"], D
 
 
-def _matrix_numbers(K: ArrayLike, *, skewed: bool = True) -> dict[str, float]:
-    rows = numbers("K", K, (3, 3)).tolist()
-    (fx, s, cx), (_, fy, cy), _ = rows
-    if rows != [[fx, s, cx], [0, fy, cy], [0, 0, 1]] or (s != 0 and not skewed) or fx == 0:
-        expected = f"[[fx, {'fx skew' if skewed else '0'}, cx], [0, fy, cy], [0, 0, 1]]"
-        raise ArgumentError(f"K: expected {expected}, got {rows}")
-    return {"fx": fx, "fy": fy, "cx": cx + HALF_PIXEL, "cy": cy + HALF_PIXEL, "skew": s / fx}
+def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike, **more: Any) -> Camera:
+    arrays = {"K": np.asarray(K, dtype=object).tolist(), "D": np.asarray(D, dtype=object).tolist()}
+    if len(floats("K", arrays["K"])) != 9:
+        raise ArgumentError(f"K: expected 3 x 3 finite numbers, got {shown(K)}")
+    row, values = form.row(Node(arrays | more), "none")
+    return form.camera(row, width, height, values)
 
 
-def _vector(D: ArrayLike, count: int | None) -> list[float]:
-    values: list[float] = numbers("D", np.squeeze(np.asarray(D, dtype=object)), (count,)).tolist()
-    return values
+def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
+    row, values = form.held(camera)
+    matrix, terms = (np.array(key.write(values)) for key in row.keys if len(key.names) > 1)
+    return matrix.reshape(3, 3), terms, values
 
 
-def _values(camera: Camera, model: str, expected: str) -> list[float]:
-    rows = [row for row in _MODELS.values() if row.model == model]
-    return intrinsics.write_numbers(camera, rows, HALF_PIXEL, expected)[1]
-
-
-def _matrix(values: list[float], skew: float = 0.0) -> Floats:
-    fx, fy, cx, cy = values[:4]
-    return np.array([[fx, fx * skew, cx], [0, fy, cy], [0, 0, 1]])
-
-
-# -- files ---------------------------------------------------------------------------------------------
-
-
-def read(model: str, text: str, size: tuple[int, int] | None = None) -> dict[str, Camera]:
-    """Return the camera, ``cam0``, of a file of one of the three models.
-
-    Args:
-        model: ``opencv``, ``opencv-fisheye`` or ``opencv-omnidir``.
-        text: of the file.
-        size: width and height, px, for a file that does not hold them.
-    """
-    file = _parsed(text, size, {"opencv": 0, "opencv-fisheye": 1}.get(model))
-    if model == "opencv":
-        return {"cam0": from_opencv(file.camera_matrix, file.coefficients, *file.size)}
-    if model == "opencv-fisheye":
-        return {"cam0": from_opencv_fisheye(file.camera_matrix, file.four(), *file.size)}
-    if file.xi is None:
-        raise ArgumentError("missing key 'xi'")
-    return {"cam0": from_opencv_omnidir(file.camera_matrix, file.xi, file.four(), *file.size)}
-
-
-def write(model: str, cameras: Mapping[str, Camera], suffix: str = ".yml") -> str:
-    """Return the file of one camera, for ``cv2.FileStorage``; its name is not carried.
-
-    Args:
-        model: as for :func:`read`.
-        cameras: one, by name.
-        suffix: ``.yml``, ``.xml`` or ``.json``.
-    """
-    with intrinsics.only_camera(cameras, "OpenCV") as camera:
-        if model == "opencv":
-            K, D = to_opencv(camera)
-            values = {"fisheye_model": 0, "camera_matrix": K, _D: D.reshape(-1, 1)}
-        elif model == "opencv-fisheye":
-            K, D = to_opencv_fisheye(camera)
-            values = {"fisheye_model": 1, "camera_matrix": K, _D: D.reshape(4, 1)}
-        else:
-            K, xi, D = to_opencv_omnidir(camera)
-            values = {"camera_matrix": K, _D: D.reshape(1, 4), "xi": xi}
-    return _dump(camera, values, suffix)
-
-
-@lru_cache(maxsize=1)  # three formats are recognised by it
-def model_of(text: str) -> str | None:
-    """Return which of the three formats a file has, also as ROS's ``camera_info`` or as bare ``K`` and ``D``.
-
-    ``EITHER`` for four coefficients without a key that says which model they belong to; None for other files.
-    """
-    if not _HAS_MATRIX.search(text):
-        return None
-    try:
-        values = _values_of(text)
-        count = len(_data(_D, values.get(_D)))
-    except ArgumentError:
-        return None
-    if "xi" in values:
-        return "opencv-omnidir"
-    if (flag := str(values.get("fisheye_model"))) in ("0", "1"):
-        return "opencv-fisheye" if flag == "1" else "opencv"
-    if any(values.get(key) in _FISHEYES for key in ("distortion_model", "camera_model", "model")):
-        return "opencv-fisheye"
-    return EITHER if count == 4 and "distortion_model" not in values else "opencv"
-
-
-def is_own_yaml(text: str) -> bool:
-    """Return whether a text has what only OpenCV writes into YAML: its first line, or tags of matrices."""
-    return _NOT_YAML.search(text) is not None
-
-
-EITHER = "opencv or opencv-fisheye"
-
-_D = "distortion_coefficients"
-_NOT_YAML = re.compile(r"^%YAML.*|!!opencv-(nd-)?matrix", re.MULTILINE)
-_HAS_MATRIX = re.compile(r"""\bcamera_?[mM]atrix\b|^[ \t{]*["']?[Kk]["']?[ \t]*:""", re.MULTILINE)
-_MODEL_NAMES = ("the plain model", "OpenCV's fisheye model")
-_FISHEYES = ("equidistant", "fisheye")
-_OTHER_KEYS = {
-    **dict.fromkeys(("K", "k", "cameraMatrix"), "camera_matrix"),
-    **dict.fromkeys(("D", "d", "distCoeffs", "dist_coeffs"), _D),
-    **{"width": "image_width", "height": "image_height"},
-}
-_MOST_ROWS = 14
-
-
-def _data(name: str, value: object, count: int | None = None) -> Floats:
-    """Return the numbers of a matrix: its ``data``, a list, or words in XML; or a list of them or of rows."""
-    if isinstance(value, dict):
-        if "data" not in value:
-            raise ArgumentError(f"{name}: missing key 'data'")
-        name, value = f"{name}: data", value["data"]
-    if isinstance(value, str):
-        value = value.split()
-    if isinstance(value, list) and len(value) <= _MOST_ROWS and all(isinstance(row, list) for row in value):
-        value = [item for row in value for item in row]
-    return numbers(name, value, (count,))
-
-
-def _scalar(name: str, value: object) -> float:
-    return float(_data(name, value, 1)[0]) if isinstance(value, dict) else number(name, value)
-
-
-@record(eq=False)
-class _File:
-    """The keys of ``cv2.FileStorage`` that describe a camera."""
-
-    image_width: int = checked(intrinsics.whole_number)
-    image_height: int = checked(intrinsics.whole_number)
-    camera_matrix: Floats = checked(lambda name, value: _data(name, value, 9).reshape(3, 3))
-    coefficients: Floats = checked(_data, key=_D)
-    fisheye_model: Any = None
-    xi: float | None = checked(_scalar, default=None)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height, px."""
-        return self.image_width, self.image_height
-
-    def four(self) -> Floats:
-        """Return the coefficients of a model that has four; ArgumentError for another number."""
-        return numbers(f"{_D}: data", self.coefficients, (4,))
-
-
-def _values_of(text: str) -> dict[str, Any]:
-    xml = text.lstrip("\ufeff \t\r\n").startswith("<")
-    values = _from_xml(text) if xml else intrinsics.parse_mapping(_NOT_YAML.sub("", text))
-    return {_OTHER_KEYS.get(key, key): value for key, value in values.items()}
-
-
-def _parsed(text: str, size: tuple[int, int] | None, fisheye: int | None = None) -> _File:
-    values = _values_of(text)
-    if size is not None:
-        known = values.get("image_width", size[0]), values.get("image_height", size[1])
-        if tuple(map(str, known)) != tuple(map(str, size)):
-            raise ArgumentError(
-                f"size: expected {shown(known[0])} x {shown(known[1])}, got {size[0]} x {size[1]}"
-            )
-        values |= {"image_width": size[0], "image_height": size[1]}
-    for key in ("image_width", "image_height"):
-        if key not in values:
-            raise ArgumentError(f"missing key {key!r}: add it, or give the size (--size)")
-    file = intrinsics.read_known(_File, values)
-    if fisheye is not None and file.fisheye_model not in (None, fisheye, str(fisheye)):
-        raise ArgumentError(
-            f"fisheye_model: expected {fisheye}, {_MODEL_NAMES[fisheye]}, got {shown(file.fisheye_model)}; "
-            f"read the file as '{('opencv-fisheye', 'opencv')[fisheye]}'"
-        )
-    return file
-
-
-def _from_xml(text: str) -> dict[str, Any]:
-    """Return the values below the root of a file of ``cv2.FileStorage``: texts, or dicts of them."""
-    from xml.etree import ElementTree
-
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can expand to gigabytes
-        raise ArgumentError("expected XML without <!DOCTYPE or <!ENTITY, got one of them")
-    try:
-        root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))
-    except ElementTree.ParseError as cause:
-        raise ArgumentError(f"expected XML, got {cause}") from cause
-    return {node.tag: {child.tag: child.text for child in node} or node.text for node in root}
-
-
-def _dump(camera: Camera, values: Mapping[str, Any], suffix: str) -> str:
+def write(form: Form, camera: Camera, suffix: str) -> str:
+    """Return the file of a camera for ``cv2.FileStorage``, by the suffix ``.yml``, ``.xml`` or ``.json``."""
     import cv2  # slow to load, and reading does without
 
-    suffix = suffix if suffix in _SUFFIXES else ".yml"
-    storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    for key, value in {"image_width": camera.width, "image_height": camera.height, **values}.items():
+    matrix, terms, values = _arrays(form, camera)
+    document: Values = {"image_width": camera.width, "image_height": camera.height}
+    if form is not OMNIDIR:
+        document["fisheye_model"] = int(form is FISHEYE)
+    document |= {"camera_matrix": matrix, "distortion_coefficients": terms.reshape(-1, 1)}
+    if form is OMNIDIR:
+        document |= {"distortion_coefficients": terms.reshape(1, 4), "xi": values["xi"]}
+    storage = cv2.FileStorage(
+        suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml",
+        cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY,
+    )
+    for key, value in document.items():
         storage.write(key, value)
     return str(storage.releaseAndGetString())

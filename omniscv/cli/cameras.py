@@ -11,6 +11,7 @@ import typer
 from typer import Argument, Option, Typer
 from typer.core import TyperGroup
 
+from omniscv.arguments import one_of
 from omniscv.cli import console, options
 from omniscv.cli.old_spellings import OF_FIT, accepting
 from omniscv.errors import ArgumentError
@@ -142,7 +143,6 @@ def fit(
 
     For programs that lack a model. The errors are the distances, in px, between the two images of a ray.
     """
-    from omniscv.arguments import one_of
     from omniscv.calibration import fit, load, save
     from omniscv.cameras import create, names
 
@@ -157,13 +157,129 @@ def fit(
         camera = cameras[one_of("--name", only, cameras)]
     result = fit(camera, model)
     if out is not None:
-        save(out, {"1" if format == "colmap" else name or "cam0": result.camera}, cast(Any, format))
+        save(out, {_NAMES.get(format, name or "cam0").format(1): result.camera}, cast(Any, format))
     if as_json:
         errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}
         console.as_json({"camera": result.camera.to_dict(), **errors})
         return
     console.line(result.camera)
+    _report(result)
+
+
+def _report(result: Any) -> None:
     console.line(
         f"largest error {result.max_px:.3g} px, rms {result.rms_px:.3g} px, "
         f"over {100 * result.coverage:.4g} % of the pixels"
     )
+
+
+_NAMES = {"colmap": "{0}", "kalibr": "cam{1}", "kitti": "0{1}"}
+"""How cameras are called in formats that have names of their own: {0} counts from 1, {1} from 0."""
+
+
+@app.command(epilog="Example: omniscv cameras convert camchain.yaml vins.yaml --format camodocal --name cam0")
+def convert(
+    source: Annotated[Path, Argument(help="A lens file of any format, or a rig.")],
+    out: Annotated[Path, Argument(help="The file to write; replaced if it exists.")],
+    format: Annotated[str, Option(help="Of OUT; docs/lens-files.md lists them.")],
+    name: Annotated[str | None, Option(help="One camera of a file that holds several.")] = None,
+    size: Annotated[str | None, Option(help="Width x height, px, of a file that does not hold it.")] = None,
+    fit: Annotated[
+        bool, Option("--fit", help="Fit cameras that the format cannot carry by the nearest of its models.")
+    ] = False,
+) -> None:
+    """Turn a lens file of any format into any other; poses are kept where both formats have them.
+
+    What the format cannot carry is refused, or with --fit approximated, and the error printed.
+    """
+    from omniscv import calibration
+    from omniscv.calibration.files import FORMS, load_file
+    from omniscv.calibration.forms import Form
+    from omniscv.cameras.rig import Rig, RigCamera
+
+    loaded = load_file(source, None, options.size(size) if size else None)
+    entries = (
+        loaded.entries if name is None else {name: loaded.entries[one_of("--name", name, loaded.entries)]}
+    )
+    form = FORMS[one_of("--format", format, FORMS)]
+    cameras = {key: entry.camera for key, entry in entries.items()}
+    if fit:
+        models = [row.model for row in form.rows if row.written] if isinstance(form, Form) else []
+        for key, camera in cameras.items():
+            if (fitted := calibration.nearest(camera, cast(Any, format), models)) is not None:
+                cameras[key] = fitted.camera
+                console.line(f"{key}: {camera.name} as {fitted.camera.name}:")
+                _report(fitted)
+    pattern = _NAMES.get(format)
+    names = {key: pattern.format(i + 1, i) if pattern else key for i, key in enumerate(cameras)}
+    posed = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
+    carries = format in ("json", "colmap") or (isinstance(form, Form) and form.poses)
+    if posed and carries:
+        rig = Rig(
+            {
+                names[key]: RigCamera(cameras[key], entry.mounted.pose, entry.time_offset)
+                for key, entry in entries.items()
+            }
+        )
+        if format in ("kalibr", "colmap", "orb-slam"):
+            rig = rig.seen_from(next(iter(rig.cameras)))
+        calibration.save_rig(out, rig, cast(Any, format))
+    else:
+        calibration.save(out, {names[key]: camera for key, camera in cameras.items()}, cast(Any, format))
+    lost = "" if carries or not posed else "; the poses are lost: the format has none"
+    console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(cameras)} camera(s){lost}")
+
+
+@app.command(epilog="Example: omniscv cameras describe camchain.yaml")
+def describe(
+    file: Annotated[Path, Argument(help="A lens file of any format.")],
+    size: Annotated[str | None, Option(help="Width x height, px, of a file that does not hold it.")] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Print what a lens file holds: format, model, size, field of view, and the keys that are ignored."""
+    from omniscv.calibration.files import doubts, load_file
+
+    loaded = load_file(file, None, options.size(size) if size else None)
+    rows: list[dict[str, Any]] = []
+    for name, entry in loaded.entries.items():
+        camera = entry.camera
+        rows.append(
+            {
+                "name": name,
+                "model": camera.name,
+                "size": f"{camera.width}x{camera.height}",
+                "fov_deg": _field_of_view(camera),
+                "pose": entry.pose is not None,
+                "ignored": list(entry.ignored),
+                "doubts": doubts(camera),
+                "camera": camera.to_dict(),
+            }
+        )
+    if as_json:
+        console.as_json({"format": loaded.format, "cameras": rows})
+        return
+    console.line(f"{file}: {loaded.format}")
+    for row in rows:
+        angles = " x ".join(f"{angle:.4g}" for angle in row["fov_deg"])
+        pose = ", with a pose" if row["pose"] else ""
+        console.line(f"{row['name']}: {row['model']}, {row['size']} px, {angles} degrees{pose}")
+        console.line(f"  {row['camera']}")
+        if row["ignored"]:
+            console.line(f"  ignored: {', '.join(row['ignored'])}")
+        for doubt in row["doubts"]:
+            console.line(f"  {doubt}")
+
+
+def _field_of_view(camera: Any) -> list[float]:
+    """Return the angles that the middle row and the middle column of an image see, degrees."""
+    import numpy as np
+
+    angles = []
+    for axis, size in enumerate((camera.width, camera.height)):
+        pixels = np.tile(camera.center.clip(0, [camera.width, camera.height]), (513, 1))
+        pixels[:, axis] = np.linspace(0, size, 513)
+        rays = camera.unproject(pixels)
+        seen = rays.directions[rays.valid]
+        turns = np.arccos(np.clip((seen[1:] * seen[:-1]).sum(axis=-1), -1, 1))
+        angles.append(float(np.degrees(turns.sum())))
+    return angles

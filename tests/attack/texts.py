@@ -7,7 +7,7 @@ from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.spoiling import scrambled, write
 from attack.words import ARGUMENTS, YAML
 from omniscv import Rig, RigCamera, calibration, cameras, jobs
-from omniscv.calibration import kalibr
+from omniscv.calibration.kalibr import KALIBR
 from omniscv.errors import ArgumentError
 
 SMALL = {"width": 8, "height": 8}
@@ -159,7 +159,7 @@ def _calibrations():
         "opencv": calibration.dumps({"cam0": plain}, "opencv", ".xml"),
         "opencv-fisheye": calibration.dumps({"cam0": lens}, "opencv-fisheye"),
         "opencv-omnidir": calibration.dumps({"cam0": mei}, "opencv-omnidir", ".json"),
-        "kalibr": kalibr.rig_to_kalibr(rig),
+        "kalibr": KALIBR.write(rig.cameras, rig=True),
         "colmap": calibration.dumps({"1": lens}, "colmap"),
         "ocamcalib": calibration.dumps({"cam0": bent}, "ocamcalib"),
         "aria": calibration.dumps({"camera-slam-left": aria}, "aria"),

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from support.same_rays import assert_same_rays
 
 from omniscv import Rig, RigCamera, calibration, cameras
-from omniscv.calibration import aria
+from omniscv.calibration.files import loads_rig
+from omniscv.calibration.table import ARIA
 from omniscv.errors import ArgumentError
 
 F624 = [240.0, 320.5, 239.25, 0.01, -0.002, 3e-4, 0, -1e-5, 0, 1e-4, 2e-4, 1e-5, -2e-6, 2e-5, 1e-6]
@@ -77,25 +78,31 @@ def test_a_device_is_a_rig_and_comes_back() -> None:
             "camera-et-left": RigCamera.turned(wide, (0, 0.1, 0), 5, time_offset=0.002),
         }
     )
-    text = aria.rig_to_aria(rig)
+    text = ARIA.write(rig.cameras, rig=True)
     for entry in json.loads(text)["CameraCalibrations"]:  # by the definition of T_Device_Camera
         w, (x, y, z) = entry["T_Device_Camera"]["UnitQuaternion"]
         own = rig.cameras[entry["Label"]].pose
         p_device = Rotation.from_quat([x, y, z, w]).apply([1, 2, 3]) + entry["T_Device_Camera"]["Translation"]
         np.testing.assert_allclose(p_device, own.to_world([1, 2, 3]), atol=1e-12)
-    again = aria.rig_from_aria(text)
+    again = loads_rig(text)
     for label, mounted in rig.cameras.items():
         assert_same_rays(again.cameras[label].camera, mounted.camera)
         assert again.cameras[label].time_offset == mounted.time_offset
         np.testing.assert_allclose(again.cameras[label].pose.rotation, mounted.pose.rotation, atol=1e-12)
 
 
-def test_models_and_sizes_that_aria_lacks_are_refused() -> None:
+def test_sizes_that_are_not_those_of_the_labels_are_written_and_read() -> None:
+    """An online calibration has ``ImageSizes``: its RGB camera is 1408 px wide, not the sensor's 2880."""
     lens = cameras.create("kannala-brandt", width=640, height=480, fx=240.0, fy=240.0)
-    with pytest.raises(ArgumentError, match="camera-rgb: size: expected 2880x2880 px"):
-        calibration.dumps({"camera-rgb": lens}, "aria")
-    with pytest.raises(ArgumentError, match="left: label: expected one of"):
-        calibration.dumps({"left": lens}, "aria")
+    assert "ImageSizes" not in calibration.dumps({"camera-slam-left": lens}, "aria")
+    online = document("FisheyeRadTanThinPrism", F624, Label="camera-rgb") | {"ImageSizes": [[1408, 1400]]}
+    camera = calibration.loads(json.dumps(online))["camera-rgb"]
+    assert (camera.width, camera.height) == (1408, 1400)
+    assert calibration.loads(calibration.dumps({"camera-rgb": camera}, "aria")) == {"camera-rgb": camera}
+    with pytest.raises(ArgumentError, match="ImageSizes: expected one of each camera"):
+        calibration.loads(json.dumps(online | {"ImageSizes": []}))
+    with pytest.raises(ArgumentError, match="front: missing key 'ImageSize'"):
+        calibration.loads(json.dumps(document("Fisheye62", F624[:11], Label="front")))
     stretched = cameras.create("fisheye624", width=640, height=480, fx=240.0, fy=241.0)
-    with pytest.raises(ArgumentError, match="one focal length"):
+    with pytest.raises(ArgumentError, match=r"aria: expected fisheye624, .*got fisheye624"):
         calibration.dumps({"camera-slam-left": stretched}, "aria")

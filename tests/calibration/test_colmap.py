@@ -1,5 +1,7 @@
 """COLMAP's cameras.txt, judged by pycolmap."""
 
+from pathlib import Path
+
 import numpy as np
 import pycolmap
 import pytest
@@ -8,6 +10,7 @@ from support.same_rays import assert_same_rays
 
 from omniscv import calibration, cameras
 from omniscv.calibration import colmap
+from omniscv.errors import ArgumentError
 
 TEXT = """# Camera list with one line of data per camera:
 #   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
@@ -69,8 +72,20 @@ def test_projections_are_those_of_pycolmap(model: str) -> None:
     assert_same_rays(camera, calibration.loads(again, "colmap")["1"])
 
 
-def test_every_model_of_the_table_is_tested() -> None:
-    assert set(PARAMS) == set(colmap.MODELS)
+def test_every_model_of_the_table_is_tested_and_has_colmaps_id(tmp_path: Path) -> None:
+    """The binary file is pycolmap's own."""
+    known = [row.words[0] for row in colmap.COLMAP.rows]
+    assert {*PARAMS, "EQUIRECTANGULAR"} == set(known)
+    assert [name for name in colmap.NAMES if name in known] == known
+    scene, lines = pycolmap.Reconstruction(), []
+    for i, (model, words) in enumerate(PARAMS.items(), start=1):
+        params = list(map(float, words.split()))
+        scene.add_camera(pycolmap.Camera(model=model, width=64, height=48, params=params, camera_id=i))
+        lines.append(f"{i} {model} {IMAGE} {words}")
+    scene.write_binary(str(tmp_path))
+    assert calibration.load(tmp_path / "cameras.bin") == calibration.loads("\n".join(lines))
+    with pytest.raises(ArgumentError, match=r"COLMAP's cameras.bin, got other bytes"):
+        calibration.loads((tmp_path / "cameras.bin").read_bytes()[:-1])
 
 
 def test_lenses_wider_than_colmap_reads_get_a_comment() -> None:

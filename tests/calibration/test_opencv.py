@@ -110,10 +110,10 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
     assert_same_rays(
         calibration.from_opencv(K, np.zeros(14), 8, 6), calibration.from_opencv(K, np.zeros(4), 8, 6)
     )
-    with pytest.raises(ArgumentError, match=r"D: expected 4, 5, 8 or 12 coefficients \(and no tilt\)"):
+    with pytest.raises(ArgumentError, match="distortion_coefficients: expected 0"):
         calibration.from_opencv(K, [*[0.0] * 12, 0.1, 0], 8, 6)
     K[0, 1] = 0.1
-    with pytest.raises(ArgumentError, match="K: expected"):
+    with pytest.raises(ArgumentError, match="camera_matrix: expected 0"):
         calibration.from_opencv(K, np.zeros(4), 8, 6)
 
 
@@ -125,10 +125,10 @@ def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
         ([[30, 0, 3], [0, 30, 2], [0, 0, 2]], [0, 0, 0, 0]),
         ([[30, 0, np.nan], [0, 30, 2], [0, 0, 1]], [0, 0, 0, 0]),
         ([[30, 0, 3], [0, 30], [0, 0, 1]], [0, 0, 0, 0]),
-        (np.eye(3), [0, 0, 0, 0, 0]),
+        (np.eye(3), [0, 0, 0, 0, 1]),
         (np.eye(3), "abcd"),
     ],
 )
 def test_wrong_arrays_are_refused(K: object, D: object) -> None:
-    with pytest.raises(ArgumentError, match=r"^(K|D|fy): expected"):
+    with pytest.raises(ArgumentError, match=r"^(camera_matrix|distortion_coefficients|fx|K): expected"):
         calibration.from_opencv_fisheye(K, D, 64, 48)  # type: ignore[arg-type]

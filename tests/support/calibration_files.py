@@ -1,7 +1,6 @@
 """Cameras that the formats of calibration files carry, and their texts."""
 
-from omniscv import cameras
-from omniscv.calibration.files import _FORMATS
+from omniscv import calibration, cameras
 
 SIZE = {"width": 40, "height": 30}
 LENS = cameras.create(
@@ -38,4 +37,4 @@ SAVED = {
     "ncore": {"cam0": THETA},
 }
 
-TEXTS = {name: _FORMATS[name].write(saved) for name, saved in SAVED.items()}
+TEXTS = {name: calibration.dumps(saved, name) for name, saved in SAVED.items()}

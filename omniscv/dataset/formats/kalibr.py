@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from omniscv.calibration.kalibr import rig_to_kalibr, write_kalibr
+from omniscv.calibration.kalibr import KALIBR
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.dataset.exporting import Format, register
@@ -34,9 +34,9 @@ class Kalibr(Format):
 
     def refuses(self, camera: Camera) -> str | None:
         try:
-            write_kalibr({"cam0": camera})
+            KALIBR.values_of(camera)
         except ArgumentError as cause:
-            return str(cause).removeprefix("cam0: ")
+            return str(cause)
         return None
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
@@ -50,7 +50,7 @@ class Kalibr(Format):
 
 def _chain(rig: Rig) -> str:
     numbered = {f"cam{i}": mounted for i, mounted in enumerate(rig.cameras.values())}
-    chain = yaml.safe_load(rig_to_kalibr(Rig(numbered)))
+    chain = yaml.safe_load(KALIBR.write(numbered, rig=True))
     for camera_name, entry, mounted in zip(rig.cameras, chain.values(), numbered.values(), strict=True):
         sizes = mounted.camera.width, mounted.camera.height
         pixels = np.meshgrid(*(np.linspace(0, size, _SAMPLES) for size in sizes))

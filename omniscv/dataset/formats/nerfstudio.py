@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.calibration.intrinsics import format_models, write_numbers
-from omniscv.cameras import Camera, Equirectangular
+from omniscv.calibration.table import NERFSTUDIO
+from omniscv.cameras import Camera
 from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.pictures import PRESETS, copy_lit, encode, without_limit, write_mask, write_pixels
@@ -32,12 +32,6 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.truth.point_cloud import inexact
 
-_MODELS = format_models("""
-PINHOLE        pinhole        fx fy cx cy
-OPENCV         pinhole        fx fy cx cy k1 k2 k3 p1 p2
-OPENCV_FISHEYE kannala-brandt fx fy cx cy k1 k2 k3 k4
-""")
-_NAMES = {"fx": "fl_x", "fy": "fl_y"}
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0])
 _SPLITS = ("train", "val", "test")
 
@@ -73,15 +67,8 @@ def intrinsics(camera: Camera) -> dict[str, Any]:
     Raises:
         ArgumentError: nerfstudio has no such camera.
     """
-    width, height = camera.width, camera.height
-    size = {"w": width, "h": height}
-    if isinstance(camera, Equirectangular):
-        numbers = {"fl_x": width / 2, "fl_y": height, "cx": width / 2, "cy": height / 2}
-        return {"camera_model": "EQUIRECTANGULAR", **numbers, **size}
-    expected = "expected pinhole, kannala-brandt, fisheye-equidistant or equirectangular"
-    model, values = write_numbers(without_limit(camera), _MODELS.values(), 0.0, expected)
-    numbers = {_NAMES.get(key, key): value for key, value in zip(model.numbers, values, strict=True)}
-    return {"camera_model": model.name, **numbers, **size}
+    values = NERFSTUDIO.values_of(without_limit(camera))
+    return {key: value for key, value in values.items() if key != "frames"}
 
 
 def opengl(pose: Pose) -> list[list[float]]:
