@@ -113,14 +113,19 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
 
 _LEAST_LIKENESS = 0.65
 """The least ratio of difflib at which a known word is suggested."""
+_RENAMED = {
+    "faces": "exact", "strips": "exact", "adaptive": "auto", "reproject": "auto", "max_error_px": "accuracy",
+}  # fmt: skip
+"""Words of earlier versions, and those in their place."""
 
 
 def did_you_mean(value: object, known: Iterable[object]) -> str:
-    """Return ``; did you mean WORD?`` with the known word that is most like a value; else nothing."""
+    """Return ``; did you mean WORD?`` with the known word in whose place a value was, or that is most like
+    it; else nothing."""
     if not isinstance(value, str) or not value:
         return ""
     words = [word for word in known if isinstance(word, str)]
-    near = [word for word in words if word.startswith(value)]
+    near = [word for word in words if word == _RENAMED.get(value) or word.startswith(value)]
     near = near or get_close_matches(value, words, n=1, cutoff=_LEAST_LIKENESS)
     return f"; did you mean {near[0]}?" if near else ""
 

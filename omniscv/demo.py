@@ -143,7 +143,7 @@ def _compose(source: Source, meter: Meter, scale: int) -> Iterator[tuple[str, Om
         model = cameras.model(name)
         groups.setdefault((model.typical_pitch_deg, model.central), {})[name] = camera_and_pose
     for (_, central), group in groups.items():
-        options = RenderOptions("adaptive", face_size=scale * _FACE_PX[central])
+        options = RenderOptions(face_size=scale * _FACE_PX[central])
         images = renderer.render_together([*group.values()], MODES, options, progress=meter.part())
         yield from zip(group, images, strict=True)
 

@@ -84,12 +84,6 @@ def _price(name: str, value: object) -> tuple[float, float]:
     return number(f"{name}[0]", request, least=0), number(f"{name}[1]", megapixel, least=0)
 
 
-def _max_error(name: str, value: Any) -> Any:
-    if value is not None:
-        number(name, value, above=0)
-    return value
-
-
 @record
 class RenderOptions:
     """How an image is captured and composed.
@@ -100,7 +94,6 @@ class RenderOptions:
         face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail and few edges.
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
-        max_error_px: bound on the error of ``reproject`` and ``adaptive``, in output pixels.
         truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
         normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
         seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
@@ -113,7 +106,8 @@ class RenderOptions:
             pixel invalid, as outside the field of view (:attr:`omniscv.OmniImage.unseen`).
         sky: objects that stand for the sky: they become pixels without a surface.
         accuracy: share of the valid pixels that may be doubtful (:attr:`omniscv.OmniImage.doubtful`), as a
-            number or as ``"0.1%"``; captures then become finer where the image needs it.
+            number or as ``"0.1%"``; captures then become finer where the image needs it. If not given,
+            ``auto`` aims at 3 % for cameras with several optical centres.
         most_captures, most_megapixels: budgets of an image, over all modes, at which that ends.
         capture_ms: what a request and a megapixel cost, by which captures are chosen.
 
@@ -121,9 +115,7 @@ class RenderOptions:
         ArgumentError: a value outside its domain.
     """
 
-    strategy: str = checked(
-        text, default="auto", help="which views are captured: auto, cube, faces, strips, reproject, adaptive"
-    )
+    strategy: str = checked(text, default="auto", help="which views are captured: auto, exact or cube")
     viewpoints: int | None = checked(
         _viewpoints, default=None, help="optical centres of a non-central camera; null: the strategy's choice"
     )
@@ -132,9 +124,6 @@ class RenderOptions:
     )
     filter: Filter = checked(
         one_of, default="auto", words=FILTERS, help="auto, nearest, bilinear, bicubic or area"
-    )
-    max_error_px: float | None = checked(
-        _max_error, default=None, help="error that reproject and adaptive may make, px of the image"
     )
     truth_scale: int = checked(
         whole_number,
@@ -202,7 +191,6 @@ class RenderKeywords(TypedDict, total=False):
     viewpoints: int | None
     face_size: int | Literal["auto"]
     filter: Filter
-    max_error_px: float | None
     truth_scale: int
     normals: Normals
     seams: Seams

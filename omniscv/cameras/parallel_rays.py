@@ -85,7 +85,7 @@ class Orthographic(Camera):
     The ray of (u, v) starts at ``(u - u_0, v - v_0, 0) / s``, ``s = W / w``, and points to ``(0, 0, 1)``.
     Parameter: ``width_m`` w > 0, metres that the image is wide; pixels are square.
     Domain: every pixel; points with z > 0.
-    Source: any textbook. Strategies ``adaptive`` and ``auto`` compose it from depth at a few viewpoints.
+    Source: any textbook. Strategy ``auto`` composes it from depth at a few viewpoints.
     """
 
     name = "orthographic"

@@ -44,11 +44,11 @@ ANSWERS = {
 }
 """Colour and legend of the software's answers. ``holds``: the image is as true as without the fault."""
 
-COLUMNS = ("panorama", "strips", "8 viewpoints", "adaptive")
+COLUMNS = ("panorama", "exact", "8 viewpoints", "auto")
 _RING: dict[str, dict[str, Any]] = {
-    "strips": {"strategy": "strips"},
-    "8 viewpoints": {"strategy": "faces", "viewpoints": 8},
-    "adaptive": {"strategy": "adaptive"},
+    "exact": {"strategy": "exact"},
+    "8 viewpoints": {"strategy": "exact", "viewpoints": 8},
+    "auto": {},
 }
 
 _KEY = "Each cell: strength from weak to strong; its height: pixels wrong, 0.01 % to 100 %, logarithmic"

@@ -168,36 +168,30 @@ def plan(
     measure: Annotated[bool, Option("--measure", help="Open the source, and time captures.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """List what each strategy would capture for a job, and how long that takes, without capturing it.
+    """List what each strategy and three accuracies would capture for a job, and how long that takes.
 
     The last columns are the largest distance from a pixel's own optical centre to that of its captures, and
-    the share of pixels that are expected to be marked as inexact or unsure: the price of fewer viewpoints.
+    the share of pixels that are expected to be marked as inexact or unsure: the price of fewer captures.
     """
-    from omniscv.make import aims, costs, measured_price
+    from omniscv.make import costs, measured_price
 
     loaded = job.load()
     if measure:
         price = measured_price(loaded)
         console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
         loaded = replace(loaded, options=replace(loaded.options, capture_ms=(price.request, price.megapixel)))
-    strategies, accuracies = costs(loaded, measure=measure), aims(loaded)
+    found = costs(loaded)
     if as_json:
-        console.as_json([asdict(cost) for cost in (*strategies, *accuracies)])
+        console.as_json([asdict(cost) for cost in found])
         return
-    rows = []
-    for cost in strategies:
-        counts = (cost.views, cost.requests, cost.most_requests)
-        sizes = (f"{cost.pixels / 1e6:.2f}", f"{cost.bytes / 1e6:.1f}", f"{cost.seconds:.1f}")
-        rows.append(
-            (cost.strategy, *counts, *sizes, f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.0f}")
+    rows = [
+        (
+            cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}",
+            f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.2g}",
         )
-    heads = ("strategy", "views", "requests", "at most", "Mpx", "MB", "seconds", "shift m", "marked %")
-    console.table(heads, rows)
-    aimed = [
-        (cost.strategy, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}")
-        for cost in accuracies
-    ]
-    console.table(("accuracy", "requests", "Mpx", "seconds"), aimed)
+        for cost in found
+    ]  # fmt: skip
+    console.table(("strategy", "captures", "Mpx", "seconds", "shift m", "marked %"), rows)
 
 
 # -- job -------------------------------------------------------------------------------------------------

@@ -65,12 +65,12 @@ class Composition:
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
-        self._pixels, self._stopped = 0, ""
+        self._pixels, self._stopped, self._strategy = 0, "", task.options.strategy
 
     def capture(self, round_: Round) -> Kept:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
-        self._stopped = round_.stopped or self._stopped
+        self._stopped, self._strategy = round_.stopped or self._stopped, round_.instead or self._strategy
         if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept = Kept(doubt=lambda: self._composed().doubt)
@@ -111,7 +111,7 @@ class Composition:
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=task.options,
-            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped),
+            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:

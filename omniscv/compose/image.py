@@ -37,12 +37,14 @@ class Effort:
         captures: requests, over all modes.
         megapixels: captured, over all modes.
         stopped: why captures did not become finer: ``aim`` where the accuracy is reached; empty for images
-            that were asked for none.
+            that have none.
+        strategy: that made the captures: ``exact`` where the source cannot do what ``auto`` needs.
     """
 
     captures: int = 0
     megapixels: float = 0.0
     stopped: str = ""
+    strategy: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -247,7 +249,7 @@ class OmniImage:
         """Return the plain values of ``STEM.json``."""
         reports = {key: self.provenance[key] for key in _REPORTS if key in self.provenance}
         reached = {}
-        if self.options.accuracy is not None:
+        if self.effort.stopped:
             effort = asdict(self.effort)
             reached = {"accuracy": {**effort, "doubtful": self.doubtful, "seconds": self.seconds}}
         return {

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from omniscv import modalities
-from omniscv.arguments import shown
+from omniscv.arguments import did_you_mean, shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures, T
@@ -327,7 +327,8 @@ def options_of(keywords: RenderKeywords) -> RenderOptions:
     """Return options from keyword arguments; raise ArgumentError for unknown ones."""
     known = [field.name for field in fields(RenderOptions)]
     if unknown := sorted(set(keywords) - set(known)):
-        raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}")
+        near = did_you_mean(unknown[0], known)
+        raise ArgumentError(f"options: expected some of {', '.join(known)}; got {', '.join(unknown)}{near}")
     return RenderOptions(**keywords)
 
 

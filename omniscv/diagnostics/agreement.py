@@ -255,7 +255,7 @@ def _view_dependent(overlaps: Sequence[Overlap], names: Mapping[int, str]) -> Fi
         for code in np.unique(objects)
         if (objects == code).sum() >= _LEAST_PX and (lit[objects == code] > _LEVELS).mean() > _OF_COLORS
     ]
-    remedy = "use strategy strips, which takes every colour from its own centre"
+    remedy = "use strategy exact, which takes every colour from its own centre"
     value = ", ".join(changing) or "nothing"
     return Finding.unless(not changing, "colours that depend on the view", value, "bad", remedy)
 

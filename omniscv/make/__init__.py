@@ -2,13 +2,12 @@
 
 from omniscv.make.contents import check, check_dataset
 from omniscv.make.dataset import Made, Part, finish, make, parts_of, run_part
-from omniscv.make.render import aims, capture, costs, measured_price, run
+from omniscv.make.render import capture, costs, measured_price, run
 from omniscv.make.source import opened, source_options
 
 __all__ = [
     "Made",
     "Part",
-    "aims",
     "capture",
     "check",
     "check_dataset",

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache, partial, reduce
 from operator import add
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,9 +25,8 @@ from omniscv.make.contents import check, check_face_size
 from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
-from omniscv.planning.accuracy import expected
-from omniscv.planning.cost import Cost, cost
 from omniscv.planning.cube_faces import FACE_BORDER_PX
+from omniscv.planning.plans import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
@@ -37,8 +36,6 @@ from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
 from omniscv.storage import is_url, was_url
 
-_TICK_S = 1 / 60
-"""Least seconds of a request to a live engine; used if no source is opened to measure them."""
 _PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
 _FACE_PER_OVERSCAN = 16
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
@@ -96,7 +93,7 @@ _WARNINGS = {
 }
 """By layer, what its marks mean."""
 
-_KNOBS = ("strategy", "viewpoints", "face_size", "truth_scale", "max_error_px")
+_KNOBS = ("strategy", "viewpoints", "face_size", "truth_scale")
 """Options that win against ``accuracy``."""
 
 
@@ -110,7 +107,9 @@ def transfer_warning(job: Job, source: Source) -> Iterator[str]:
 
 def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
     """Yield a line if an image misses its accuracy, and for each layer that marks pixels."""
-    aim = image.options.accuracy
+    aim, effort = image.options.accuracy, image.effort
+    if effort.strategy not in ("", image.options.strategy):
+        yield f"{stem}: strategy {effort.strategy} instead of {image.options.strategy}: {effort.stopped}"
     if aim is not None and image.doubtful > aim:
         defaults, given = RenderOptions(), image.options
         knobs = [
@@ -120,7 +119,7 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
         ]
         fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
-        yield f"{stem}: {missed}: {image.effort.stopped}{fixed}"
+        yield f"{stem}: {missed}: {effort.stopped}{fixed}"
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
@@ -166,7 +165,7 @@ def capture(
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
                         for camera, pose in take.views
                     ]
-                    if job.options.accuracy is not None or job.options.checks == "light":
+                    if job.options.checks == "light" or any(task.aim is not None for task in views):
                         noting = _Noting(renderer_then.source, needed)
                         list(renderer.of(noting).render_together(take.views, take.modes, job.options))
                         report(Progress(images=len(take.views)))
@@ -247,59 +246,36 @@ def _capture_plans(
     return new
 
 
-def costs(job: Job, *, measure: bool = False) -> list[Cost]:
-    """Return what every strategy would request from the job's source, without capturing images.
+def costs(job: Job) -> list[Cost]:
+    """Return what a job's images take by ``auto``, by three accuracies, and by every other strategy.
 
-    A source is opened if its capabilities do not follow from its address, if poses are sampled in it, or to
-    measure how long a request takes. Otherwise a request is taken to last one tick of an engine.
-
-    Args:
-        job: whose images.
-        measure: open the source in any case.
+    Seconds are by the job's ``capture_ms``. A source is opened only if its capabilities do not follow from
+    its address, or if poses are sampled in it. Strategies that the source does not support are left out.
     """
-    with _tasks(job, job.options, measure) as (planned, source):
-        seconds_per_request = _TICK_S if source is None else _request_seconds(source)
-        costs_of_all = []
-        for name in planning.names():
-            with suppress(ArgumentError):  # the source does not support the strategy
-                of_states = [cost(name, tasks, modes, seconds_per_request) for modes, tasks in planned]
-                costs_of_all.append(reduce(add, of_states))
-    return costs_of_all
-
-
-def aims(job: Job) -> list[Cost]:
-    """Return what three accuracies of a job's images are expected to take in a furnished room.
-
-    Seconds are by the job's ``capture_ms``. The strategy's name is the accuracy, such as ``1.0%``. Images
-    share no captures.
-    """
-    rows = []
-    for aim in _AIMS:
-        options = replace(job.options, accuracy=aim)
-        with _tasks(job, options, measure=False) as (planned, _):
-            pairs = [
-                expected(replace(task, modes=modes))
-                for modes, moments in planned
-                for tasks in moments
-                for task in tasks
-            ]
-        requests, pixels = map(sum, zip(*pairs, strict=True))
-        seconds = Price(*options.capture_ms).of(requests, pixels) / 1e3
-        rows.append(Cost(f"{aim:.1%}", requests, requests, requests, pixels, 0.0, seconds, marked=aim))
-    return rows
+    ways: dict[str, dict[str, Any]] = {
+        "auto": {"strategy": "auto", "accuracy": None},
+        **{f"{100 * aim:g} %": {"strategy": "auto", "accuracy": aim} for aim in _AIMS},
+        **{name: {"strategy": name, "accuracy": None} for name in planning.names() if name != "auto"},
+    }
+    found = []
+    with _tasks(job) as planned:
+        for way, changes in ways.items():
+            with suppress(ArgumentError):
+                found.append(reduce(add, (cost(way, tasks, modes, **changes) for modes, tasks in planned)))
+    return found
 
 
 @contextmanager
-def _tasks(job: Job, options: RenderOptions, measure: bool) -> Iterator[tuple[_Planned, Source | None]]:
-    """Yield the modes and tasks of a job, and its source where that had to be opened."""
+def _tasks(job: Job) -> Iterator[_Planned]:
+    """Yield the modes and tasks of a job, while its source is open if that is needed."""
     check(job)
     capabilities = known_capabilities(job.sources[0])
-    if capabilities is not None and not measure and job.sampling is None:
+    if capabilities is not None and job.sampling is None:
         rays = cache(ImageRays)
-        yield _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, options)), None
+        yield _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         return
     with opened(replace(job, record=None)) as (job, source):
-        yield _planned(job, partial(Renderer(source).task, options=options)), source
+        yield _planned(job, partial(Renderer(source).task, options=job.options))
 
 
 def measured_price(job: Job) -> Price:

@@ -1,10 +1,9 @@
 """From a camera and a pose to the views that its image needs."""
 
-from omniscv.planning.accuracy import rounds
+from omniscv.planning.plans import Plan, rounds, share_captures
 from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.recorded_views import RecordedViews
-from omniscv.planning.reproject import Adaptive, Reproject
 from omniscv.planning.rounds import (
     Kept,
     Round,
@@ -14,21 +13,18 @@ from omniscv.planning.rounds import (
     captured_progress,
     drive,
 )
-from omniscv.planning.sharing import Plan, share_captures
 from omniscv.planning.stillness import verify_still
 from omniscv.planning.strategies import (
     Auto,
     Cube,
-    Faces,
-    Strips,
+    Exact,
     cheapest_viewpoints,
     face_viewpoints,
-    strip_viewpoints,
 )
 from omniscv.planning.strategy import Strategy, Task, get, names, register
 from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
 
-for _strategy in (Auto, Cube, Faces, Strips, Reproject, Adaptive):
+for _strategy in (Auto, Exact, Cube):
     register(_strategy)
 
 __all__ = [
@@ -57,6 +53,5 @@ __all__ = [
     "register",
     "rounds",
     "share_captures",
-    "strip_viewpoints",
     "verify_still",
 ]

@@ -22,11 +22,14 @@ from omniscv.planning.strips import LEAST_HALF, holding_size, looking
 from omniscv.render_options import LARGEST_FACE_PX, Price
 from omniscv.sources.base import Capabilities, View
 
-_POINTS = 2000  # rays among which views are chosen
+_POINTS = 1000  # rays among which views are chosen
 _CIRCLES = 400  # great circles that are tried
 _NEARLY = 0.97  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
-_SPANS = np.radians((3.0, 6.0, 12.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0))
+_STEPS = 180  # of a circle, at which windows start
+_LENGTHS = np.array((2, 3, 6, 10, 15, 23, 30, 40, 50))  # of windows, steps
+_SPANS = 2 * np.pi / _STEPS * _LENGTHS
+_HIGHEST = np.radians(50.0)  # half the height of a view
 _NOTHING = 1e-9  # worth at a price, ms: rounding
 _BAND_PX = 4.0  # of a capture: the width of the bands in which pixels in doubt crowd
 _HEIGHTS = (1.0, 2.0, 4.0, 10.0, 25.0, 64.0)  # of the narrowest views
@@ -89,22 +92,24 @@ def patches(
     points = np.ascontiguousarray(directions[::stride])
     alive, left = worth[::stride].astype(np.float64), np.ones(len(directions), np.bool_)
     axes = _axes(points)
-    heights = np.array(_HEIGHTS) * band / 2
+    heights = np.minimum(np.array(_HEIGHTS) * band / 2, _HIGHEST)
     # By height and length of a view; infinite where it would be too large.
     across = 2 * (focal_px * np.tan(_SPANS / 2) + FACE_BORDER_PX)
     down = 2 * (focal_px * np.tan(heights)[:, None] / np.cos(_SPANS / 2) + FACE_BORDER_PX)
     prices = modes * price.of(1, across * down)
     prices[(across > LARGEST_FACE_PX) | (down > LARGEST_FACE_PX)] = np.inf
-    queue = [(-_best_window(points, alive, of, heights, prices)[0], k) for k, of in enumerate(axes)]
+    limits = np.sin(heights), prices, _LENGTHS
+    queue = [(-ratio, k) for k, ratio in enumerate(_best_windows(points, alive, axes, *limits)[0].tolist())]
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
-        ratio, start, height, span = _best_window(points, alive, axes[k], heights, prices)
+        (ratio,), ((step, height, span),) = _best_windows(points, alive, axes[k : k + 1], *limits)
         if ratio <= _NOTHING:
             continue
         heapq.heappush(queue, (-ratio, k))
         if ratio < -queue[0][0] * _NEARLY:
             continue
+        start = 2 * np.pi / _STEPS * step
         window = axes[k], start, heights[height], _SPANS[span]
         alive[_inside(points, *window)] = 0
         rows = np.flatnonzero(left)
@@ -112,7 +117,10 @@ def patches(
         if len(rows):
             normal, a, b = axes[k]
             azimuth = start + _SPANS[span] / 2
-            R_w_c, half = looking(directions[rows], a * np.cos(azimuth) + b * np.sin(azimuth), normal)
+            middle = a * np.cos(azimuth) + b * np.sin(azimuth)
+            R_w_c, half = looking(directions[rows], middle, normal)
+            if not np.isfinite(half).all():  # a few rays are far off: centred on them, it loses others
+                R_w_c, half = looking(directions[rows], middle, normal, steps=1)
             half = np.maximum(half, (LEAST_HALF, 0.0))
             width, height = holding_size(half, focal_px, FACE_BORDER_PX, capabilities)
             view = View(Pose(doubt.center_w, R_w_c), pinhole.fov_deg(width, focal_px), width, height)
@@ -146,46 +154,54 @@ def _axes(points: Array) -> Array:
     return np.stack([normals, across, np.cross(normals, across)], axis=1)
 
 
-def _best_window(
-    points: Array, worth: Array, axes: Array, heights: Array, prices: Array
-) -> tuple[float, float, int, int]:
-    """Return the most worth at a price on a circle, and where: azimuth of the start, height, length."""
-    off, x, y = axes @ points.T
-    off, limits = np.abs(off), np.sin(heights)
-    rows = np.flatnonzero((off <= limits[-1]) & (worth > 0))
-    azimuth = np.arctan2(y[rows], x[rows])
-    order = np.argsort(azimuth)
-    rows = rows[order]
-    return _search(azimuth[order], off[rows], worth[rows], limits, prices, _SPANS)  # type: ignore[no-any-return]
-
-
 @njit(cache=True, nogil=True)
-def _search(
-    azimuth: Array, off: Array, worth: Array, limits: Array, prices: Array, spans: Array
-) -> tuple[float, float, int, int]:
-    """Return what :func:`_best_window` returns, of rays in the order of their azimuth."""
-    best, first, height, length = 0.0, 0.0, 0, 0
-    azimuths, worths = np.empty(len(azimuth)), np.empty(len(azimuth))
-    for h in range(len(limits)):
-        count = 0
-        for i in range(len(azimuth)):
-            if off[i] <= limits[h]:
-                azimuths[count], worths[count] = azimuth[i], worth[i]
-                count += 1
-        for s in range(len(spans)):
-            end, total = 0, 0.0
-            for start in range(count):
-                while end < count + start:
-                    at = azimuths[end] if end < count else azimuths[end - count] + 2 * np.pi
-                    if at > azimuths[start] + spans[s]:
-                        break
-                    total += worths[end % count]
-                    end += 1
-                ratio = total / prices[h, s]
-                if ratio > best:
-                    best, first, height, length = ratio, azimuths[start], h, s
-                total -= worths[start]
-    return best, first, height, length
+def _best_windows(
+    points: Array, worth: Array, axes: Array, heights: Array, prices: Array, lengths: Ints
+) -> tuple[Array, Array]:
+    """Return the most worth at a price on each circle, and where: the step of its start, height, length.
+
+    Args:
+        points: (N, 3) unit rays.
+        worth: (N,) of each, >= 0.
+        axes: (C, 3, 3) of the circles.
+        heights: (H,) sines of half the height of a window.
+        prices: (H, S) of windows.
+        lengths: (S,) of windows, steps.
+
+    Returns:
+        (C,) ratios, and (C, 3) windows.
+    """
+    ratios, windows = np.zeros(len(axes)), np.zeros((len(axes), 3), np.int64)
+    before, by_step = np.empty(2 * _STEPS + 1), np.empty((len(heights), _STEPS))
+    for k in range(len(axes)):
+        by_step[:] = 0.0
+        for i in range(len(points)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            off = abs(axes[k, 0, 0] * x + axes[k, 0, 1] * y + axes[k, 0, 2] * z)
+            if off <= heights[-1] and worth[i] > 0.0:
+                a = axes[k, 1, 0] * x + axes[k, 1, 1] * y + axes[k, 1, 2] * z
+                b = axes[k, 2, 0] * x + axes[k, 2, 1] * y + axes[k, 2, 2] * z
+                step = int((np.arctan2(b, a) / (2 * np.pi) + 1.0) * _STEPS) % _STEPS
+                by_step[np.searchsorted(heights, off), step] += worth[i]
+        for h in range(len(heights)):
+            if h > 0:
+                by_step[h] += by_step[h - 1]
+            before[0] = 0.0
+            for step in range(2 * _STEPS):
+                before[step + 1] = before[step] + by_step[h, step % _STEPS]
+            for s in range(len(lengths)):
+                least = ratios[k] * prices[h, s]
+                if before[_STEPS] <= least:  # not even all of the band is worth more
+                    continue
+                most, start = least, -1
+                for step in range(_STEPS):
+                    total = before[step + lengths[s]] - before[step]
+                    if total > most:
+                        most, start = total, step
+                if start >= 0:
+                    ratios[k] = most / prices[h, s]
+                    windows[k, 0], windows[k, 1], windows[k, 2] = start, h, s
+    return ratios, windows
 
 
 def _inside(directions: Array, axes: Array, start: float, height: float, span: float) -> Mask:

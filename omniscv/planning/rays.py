@@ -163,6 +163,11 @@ class ImageRays:
         return self.camera.viewpoints()
 
     @cached_property
+    def one_center(self) -> bool:
+        """Whether all rays start at one optical centre."""
+        return self.origins is None or len(self.own_viewpoints.centers) < 2
+
+    @cached_property
     def scattered(self) -> bool:
         """Whether there are more optical centres than rows and columns: hardly a view serves two pixels."""
         return self.origins is not None and len(self.own_viewpoints.centers) > sum(self.valid.shape)

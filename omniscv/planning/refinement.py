@@ -11,6 +11,7 @@ import heapq
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,10 +19,12 @@ import numpy as np
 from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
+from omniscv.planning import strategy
 from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
+from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.recorded_views import RecordedViews
-from omniscv.planning.rounds import Kept, Round, Rounds, pass_on, pixels_of
+from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategy import Task
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
@@ -40,6 +43,8 @@ _LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 _FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
 _RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
 _MOST_ROUNDS = 12
+_FINER_FACES = 1.2
+"""How much more finely faces sample on the mean than patches of their focal length."""
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
 RECORDED = "the recording holds no finer views"
 
@@ -82,12 +87,12 @@ class Refinement(ABC):
 
     def __init__(self, task: Task) -> None:
         self.task, options = task, task.options
-        assert options.accuracy is not None
+        assert task.aim is not None
         self.price = Price(*options.capture_ms)
         self.truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
         self.colors = tuple(mode for mode in task.modes if mode not in self.truth)
         self._modes = max(1, len(self.truth))  # that a patch is captured in
-        self.aim = options.accuracy * task.rays.valid_count
+        self.aim = task.aim * task.rays.valid_count
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
         self.reserved = 0, 0
@@ -242,6 +247,53 @@ class Refinement(ABC):
         megapixels = (self._pixels + self.reserved[1] + pixels) / 1e6
         too_many = options.most_captures is not None and requests > options.most_captures
         return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
+
+
+class OneCenter(Refinement):
+    """The captures of an image whose rays start at one optical centre."""
+
+    def _rounds(self) -> Rounds:
+        kept = yield from self._first()
+        if kept is not None:
+            yield from self.finer(kept)
+
+    def doubts(self, pixels: Ints) -> list[Doubt]:
+        directions_w = self.task.directions_w(pixels)
+        return [Doubt(0, self.task.pose.t_w_c, pixels, directions_w, self.focal_px[pixels])]
+
+    def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
+        for each in choice.patches:
+            self.focal_px[each.pixels] = choice.focal_px
+        by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
+        viewpoints = (
+            Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.truth) for each in by_size
+        )
+        return (yield Round(tuple(viewpoints)))
+
+    def _first(self) -> Generator[Round, Kept | None, Kept | None]:
+        """Yield captures of all that the image shows: ground truth in the smallest faces."""
+        task = self.task
+        base, options = self._faces(task.edge), task.options
+        one_size = (
+            options.face_size != "auto" or options.truth_scale > 1 or not task.capabilities.can_set_size
+        )
+        if base is None or one_size or not self.truth:
+            return (yield from pass_on(strategy.rounds(task)))
+        if self.colors:
+            yield Round((replace(base, modes=self.colors),))
+        first = self._faces(SMALLEST) or base
+        self.expected_ms = self.local_ms(ROOM)
+        self.focal_px[:] = _FINER_FACES * first.views[0].focal_px
+        return (yield Round((replace(first, modes=self.truth),)))
+
+    def _faces(self, edge: int) -> Viewpoint | None:
+        """Return the only viewpoint of a central camera, with views as fine as faces of a size; else None."""
+        task = self.task
+        sized = replace(task, options=replace(task.options, face_size=edge))
+        planned = strategy.rounds(task if edge == task.edge else sized)
+        with closing(planned):
+            viewpoints = next(planned).viewpoints
+        return viewpoints[0] if len(viewpoints) == 1 else None
 
 
 def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:

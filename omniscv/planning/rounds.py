@@ -91,10 +91,12 @@ class Round:
     Attributes:
         viewpoints: in the order of their capture.
         stopped: why no round follows that would make the image more accurate; empty where that is not known.
+        instead: the strategy that is taken where the source cannot do what the task's needs.
     """
 
     viewpoints: tuple[Viewpoint, ...]
     stopped: str = ""
+    instead: str = ""
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures of an image in some modes, viewpoint by viewpoint."""

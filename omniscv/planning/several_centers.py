@@ -20,16 +20,17 @@ from omniscv.planning import strategy
 from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.patches import Doubt
 from omniscv.planning.ray_marching import Hits
+from omniscv.planning.ray_search import INITIAL_VIEWPOINTS, Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
     AIM,
     FINER,
     ROOM,
+    STUCK,
     Choice,
     Refinement,
     first_view,
 )
-from omniscv.planning.reproject import INITIAL_VIEWPOINTS, Search, serving_all
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Task
@@ -50,8 +51,6 @@ _ROOMS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
 
 _FAR = 4.0  # times the aim: of so much doubt little is known
-_AS_GIVEN = "its strategy captures nothing finer"
-
 _Sent = Generator[Round, Kept | None, Kept | None]
 
 
@@ -72,10 +71,8 @@ class SeveralCenters(Refinement):
 
     def _rounds(self) -> Rounds:
         groups = self._groups()
-        if groups is None:
-            kept = yield from pass_on(strategy.rounds(self.task))
-            if kept is not None and kept.doubt is not None:
-                yield Round((), AIM if np.count_nonzero(kept.doubt()) <= self.aim else _AS_GIVEN)
+        if isinstance(groups, str):
+            yield from self._exactly(groups)
             return
         around = (yield from capture_around(self.task, groups)) if len(groups) > 1 else None
         self._search = search = Search(self.task, groups)
@@ -89,7 +86,8 @@ class SeveralCenters(Refinement):
         rate = 0.0
         for _ in range(_MOST_ROUNDS):
             doubt = search.pixels[self._doubtful(search.hits)]
-            choice = self.choice(doubt) if len(doubt) > _EDGES * self.aim else ""
+            enough = _EDGES * self.aim if self.truth else self.aim
+            choice = self.choice(doubt) if len(doubt) > enough else ""
             if isinstance(choice, str):
                 break
             rate = choice.rate
@@ -99,29 +97,47 @@ class SeveralCenters(Refinement):
         kept = yield Round(tuple(self._coarse_views(every, self.task.modes)))
         assert kept is not None
         assert kept.doubt is not None
+        if not self.truth:
+            yield Round((), AIM if np.count_nonzero(kept.doubt()) <= self.aim else STUCK)
+            return
         if rate:
             kept = yield from self._serve(self._rows_of(np.flatnonzero(kept.doubt())), rate, kept)
         yield from self.finer(kept)
 
-    def _groups(self) -> Groups | None:
+    def _exactly(self, why: str) -> Rounds:
+        """Yield the rounds of the strategy that is given, or of ``exact`` in place of ``auto``."""
+        task, instead = self.task, ""
+        if task.options.strategy == "auto":
+            instead = "exact"
+            task = replace(task, options=replace(task.options, strategy=instead, accuracy=None))
+        kept = yield from pass_on(strategy.rounds(task))
+        if kept is not None and kept.doubt is not None:
+            reached = not instead and np.count_nonzero(kept.doubt()) <= self.aim
+            yield Round((), AIM if reached else why, instead)
+
+    def _groups(self) -> Groups | str:
         """Return the pixels by the centres that are captured first: one, unless the options give others.
 
-        None where another strategy is given, or a recording has no depth there.
+        Else why the captures are not planned.
         """
         task = self.task
-        if task.options.strategy not in ("auto", "adaptive"):
-            return None
-        pixels = np.flatnonzero(task.rays.valid)
-        first: Groups = (RayGroup(np.zeros(3), pixels, task.rays),)
-        for groups in (first, task.groups(INITIAL_VIEWPOINTS)):
-            if groups is first and task.options.viewpoints is not None:
-                continue
-            search = Search(task, groups)
-            viewpoints = [search.depth_viewpoint(task.pose.to_world(group.center_c)) for group in groups]
-            views = [view for viewpoint in viewpoints for view in viewpoint.views_of("depth")]
-            if task.recorded is None or task.recorded.hold(views):
+        if task.options.strategy != "auto":
+            return "its strategy captures nothing finer"
+        if "depth" not in task.capabilities.modes:
+            return "the source captures no depth"
+        if task.options.accuracy is None and not (task.sets_views or task.scattered):
+            return "the source cannot set size and field of view"
+        # Of ``auto``, the views as they are planned: others may be recorded without colours, or coarser.
+        planned = task if task.options.accuracy is not None else replace(task, recorded=None)
+        choices: list[Groups] = []
+        if task.options.viewpoints is None:
+            choices.append((RayGroup(np.zeros(3), np.flatnonzero(task.rays.valid), task.rays),))
+        if task.recorded is not None or not choices:
+            choices.append(task.groups(INITIAL_VIEWPOINTS))
+        for groups in choices:
+            if task.recorded is None or task.recorded.hold(Search(planned, groups).first_views()):
                 return groups
-        return None
+        return choices[0] if task.scattered else "the recording holds other captures"
 
     def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
@@ -227,8 +243,10 @@ class SeveralCenters(Refinement):
         return found
 
     def _doubtful(self, hits: Hits) -> Mask:
-        """Return (N,) whether the depth of rays is in doubt."""
+        """Return (N,) whether the depth of rays is in doubt; for colours alone, whether it is unverified."""
         known = hits.known_depth()
+        if not self.truth:
+            return known.unsure
         with np.errstate(invalid="ignore"):
             off = ~(known.error <= _DEPTH * known.distance)
         return np.asarray(known.grazes | known.unsure | off)

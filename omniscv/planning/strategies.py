@@ -1,5 +1,5 @@
-"""Strategies that capture every pixel from its own optical centre: whole cubes, faces, strips, a single
-view.
+"""Strategies that capture every pixel from its own optical centre: a single view, faces, strips, whole
+cubes.
 
 A non-central camera's centres lie up to metres from its position: in a small room some are beyond a wall or
 inside a cupboard. Engines render from there, too. So small depth pictures are captured at the camera's
@@ -8,7 +8,6 @@ position first, and the pixels of centres behind their surfaces are flagged.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
@@ -26,7 +25,7 @@ from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import RecordedViews, finest, sees
 from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
-from omniscv.planning.strategy import Strategy, Task, get
+from omniscv.planning.strategy import Strategy, Task
 from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
@@ -48,17 +47,30 @@ _OCCLUDED_PX = 64
 
 
 class Exact(Strategy):
-    """One round of viewpoints, after the round in which occluded centres are found."""
+    """The fewest captured pixels with which every pixel is captured from its own optical centre.
 
-    @abstractmethod
+    At one centre a single view if it holds all rays, else the faces of a cube map that they hit. At several
+    centres views that are turned and narrowed to the rays of each; faces where the source cannot set size and
+    field of view, or is a recording without those views.
+    """
+
+    name = "exact"
+
     def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
         captured."""
+        if len(groups) > 1:
+            return cheapest_viewpoints(task, groups, around)
+        single = [each for group in groups if not task.shared and (each := _single_viewpoint(task, group))]
+        return tuple(single) or face_viewpoints(task, groups, around)
 
     def rounds(self, task: Task) -> Rounds:
+        """Yield the viewpoints, after the round in which occluded centres are found."""
         if task.scattered:
-            expected = "expected 'auto', 'adaptive' or a number of viewpoints for a camera whose every pixel"
-            raise ArgumentError(f"strategy: {expected} has an optical centre of its own, got {self.name!r}")
+            expected = "expected 'auto', of a source with depth, or a number of viewpoints for a camera"
+            raise ArgumentError(
+                f"strategy: {expected} whose every pixel has an optical centre of its own, got {self.name!r}"
+            )
         groups = task.groups()
         around = yield from capture_around(task, groups, shared=True)
         yield Round(self.viewpoints(task, groups, around))
@@ -73,52 +85,10 @@ class Cube(Exact):
         return face_viewpoints(task, groups, around, whole=True)
 
 
-class Faces(Exact):
-    """Capture the faces of a cube map that the camera's rays hit."""
-
-    name = "faces"
-
-    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        return face_viewpoints(task, groups, around)
-
-
-class Strips(Exact):
-    """Capture views turned and narrowed to the rays of each centre; faces where rays fit none."""
-
-    name = "strips"
-
-    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        return strip_viewpoints(task, groups, around)
-
-    def rounds(self, task: Task) -> Rounds:
-        if not task.sets_views:
-            raise ArgumentError(
-                "strategy: strips need a source that can set size and field of view; use 'faces'"
-            )
-        return super().rounds(task)
-
-
 class Auto(Exact):
-    """``strips`` where there are several optical centres; at one, a single view if it holds all rays, else
-    ``faces``.
-
-    ``adaptive`` where nearly every pixel has an optical centre of its own.
-    Also ``faces`` where the source cannot set size and field of view, or is a recording without those views.
-    """
+    """As ``exact`` for one optical centre; for several, what an accuracy needs (:attr:`Task.aim`)."""
 
     name = "auto"
-
-    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        if len(groups) > 1:
-            return cheapest_viewpoints(task, groups, around)
-        single = [viewpoint for group in groups if (viewpoint := _single_viewpoint(task, group))]
-        return tuple(single) or face_viewpoints(task, groups, around)
-
-    def rounds(self, task: Task) -> Rounds:
-        return get("adaptive").rounds(task) if task.scattered else super().rounds(task)
-
-    def further_views(self, task: Task) -> tuple[int, int]:
-        return get("adaptive").further_views(task) if task.scattered else (0, 0)
 
 
 def capture_around(

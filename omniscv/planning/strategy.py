@@ -11,6 +11,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from omniscv import plugins
+from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints
@@ -21,6 +22,8 @@ from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capabilities, View
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
+AIM = 0.03
+"""Of ``auto`` for several optical centres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class Task:
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
         state: of the world, in which captures are made.
         modes: that the image samples; only a planner that is asked for an accuracy reads them.
+        shared: whether its captures serve other cameras, too: faces of a cube map, and no view of its own.
     """
 
     rays: ImageRays
@@ -48,6 +52,7 @@ class Task:
     border_px: int | None = None
     state: str = ""
     modes: tuple[str, ...] = ()
+    shared: bool = False
 
     def __post_init__(self) -> None:
         if self.border_px is not None and self.border_px < 0:
@@ -77,6 +82,16 @@ class Task:
         """Whether nearly every pixel has an optical centre of its own, and the options ask for no fewer."""
         return self.options.viewpoints is None and self.rays.scattered
 
+    @property
+    def aim(self) -> float | None:
+        """Share of the valid pixels that may be doubtful; None where captures do not depend on it.
+
+        ``auto`` has an aim of its own where there are several optical centres.
+        """
+        if self.options.accuracy is None and self.options.strategy == "auto" and not self.rays.one_center:
+            return AIM
+        return self.options.accuracy
+
     def border(self, default: int) -> int:
         """Return how much wider views are on every side, px."""
         return default if self.border_px is None else self.border_px
@@ -101,11 +116,9 @@ class Strategy(ABC):
 
     Attributes:
         name: of the options.
-        approximate: whether it makes an error that ``max_error_px`` bounds.
     """
 
     name: ClassVar[str]
-    approximate: ClassVar[bool] = False
 
     @abstractmethod
     def rounds(self, task: Task) -> Rounds:
@@ -116,10 +129,6 @@ class Strategy(ABC):
         Raises:
             ArgumentError: the source cannot do what the strategy needs.
         """
-
-    def further_views(self, task: Task) -> tuple[int, int]:
-        """Return how many views a plan lacks that depend on what is captured: an estimate, and the most."""
-        return 0, 0
 
 
 S = TypeVar("S", bound=Strategy)
@@ -153,7 +162,7 @@ def get(name: str) -> Strategy:
         ArgumentError: no strategy has that name.
     """
     if name not in _strategies and name not in names():
-        raise ArgumentError(f"strategy: expected one of {', '.join(names())}; got {name!r}")
+        one_of("strategy", name, names())
     return _strategies[name]()
 
 
@@ -161,13 +170,10 @@ def rounds(task: Task) -> Rounds:
     """Return the rounds of a task's strategy, in the task's state of the world, with its ``truth_scale``.
 
     Raises:
-        ArgumentError: an unknown strategy, a bound on an error that it does not make, or finer ground truth
-            of a source that cannot set the size of views.
+        ArgumentError: an unknown strategy, or finer ground truth of a source that cannot set the size of
+            views.
     """
     options, strategy = task.options, get(task.options.strategy)
-    if options.max_error_px is not None and not strategy.approximate:
-        approximate = " or ".join(name for name in _strategies if _strategies[name].approximate)
-        raise ArgumentError(f"max_error_px: expected strategy {approximate}, got {strategy.name!r}")
     if options.truth_scale > 1 and not task.capabilities.can_set_size:
         wanted = "expected 1 of a source that cannot set the size"
         raise ArgumentError(f"truth_scale: {wanted}, got {options.truth_scale}")

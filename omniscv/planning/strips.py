@@ -137,17 +137,18 @@ def _circle(rays: Array) -> tuple[Array, Array]:
     return axis, (azimuth - start) % (2 * np.pi)
 
 
-def looking(rays: Array, toward: Array, axis: Array) -> tuple[Array, Array]:
+def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STEPS) -> tuple[Array, Array]:
     """Return R_w_c of a view with rays in its middle, and the tangents that hold them; infinite if none does.
 
     Args:
         rays: (N, 3) unit.
         toward: (3,) about their middle.
         axis: (3,) the view's y axis, as near as its middle allows.
+        steps: how often the middle is found again.
     """
     half = np.full(2, np.inf)
     R_w_c = np.eye(3)
-    for _ in range(_CENTERING_STEPS):
+    for _ in range(steps):
         if np.linalg.norm(toward) < 1e-9:  # rays all around: no direction is their middle
             break
         z = toward / np.linalg.norm(toward)

@@ -34,7 +34,6 @@ JOB = {
     "viewpoints": 2,
     "face_size": 16,
     "filter": "bilinear",
-    "max_error_px": 0.5,
     "image_format": "png",
     "rig": {
         "cameras": {

@@ -18,7 +18,7 @@ YAML = [
     "!!float x", "!!int x", "!!set {a}", "!!str 1", "! 1", "!x 1", "*a", "&a [*a]", "&a 1", "<<: 1",
     "{<<: {a: 1}}", "|", "?", "-", "@", "`", "%", "'", '"', "[", "{", "#", '"\\x1b[31m[/b]"', '"[/b]"',
     '"\\u202e\\u200b"', '"a\\0b"', '"\\ud83d"', '"\\n\\r"', "é", "😀", "٣", "²", "..", ".", "/", "../up",
-    "a/b", "~root", "auto", "lit", "depth", "[lit, lit]", "[lit, [depth]]", "cube", "adaptive", "pinhole",
+    "a/b", "~root", "auto", "lit", "depth", "[lit, lit]", "[lit, [depth]]", "cube", "exact", "pinhole",
     "equirectangular", "png", "jxl", "mock://", "mock://moon", "mock://four-wall?size=0x0",
     "mock://four-wall?size=1000000x1000000", "mock://four-wall?latency_ms=inf", "mock://four-wall?fault=x",
     "scene://", "scene://moon", "scene://four-wall?lit=x", "launch:", "unreal://[::1", "unreal://:x",

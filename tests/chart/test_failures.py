@@ -36,7 +36,7 @@ def test_weak_faults_hold():
     """Without a doctor's finding, what is as true as without the fault."""
     images = dict.fromkeys(failures.COLUMNS, (0.01, 0.0))
     sound = failures._Outcome(images, frozenset())
-    weak = failures._Outcome(images | {"strips": (0.02, 0.0005), "adaptive": (0.02, 0.02)}, frozenset())
+    weak = failures._Outcome(images | {"exact": (0.02, 0.0005), "auto": (0.02, 0.02)}, frozenset())
     rows = failures._rows(failures.CAUSES[0], 0.001, weak, sound)
     assert [row.said for row in rows] == ["holds", "marked", "holds", "silent"]
 
@@ -65,7 +65,7 @@ def table(rows):
 
 def test_a_table_says_where_it_breaks(rows):
     weak = [replace(row, strength=0.001, said="holds", findings=()) for row in rows]
-    refused = Row("stale", "images", 3, "strips", None, None, "refused", (), "TornSetError: expected")
+    refused = Row("stale", "images", 3, "exact", None, None, "refused", (), "TornSetError: expected")
     lines = table([*weak, *rows, refused]).splitlines()
     assert lines[2].startswith("| radial depth | 0.001, 1 of the way | 1: doctor |")
     assert "| 3: refused |" in lines[3]

@@ -59,7 +59,7 @@ def test_a_job_that_render_refuses_is_refused(tmp_path, capsys):
     path = tmp_path / "job.yaml"
     path.write_text(EXAMPLE.read_text().replace("strategy: auto", "strategy: nonsense"))
     assert run(["job", str(path)]) == 2
-    assert "strategy: expected one of auto, cube" in capsys.readouterr().err
+    assert "strategy: expected one of auto, exact, cube" in capsys.readouterr().err
 
 
 def test_scenes_are_listed_and_described(tmp_path, capsys, monkeypatch):
@@ -97,7 +97,7 @@ def test_scenes_models_and_plans_as_json(capsys):
         name: "central" if cameras.model(name).central else "non-central" for name in cameras.names()
     }
     plan = printed_json(capsys, "plan", "--size", "64x32", "--set", "face_size=16")
-    assert {each["strategy"]: each["views"] for each in plan}["cube"] == 6
+    assert {each["way"]: each["requests"] for each in plan}["cube"] == 6
 
 
 def test_places_of_a_recording(capsys, monkeypatch):

@@ -90,7 +90,6 @@ def test_a_wrong_setting_is_refused(setting, says, job, capsys):
     ("old", "field", "value"),
     [
         ("--face-size 16", "options.face_size", 16),
-        ("--max-error 0.5px", "options.max_error_px", 0.5),
         ("--timeout 3", "source_options.timeout_s", 3.0),
         ("--record room.sqlite", "record.name", "room.sqlite"),
         ("--fov 90 --camera fisheye-equidistant --size 8x8", "cameras.fisheye-equidistant.focal", 16 / np.pi),

@@ -185,36 +185,30 @@ def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
     assert layers <= names_in(tmp_path)
 
 
-def test_plan_lists_every_strategy(job, capsys):
-    from omniscv import planning
+def planned(capsys, *arguments):
+    """The rows of a plan, by their first column."""
+    assert run(["plan", *arguments]) == 0
+    heading, *rows = capsys.readouterr().out.splitlines()
+    assert heading.split() == ["strategy", "captures", "Mpx", "seconds", "shift", "m", "marked", "%"]
+    return {row.rsplit(maxsplit=5)[0].strip(): [*map(float, row.split()[-5:])] for row in rows}
 
-    assert run(["plan", str(job), "--measure", "--source", "scene://four-wall"]) == 0
-    strategies, aims = capsys.readouterr().out.split("accuracy ")
-    heading, *rows = strategies.splitlines()
-    assert [row.split()[0] for row in aims.splitlines()] == ["requests", "1.0%", "0.3%", "0.1%"]
-    columns = "strategy views requests at most Mpx MB seconds shift m marked %"
-    assert heading.split() == columns.split()
-    assert [row.split()[0] for row in rows] == list(planning.names())
-    assert all(len(row.split()) == 9 for row in rows)
+
+def test_plan_lists_every_strategy_and_three_accuracies(job, capsys):
+    rows = planned(capsys, str(job), "--measure", "--source", "scene://four-wall")
+    assert list(rows) == ["auto", "1 %", "0.3 %", "0.1 %", "exact", "cube"]
 
 
 def test_plan_shows_how_far_fewer_viewpoints_shift_the_optical_centre(capsys):
     """Of a circle of 1 m in 4 parts: from the outermost column's centre to the mean of sixteen."""
     ring = ["--camera", "noncentral-panorama", "--set", "camera.radius=1", "--size", "64x32"]
-    shift, marked = {}, {}
-    for given in ([], ["--set", "viewpoints=4"]):
-        assert run(["plan", *ring, *given]) == 0
-        rows = [row.split() for row in capsys.readouterr().out.split("accuracy ")[0].splitlines()[1:]]
-        shift[len(given)] = {row[0]: float(row[-2]) for row in rows}
-        marked[len(given)] = {row[0]: float(row[-1]) for row in rows}
-    assert set(shift[0].values()) == {0.0}
-    assert set(marked[0].values()) == {3.0}
-    assert marked[2]["faces"] > 50 > marked[2]["adaptive"]
-    exact = {"auto", "cube", "faces", "strips"}
+    own, few = planned(capsys, *ring), planned(capsys, *ring, "--set", "viewpoints=4")
+    assert {row[3] for row in own.values()} == {0.0}
+    assert [row[4] for row in own.values()] == [3, 1, 0.3, 0.1, 3, 3]
     centers = np.exp(2j * np.pi * np.arange(16) / 64)
     farthest = np.abs(centers - centers.mean()).max()
-    assert [shift[2][name] for name in exact] == pytest.approx([farthest] * 4, abs=1e-3)
-    assert {shift[2][name] for name in shift[2].keys() - exact} == {0.0}
+    assert [few[name][3] for name in ("exact", "cube")] == pytest.approx([farthest] * 2, abs=1e-3)
+    assert few["exact"][4] > 50 > few["auto"][4]
+    assert few["auto"][3] == 0.0
 
 
 def test_columns_beyond_the_walls_are_reported(capsys, tmp_path):

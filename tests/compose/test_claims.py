@@ -31,7 +31,7 @@ SMALL = {
         ("orthographic", 80, 60, {"width_m": 1.2}),
     )
 }
-WAYS = ({}, {"strategy": "adaptive"}, {"strategy": "strips", "viewpoints": 12})
+WAYS = ({"strategy": "exact"}, {}, {"strategy": "exact", "viewpoints": 12})
 ROOMS = ("four-wall", "open", "fence")
 
 
@@ -168,7 +168,7 @@ def test_few_viewpoints_say_what_they_give_up(name, rooms):
     _, source = rooms["four-wall"]
     exact, few = (
         omniscv.render(
-            SMALL[name], drawn_pose(1), source, MODES, strategy="strips", viewpoints=count, face_size=128
+            SMALL[name], drawn_pose(1), source, MODES, strategy="exact", viewpoints=count, face_size=128
         )
         for count in (None, 12)
     )
@@ -179,7 +179,7 @@ def test_few_viewpoints_say_what_they_give_up(name, rooms):
 def test_normals_lie_on_a_surface(normals, rooms):
     """No normal is blended across an edge: nearly all are those of a surface within a pixel (review, A5)."""
     scene, source = rooms["four-wall"]
-    for name, way in (("equirectangular", {}), ("noncentral-panorama", {"strategy": "adaptive"})):
+    for name, way in (("equirectangular", {}), ("noncentral-panorama", {})):
         camera = SMALL.get(name) or model(name).example(96)
         modes = (*MODES, "normals")
         image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)

@@ -93,7 +93,7 @@ def test_a_depth_of_zero_is_no_fault(normals):
     near = Computed(lambda view: np.zeros((view.height, view.width), np.float32))
     camera = create("noncentral-panorama", width=16, height=8, radius=0.5)
     modes = ("depth",) if normals == "captured" else ("depth", "normals")
-    for strategy in ("strips", "adaptive"):
+    for strategy in ("exact", "auto"):
         image = omniscv.render(camera, POSE, near, modes, strategy=strategy, face_size=32, normals=normals)
         assert (image.depth[image.valid] < 1).all()
 

@@ -106,7 +106,7 @@ def test_a_strategy_is_sent_what_it_keeps():
     modes = ("lit", "object_mask", "depth")
     with omniscv.open_source("scene://four-wall") as source:
         own = omniscv.render(CAMERA, POSE, source, modes, strategy="depth-first", face_size=96)
-        faces = omniscv.render(CAMERA, POSE, source, modes, strategy="faces", face_size=96)
+        faces = omniscv.render(CAMERA, POSE, source, modes, strategy="exact", face_size=96)
     for layer in faces.layers:
         np.testing.assert_array_equal(own[layer], faces[layer])
     assert 0.7 < DepthFirst.nearest <= faces.depth[faces.valid].min()  # planar, in a room
@@ -143,8 +143,8 @@ def test_all_of_them_through_a_job_and_its_plan(tmp_path):
     job = job_of(tmp_path, JOB)
     assert {path.name for path in jobs.run(job)} >= {"lens.lit.npy", "lens.depth.exr"}
     assert shows_the_sky(np.load(tmp_path / "images" / "lens.lit.npy"))
-    found = {cost.strategy: cost.requests for cost in jobs.costs(job)}
-    assert found["sparse"] == found["faces"]
+    found = {cost.way: cost.requests for cost in jobs.costs(job)}
+    assert found["sparse"] == found["exact"]
 
 
 def test_all_of_them_through_the_command_line(tmp_path, capsys):

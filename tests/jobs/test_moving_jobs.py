@@ -207,7 +207,7 @@ def test_a_plan_counts_every_instant(tmp_path):
         tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.1, instants: 3}}"
     )
     single, thrice, exposed = (
-        {cost.strategy: cost.requests for cost in jobs.costs(job)}["cube"] for job in (one, times, blurred)
+        {cost.way: cost.requests for cost in jobs.costs(job)}["cube"] for job in (one, times, blurred)
     )
     assert (single, thrice, exposed) == (18, 54, 18 + 12)
     colour = replace(times, modes=("lit",), options=RenderOptions("cube", face_size=16))

@@ -150,7 +150,7 @@ def test_a_job_samples_its_poses_when_its_source_is_open(tmp_path):
     path = tmp_path / "job.yaml"
     path.write_text(JOB)
     job = jobs.load(path)
-    planned = {cost.strategy: cost.requests for cost in jobs.costs(job)}
+    planned = {cost.way: cost.requests for cost in jobs.costs(job)}
     assert jobs.capture(job, job.record) == planned["auto"]
     live = {file.name: file.read_bytes() for file in jobs.run(job)}
     assert {"eye-0.lit.png", "eye-1.lit.png"} <= set(live)

@@ -35,19 +35,19 @@ def central(source, modes=MODES):
     return [omniscv.render(CENTRAL, POSE, source, modes, face_size=16)]
 
 
-def strips(source, modes=MODES):
-    return [omniscv.render(CIRCLE, POSE, source, modes, strategy="strips")]
+def exact(source, modes=MODES):
+    return [omniscv.render(CIRCLE, POSE, source, modes, strategy="exact")]
 
 
-def adaptive(source, modes=MODES):
-    return [omniscv.render(CIRCLE, POSE, source, modes, strategy="adaptive", face_size=8)]
+def planned(source, modes=MODES):
+    return [omniscv.render(CIRCLE, POSE, source, modes, face_size=8)]
 
 
 def rig(source, modes=MODES):
     return list(omniscv.render_rig(RIG, POSE, source, modes, face_size=16).values())
 
 
-SHOTS = (central, strips, adaptive, rig)
+SHOTS = (central, exact, planned, rig)
 SEEDS = [1, pytest.param(100, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])]
 
 

@@ -37,7 +37,7 @@ def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:
     assert [frame.key for frame in frames_of(job)] == [
         f"{name}-{i}" for i in (0, 1) for name in ("ahead", "behind", "sphere")
     ]
-    planned = {cost.strategy: cost.requests for cost in jobs.costs(job)}
+    planned = {cost.way: cost.requests for cost in jobs.costs(job)}
     assert planned["auto"] == planned["cube"] == 2 * 6 * 2  # one cube map a pose, in two modes
     assert jobs.capture(job, tmp_path / "room.sqlite") == planned["auto"]
     with open_source(tmp_path / "room.sqlite") as recorded:

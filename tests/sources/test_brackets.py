@@ -208,7 +208,7 @@ def test_a_plan_counts_every_exposure():
         "cameras": {"eye": {"model": "equirectangular", "width": 32, "height": 16}}, "face_size": 16,
     }  # fmt: skip
     for stops, count in (([], 12), ([-2, 0, 2], 24)):
-        (cube,) = (row for row in costs(load(keys | {"brackets": stops})) if row.strategy == "cube")
+        (cube,) = (row for row in costs(load(keys | {"brackets": stops})) if row.way == "cube")
         assert cube.requests == count
 
 

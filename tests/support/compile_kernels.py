@@ -12,7 +12,7 @@ def main() -> None:
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
-            for strategy in ("auto",) if camera.central else ("auto", "adaptive"):
+            for strategy in ("auto",) if camera.central else ("auto", "exact"):
                 omniscv.render(camera, POSE, source, MODES, strategy=strategy, face_size=16)
         ring = omniscv.cameras.create("noncentral-panorama", width=16, height=8, radius=1.0)
         for camera in (omniscv.cameras.model("equirectangular").example(32), ring):

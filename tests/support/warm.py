@@ -15,7 +15,7 @@ POSE, MODES = omniscv.Pose.from_angles((0, 0, 1.5)), ("lit", "object_mask", "dep
 
 parallel.limit(1)
 with omniscv.open_source("scene://four-wall") as scene:
-    for name, strategy in (("equirectangular", "auto"), ("noncentral-panorama", "adaptive")):
+    for name, strategy in (("equirectangular", "auto"), ("noncentral-panorama", "auto")):
         camera = omniscv.cameras.model(name).example(16)
         omniscv.render(camera, POSE, scene, MODES, strategy=strategy, face_size=16)
 parallel.limit(sys.maxsize)

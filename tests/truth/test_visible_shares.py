@@ -36,9 +36,7 @@ def alone(observation, name):
 def shares(request):
     """An image, and the records of its objects."""
     camera = CAMERAS[request.param]
-    options = (
-        {"face_size": 128} if camera.central else {"viewpoints": 4, "strategy": "faces", "face_size": 64}
-    )
+    options = {"face_size": 128} if camera.central else {"viewpoints": 4, "strategy": "cube", "face_size": 64}
     with omniscv.open_source("scene://four-wall") as source:
         observation = observed(source, camera, HERE, ("object_mask",), **options)
         return observation, truths.get("amodal").apply(observation, {"kind": "masks"})

@@ -100,7 +100,7 @@ def evaluate(settings: Settings) -> Report:
         if room is None:
             raise ArgumentError("source: expected one with a known room, got none; try scene://four-wall")
         renderer = Renderer(source)
-        options = RenderOptions(strategy="auto" if settings.source else "strips")
+        options = RenderOptions(strategy="exact")
         for done, setup in enumerate(setups, start=1):
             exact += exact_errors(room, setup)
             image = renderer.render(setup.camera, setup.pose, ("lit", "object_mask", "depth"), options)

@@ -24,20 +24,20 @@ def central(source, pose):
     return [omniscv.render(WIDE, pose, source, MODES, face_size=SIZE)]
 
 
-def strips(source, pose):
-    return [omniscv.render(CIRCLE, pose, source, MODES, strategy="strips")]
+def exact(source, pose):
+    return [omniscv.render(CIRCLE, pose, source, MODES, strategy="exact")]
 
 
-def adaptive(source, pose):
-    return [omniscv.render(CIRCLE, pose, source, MODES, strategy="adaptive", face_size=SIZE)]
+def planned(source, pose):
+    return [omniscv.render(CIRCLE, pose, source, MODES, face_size=SIZE)]
 
 
 def rig(source, pose):
     return list(omniscv.render_rig(RIG, pose, source, MODES, face_size=SIZE).values())
 
 
-SHOTS = {"central": central, "strips": strips, "adaptive": adaptive, "rig": rig}
-FEW = [("0.3.10", "central"), ("M", "central"), ("N1", "rig"), ("N2", "adaptive"), ("N3", "strips")]
+SHOTS = {"central": central, "exact": exact, "planned": planned, "rig": rig}
+FEW = [("0.3.10", "central"), ("M", "central"), ("N1", "rig"), ("N2", "planned"), ("N3", "exact")]
 
 
 def turned(seed):

@@ -1,8 +1,8 @@
-"""Non-central images from few optical centres: every ray finds its point in depth captured elsewhere.
+"""Rays of several optical centres, and what they meet in depth that was captured at few.
 
 Rays are marched through the depth captured at the nearest centres until one certifies that all of the way
 is free (:mod:`omniscv.planning.ray_marching`): the pixel is then looked up there, in the direction of the
-point that the ray meets. Rays that no depth map serves are captured exactly, from their own centre.
+point that the ray meets.
 
 Where it fails: objects thinner than a pixel of a capture, which a ray may pass unnoticed; mirrors, glass
 and gloss, whose lit colour depends on the viewpoint; a rim of half a capture's pixel around silhouettes,
@@ -11,9 +11,8 @@ where the nearest pixel may show the other side; surfaces seen at a grazing angl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,83 +21,19 @@ from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
-from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.rounds import Round, Rounds, Viewpoint
-from omniscv.planning.strategies import (
-    capture_around,
-    cheapest_viewpoints,
-    face_viewpoints,
-    occlusion,
-)
-from omniscv.planning.strategy import Strategy, Task
+from omniscv.planning.rays import Groups
+from omniscv.planning.rounds import Viewpoint
+from omniscv.planning.strategy import Task
 from omniscv.sources.base import Capture, View
 
 INITIAL_VIEWPOINTS = 8
 """Optical centres that are captured first, if the options give none."""
-_DEFAULT_ERROR_PX = 0.5
+_MOST_ERROR_PX = 0.5  # of the image: rays whose lookup may be farther off are unsure
 _TRIES = 4
 """Number of centres, nearest first, through which a ray is marched."""
 _SAMPLED_RAYS = 20_000
 _ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
-
-# Of ``adaptive``:
-_ENOUGH = 0.003  # part of the rays that may stay uncertified
-_MOST_ADDED = 8  # centres that a round adds at most
 _NEIGHBOURHOODS = 128
-_WORTH = 100  # rays that a new centre must promise to resolve: fewer are cheaper left unsure
-
-
-class Reproject(Strategy):
-    """Capture depth at a few centres, and everything else where rays are then found."""
-
-    name = "reproject"
-    approximate = True
-    max_rounds: ClassVar[int] = 1
-
-    def rounds(self, task: Task) -> Rounds:
-        groups = task.groups(None if task.rays.camera.central else INITIAL_VIEWPOINTS)
-        around = yield from capture_around(task, groups)
-        if len(groups) < 2:
-            yield Round(face_viewpoints(task, groups, around))
-            return
-        search = Search(task, groups)
-        centers_w = [task.pose.to_world(group.center_c) for group in groups]
-        for _ in range(self.max_rounds):
-            viewpoints = tuple(search.depth_viewpoint(center_w) for center_w in centers_w)
-            kept = yield Round(viewpoints)
-            if kept is None:  # only a plan
-                yield Round(tuple(map(serving_all, viewpoints)))
-                return
-            search.march([captures["depth"] for captures in kept])
-            centers_w = self.next_centers(search)
-            if not centers_w:
-                break
-        yield Round((*search.viewpoints(around), *search.exact_viewpoints(around)))
-
-    def next_centers(self, search: Search) -> list[Array]:
-        """Return where to capture depth next, (3,) world frame each."""
-        return []
-
-
-class Adaptive(Reproject):
-    """Add centres at the origins of the rays whose neighbourhoods hold the most uncertified ones.
-
-    Until almost none is left, or more centres hardly help.
-    """
-
-    name = "adaptive"
-    max_rounds = 5
-
-    def next_centers(self, search: Search) -> list[Array]:
-        few = (~search.hits.sure).mean() <= _ENOUGH
-        return [] if few else search.hidden_origins(_MOST_ADDED, _WORTH)
-
-    def further_views(self, task: Task) -> tuple[int, int]:
-        if len(task.groups(INITIAL_VIEWPOINTS)) < 2:
-            return 0, 0
-        # An estimate: one round's centres; at most: all rounds', and every one of the camera's own.
-        added, own = 6 * _MOST_ADDED, 6 * len(task.rays.own_viewpoints.centers)
-        return added, (self.max_rounds - 1) * added + own
 
 
 def serving_all(viewpoint: Viewpoint) -> Viewpoint:
@@ -124,13 +59,14 @@ class Search:
         self.pixels = np.flatnonzero(rays.valid)
         self.origins_w, self.directions_w = task.origins_w(self.pixels), task.directions_w(self.pixels)
         own = rays.own_viewpoints
-        self.center_of, self._centers_c = own.index.ravel()[self.pixels].astype(np.int64), own.centers
+        self.center_of = own.index.ravel()[self.pixels].astype(np.int64)
         steps = rays.steps.ravel()[self.pixels]
         self._steps = np.where(steps > 0, steps, np.nanmedian(steps))  # unknown for a rim's single pixels
         self.shell_of = np.full(len(self.pixels), -1)
         self.hits = Hits.unknown(len(self.pixels))
         self.shells: list[DepthShell] = []
         self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
+        self._first_w = [task.pose.to_world(group.center_c) for group in groups]
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
         some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
@@ -148,6 +84,11 @@ class Search:
         views = self._faces.views(center_w, self._hit)
         scale, no_pixel = self._task.options.truth_scale, np.zeros(0, np.int64)
         return Viewpoint(center_w, views, no_pixel, modes=("depth",), keep=True, truth_scale=scale)
+
+    def first_views(self) -> list[View]:
+        """Return the views of depth at the groups' centres."""
+        viewpoints = map(self.depth_viewpoint, self._first_w)
+        return [view for viewpoint in viewpoints for view in viewpoint.views_of("depth")]
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
         """March the rays that are not yet certified through the nearest of all centres, if these are new.
@@ -225,9 +166,7 @@ class Search:
 
     def _march_through(self, number: int, rows: Ints) -> None:
         hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
-        limit = self._task.options.max_error_px
-        error_px = hits.direction_error / self._steps[rows]
-        hits.distrust(~(error_px <= (_DEFAULT_ERROR_PX if limit is None else limit)))
+        hits.distrust(~(hits.direction_error <= _MOST_ERROR_PX * self._steps[rows]))
         known = self.hits.of(rows)
         known.join(hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
@@ -235,15 +174,6 @@ class Search:
         known.replace(better, hits.of(better))
         self.shell_of[rows[better]] = number
         self.hits.replace(rows, known)
-
-    def viewpoints(self, around: DepthShell | None) -> Iterator[Viewpoint]:
-        """Yield the centres that serve rays, with the faces that see the points which these meet."""
-        occluded = None if around is None else occlusion(around, self.origins_w)[1]
-        for number in range(len(self.shells)):
-            rows = np.flatnonzero(self.shell_of == number)
-            if not len(rows):
-                continue
-            yield self.viewpoint(rows, None, None if occluded is None else occluded[rows])
 
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves.
@@ -275,15 +205,3 @@ class Search:
         far = np.where(np.isfinite(reach), reach, FAR_M)[:, None]
         points_w = self.origins_w[rows] + far * self.directions_w[rows]
         return np.asarray(points_w - self.centers_w[self.shell_of[rows]])
-
-    def exact_viewpoints(self, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        """Return the own centres of the rays that no depth map serves."""
-        lost = np.flatnonzero(self.shell_of < 0)
-        order = lost[np.argsort(self.center_of[lost], kind="stable")]
-        starts = np.flatnonzero(np.diff(self.center_of[order], prepend=-1))
-        groups = [
-            RayGroup(self._centers_c[self.center_of[rows[0]]], self.pixels[rows], self._task.rays)
-            for rows in np.split(order, starts[1:])
-            if len(rows)
-        ]
-        return cheapest_viewpoints(self._task, groups, around)

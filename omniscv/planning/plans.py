@@ -1,4 +1,4 @@
-"""Several cameras at one moment: captures that they can share are made once.
+"""Plans of images: their rounds, captures that several cameras share, and what they cost.
 
 Central cameras at one optical centre share a cube map, made for the finest of them, where that takes less
 than views of each one's own. Cameras that each need a narrow view do not gain from it.
@@ -6,18 +6,44 @@ than views of each one's own. Cameras that each need a narrow view do not gain f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from omniscv.geometry import Pose
-from omniscv.planning.accuracy import rounds
+from omniscv.planning import strategy
+from omniscv.planning.recorded_views import sees
+from omniscv.planning.refinement import OneCenter, Refinement
 from omniscv.planning.rounds import Round, Rounds, pixels_of
+from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import Task
 from omniscv.planning.strips import PIXELS_PER_REQUEST
+from omniscv.render_options import Price
 from omniscv.sources.base import Request
+
+_AWAY_M = 2.0
+_MARKED = 0.03
+_MARKED_PER_M = 3.0
+"""Marked pixels of images in rooms: their share from own optical centres, and by how much it grows with the
+distance to a shared one (docs/accuracy.md)."""
+
+
+def rounds(task: Task) -> Rounds:
+    """Return the rounds of a task's strategy; where it has an aim, and finer ones until that is reached.
+
+    Then the last round has no viewpoints, and says why captures stop.
+
+    Raises:
+        ArgumentError: as :func:`omniscv.planning.strategy.rounds`.
+    """
+    return strategy.rounds(task) if task.aim is None else _refinement(task).rounds()
+
+
+def _refinement(task: Task) -> Refinement:
+    return OneCenter(task) if task.rays.origins is None else SeveralCenters(task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +71,7 @@ class Plan:
         """Yield the rounds: as planned, or anew by the strategy if they depend on captures."""
         planned = self.planned or ()
         adapts = any(viewpoint.keep for round_ in planned for viewpoint in round_.viewpoints)
-        if self.planned is None or adapts or self.task.options.accuracy is not None:
+        if self.planned is None or adapts or self.task.aim is not None:
             yield from rounds(self.task)
         else:
             for round_ in planned:  # noqa: UP028 - a tuple takes nothing that is sent
@@ -104,7 +130,7 @@ def _cheapest(tasks: list[Task], modes: Sequence[str]) -> list[Plan]:
     if tasks[0].recorded is None:
         return plans
     replayed = [
-        Plan.make(replace(task, options=plan.task.options), modes)
+        Plan.make(replace(task, options=plan.task.options, shared=plan.task.shared), modes)
         for task, plan in zip(tasks, plans, strict=True)
     ]
     if all(plan.available() for plan in replayed):
@@ -123,9 +149,8 @@ def _cheapest_new(tasks: list[Task], modes: Sequence[str]) -> list[Plan]:
             plans = list(own)
             for i, task in enumerate(tasks):
                 if sharing[i]:
-                    strategy = "faces" if task.options.strategy == "auto" else task.options.strategy
-                    options = replace(task.options, strategy=strategy, face_size=edge)
-                    plans[i] = Plan.make(replace(task, options=options), modes)
+                    options = replace(task.options, face_size=edge)
+                    plans[i] = Plan.make(replace(task, options=options, shared=True), modes)
             if (work := _work(plans)) < least:
                 best, least = plans, work
     return best
@@ -135,3 +160,87 @@ def _work(plans: Sequence[Plan]) -> float:
     """Return what the distinct requests of plans cost a source, in requests."""
     views = [request.view for request in {request: None for plan in plans for request in plan.requests}]
     return len(views) + pixels_of(views) / PIXELS_PER_REQUEST
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Captures and time of images: an estimate for a furnished room where they depend on what is captured.
+
+    Attributes:
+        way: the strategy's name, or an accuracy such as ``1 %``.
+        requests: captures.
+        pixels: captured, over all modes.
+        seconds: by the price of captures.
+        displacement_m: the largest distance from a pixel's optical centre to that of its captures, metres.
+        marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure.
+    """
+
+    way: str
+    requests: int
+    pixels: int
+    seconds: float
+    displacement_m: float = 0.0
+    marked: float = 0.0
+
+    def __add__(self, other: Cost) -> Cost:
+        """Return the cost of two sets of images that share no captures."""
+        return Cost(
+            self.way,
+            self.requests + other.requests,
+            self.pixels + other.pixels,
+            self.seconds + other.seconds,
+            max(self.displacement_m, other.displacement_m),
+            max(self.marked, other.marked),
+        )
+
+
+def cost(way: str, frames: Iterable[Sequence[Task]], modes: Sequence[str], **changes: Any) -> Cost:
+    """Return the cost of images whose views are captured once each.
+
+    Args:
+        way: its name.
+        frames: for each moment its tasks, which share captures.
+        modes: of the captures.
+        changes: of the options of the tasks.
+
+    Raises:
+        ArgumentError: the source cannot do what the strategy needs.
+    """
+    shared: dict[Request, None] = {}
+    total, price = Cost(way, 0, 0, 0.0), Price(0, 0)
+    for tasks in frames:
+        changed = [replace(t, options=replace(t.options, **changes), modes=tuple(modes)) for t in tasks]
+        price = Price(*changed[0].options.capture_ms)
+        for plan in share_captures(changed, modes):
+            if plan.task.aim is not None:
+                requests, pixels = _refinement(plan.task).expected()
+                total += Cost(way, requests, pixels, 0.0, marked=plan.task.aim)
+                continue
+            plan = plan if plan.requests else Plan.make(plan.task, modes)
+            shared |= plan.requests
+            total += Cost(way, 0, 0, 0.0, *_shared(plan))
+    total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0)
+    return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
+
+
+def _shared(plan: Plan) -> tuple[float, float]:
+    """Return the largest distance from a pixel's optical centre to that of its captures, metres, and the
+    share of pixels that are expected to be marked.
+
+    Viewpoints of marched rays count as exact. Labels are marked where no view shows the point that a ray
+    meets, taken to be 2 m away; else by measurement of rooms.
+    """
+    task = plan.task
+    if task.rays.origins is None:
+        return 0.0, _MARKED
+    farthest_m, marked = 0.0, _MARKED * task.rays.valid_count
+    for viewpoint in (viewpoint for round_ in plan.planned or () for viewpoint in round_.viewpoints):
+        if viewpoint.toward_w is not None or not len(viewpoint.pixels):
+            continue
+        own_w = task.origins_w(viewpoint.pixels) - viewpoint.center_w
+        away = np.linalg.norm(own_w, axis=1)
+        points = own_w + _AWAY_M * task.directions_w(viewpoint.pixels)  # from the centre
+        shown = np.any([sees(view, points) for view in viewpoint.views], axis=0)
+        farthest_m = max(farthest_m, float(away.max()))
+        marked += float(np.where(shown, np.minimum(_MARKED_PER_M * away, 1 - _MARKED), 1 - _MARKED).sum())
+    return farthest_m, marked / max(1, task.rays.valid_count)
