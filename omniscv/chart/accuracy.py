@@ -24,19 +24,17 @@ from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
 
-PAPER, ASKED = "the paper", "accuracy="
+PAPER, EXACT, ASKED, DEFAULT = "the paper", "exact", "accuracy=", "the default"
 AIMS = (0.01, 0.003, 0.001, 0.0003)
 MS_REQUEST, MS_MEGAPIXEL = PRICE
 LATENCIES_MS = (5, 30)
 
 _SIZES = (0.5, 1, 2, 4, 8)  # of faces, in quarters of the widest image
 _Ways = dict[str, list[tuple[str, int | None, float]]]
-_CENTRAL: _Ways = {PAPER: [("cube", None, 1)], "faces": [("faces", None, size) for size in _SIZES]}
+_CENTRAL: _Ways = {PAPER: [("cube", None, 1)], EXACT: [("exact", None, size) for size in _SIZES]}
 _NONCENTRAL: _Ways = {
     PAPER: [("cube", None, 1)],
-    "strips": [("strips", count, 1) for count in (16, 64)] + [("strips", None, size) for size in (1, 2)],
-    "faces": [("faces", count, 1) for count in (4, 16, None)],
-    "adaptive": [("adaptive", None, size) for size in _SIZES[:-1]],
+    EXACT: [("exact", count, 1) for count in (4, 16, 64)] + [("exact", None, size) for size in (1, 2)],
 }
 _LEAST_NONCENTRAL = 0.001
 """The least aim of cameras with several centres: smaller ones are not reached here."""
@@ -133,6 +131,7 @@ def _ways(camera: Camera, width: int, asked: Sequence[float]) -> Iterator[tuple[
         for strategy, viewpoints, size in ways:
             face_size = round(size * width / 4)
             yield series, {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
+    yield DEFAULT, {}
     for aim in asked:
         if camera.central or aim >= _LEAST_NONCENTRAL:
             yield ASKED, {"accuracy": aim}
@@ -162,9 +161,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them, a panel a camera: ``chart-accuracy`` as JSON, SVG and PNG."""
     names = list(dict.fromkeys(row.camera for row in rows))
     figure, panels = drawing.figure(2, 6.4, finding(rows), lines=2)
-    series = [name for name in dict.fromkeys(row.series for row in rows) if name != PAPER]
+    series = [name for name in dict.fromkeys(row.series for row in rows) if name not in (PAPER, DEFAULT)]
     looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
-    looks[PAPER] = Look(INK, "P", "")
+    looks |= {PAPER: Look(INK, "P", ""), DEFAULT: Look(INK, "*", "")}
     for name, axes in zip(names, panels, strict=True):
         mine = [row for row in rows if row.camera == name]
         labels = ["" if row.aim is None else f"{100 * row.aim:g} %" for row in mine]

@@ -201,7 +201,7 @@ def _best_windows(
                 if start >= 0:
                     ratios[k] = most / prices[h, s]
                     windows[k, 0], windows[k, 1], windows[k, 2] = start, h, s
-    return ratios, windows
+    return ratios, windows  # type: ignore[return-value]
 
 
 def _inside(directions: Array, axes: Array, start: float, height: float, span: float) -> Mask:

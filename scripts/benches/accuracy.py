@@ -2,7 +2,7 @@
 
 Cost is modelled: 5 ms a request and 25 ms a megapixel. The knobs are tried on a grid, with colours as fine as
 the image needs; what would take more than 40 Mpx is extrapolated, because doubt falls as pixels shrink. The
-grid has no `strips` at every optical centre: these take 3,700 to 15,600 ms before they are made finer.
+grid has no view at every optical centre: these take 3,700 to 15,600 ms before they are made finer.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,10 +26,9 @@ SCALES = (1, 2, 3, 4, 6, 8)
 WIDER = (1.0, 1.25, 1.5)
 """Sizes of faces as multiples of the automatic one."""
 WAYS: tuple[dict[str, Any], ...] = (
-    *({"strategy": "adaptive", "viewpoints": count} for count in (None, 2, 4, 16)),
-    {"strategy": "reproject"},
-    {"strategy": "strips", "viewpoints": 16},
-    {"strategy": "faces", "viewpoints": 16},
+    *({"viewpoints": count, "accuracy": 0.2} for count in (None, 2, 4, 16)),
+    {"strategy": "exact", "viewpoints": 16},
+    {"strategy": "cube", "viewpoints": 16},
 )  # fmt: skip
 QUICK = {"four-wall": ("panorama 64",)}
 
@@ -106,7 +105,7 @@ def grid(scene: str, camera: Camera, scales: tuple[int, ...] = SCALES) -> dict[s
     for way in ways:
         scale = 1
         of_scale, mpx = counted(scene, camera, {**way, "truth_scale": scale})
-        for finer in scales if way.get("strategy") not in ("strips", "faces") else scales[:1]:
+        for finer in scales if "strategy" not in way else scales[:1]:
             more = (finer / scale) ** 2 * mpx
             if finer > scale and more <= MOST_MPX:
                 scale = finer

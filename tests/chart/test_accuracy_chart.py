@@ -13,8 +13,7 @@ def rows():
     cameras = accuracy.cameras
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(accuracy, "cameras", lambda width: {name: cameras(width)[name] for name in CAMERAS})
-        ways = {**accuracy._NONCENTRAL, "strips": [], "adaptive": [("adaptive", None, 1)]}
-        patch.setattr(accuracy, "_NONCENTRAL", ways)
+        patch.setattr(accuracy, "_NONCENTRAL", {**accuracy._NONCENTRAL, accuracy.EXACT: [("exact", None, 1)]})
         return accuracy.measure(width=32, asked=(0.1,))
 
 
@@ -30,15 +29,15 @@ def test_the_paper_takes_six_faces_a_centre_and_the_others_less(rows):
         faces = 6 * len(camera.viewpoints().centers)
         around = 0 if camera.central else 6  # in depth alone, to find which viewpoints are occluded
         assert paper.requests == 2 * faces + around
-        assert mine["faces", None, 8].requests <= paper.requests
-        assert mine["faces", None, 8].wrong == paper.wrong  # the same faces, less those that no ray hits
+        assert mine[accuracy.EXACT, None, 8].requests <= paper.requests
+        assert mine[accuracy.DEFAULT, None, None].requests <= paper.requests
         assert paper.seconds == pytest.approx(0.005 * paper.requests + 0.025 * paper.megapixels)
         assert paper.seconds_at[30] - paper.seconds == pytest.approx(0.025 * paper.requests)
 
 
 def test_finer_faces_leave_less_doubt(rows):
     mine = by_way(rows, "panorama")
-    doubt = [mine["faces", None, size].doubtful for size in (4, 16, 64)]
+    doubt = [mine[accuracy.EXACT, None, size].doubtful for size in (4, 16, 64)]
     assert doubt == sorted(doubt, reverse=True)
     assert all(row.wrong <= row.doubtful for row in rows)
 

@@ -6,8 +6,11 @@ from support.judged import Errors
 
 import mock_server
 import omniscv
-from omniscv import Pose
+from mock_server.scene import Scene
+from omniscv import Pose, Rig, RigCamera, jobs
 from omniscv.cameras import create
+from omniscv.chart.truth import traced
+from omniscv.make.render import warnings_of
 from omniscv.sources.base import Capabilities, SourceWrapper
 from omniscv.sources.recording import Recording
 from omniscv.sources.scene import SceneSource, open_scene
@@ -161,3 +164,67 @@ def test_no_view_is_narrower_than_an_engine_can_capture():
     with source() as counted:
         made(cube, counted, TRUTH, accuracy="0.3%")
     assert min(counted.fields) >= 1.0
+
+
+def test_a_replay_of_the_default_is_the_same_and_a_missing_view_is_named(tmp_path):
+    path = tmp_path / "room.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as where:
+        captured = made(RING, where)
+    with omniscv.open_source(path) as replay:
+        again = made(RING, replay)
+        for layer in captured.layers:
+            np.testing.assert_array_equal(captured[layer], again[layer])
+        with pytest.raises(omniscv.OmniscvError, match="nearest recorded"):
+            omniscv.render(RING, Pose.from_angles((0.5, 0.0, 1.5)), replay, MODES)
+
+
+def test_old_recordings_of_strips_replay_exactly_and_say_so(tmp_path):
+    """The pictures that show which centres are occluded are none that an image could be planned with."""
+    path = tmp_path / "strips.sqlite"
+    with Recording(source(), path) as live:
+        captured = made(RING, live, strategy="exact")
+    with omniscv.open_source(path) as replay:
+        for options in ({"strategy": "exact"}, {}):
+            again = made(RING, replay, **options)
+            assert again.effort.strategy == "exact"
+            for layer in captured.layers:
+                np.testing.assert_array_equal(captured[layer], again[layer])
+    assert again.effort.stopped == "the recording holds other captures"
+    assert next(iter(warnings_of("ring", again))).startswith(
+        "ring: strategy exact instead of auto: the recording"
+    )
+
+
+@pytest.mark.parametrize("modes", [MODES, ("lit",)], ids=["all", "colours"])
+def test_a_job_a_rig_and_a_replay_capture_the_same(modes, tmp_path):
+    keys = {"source": "scene://four-wall", "cameras": {"ring": RING.to_dict()}, "modes": list(modes)}
+    job = jobs.load(keys | {"poses": [{"position": [0.13, -0.21, 1.47], "yaw_deg": 20.0}]})
+    count = jobs.capture(job, tmp_path / "job.sqlite")
+    with source() as counted:
+        rig = Rig({"ring": RigCamera(RING)})
+        image = omniscv.render_rig(rig, POSE, counted, modes)["ring"]
+    with omniscv.open_source(tmp_path / "job.sqlite") as replay, Counted(replay) as counted_again:
+        again = made(RING, counted_again, modes)
+    assert count == counted.requests == counted_again.requests == image.effort.captures
+    assert image.effort.stopped == again.effort.stopped == "aim"
+    np.testing.assert_array_equal(image.lit, again.lit)
+
+
+def test_the_sky_is_met_at_infinity():
+    red = {"kind": "plain", "colors": [[0.9, 0.1, 0.1]]}
+    post = {"texture": red, "solids": [{"box": [0.3, 0.3, 4], "at": [2, 0, 1]}]}
+    field = Scene("field", {"sky": [0.5, 0.7, 1.0], "objects": {"Post": post}})
+    ring = create("noncentral-panorama", width=256, height=32, radius=1.0)
+    image = made(ring, SceneSource(field), (*MODES, "normals"))
+    sky, sure = np.isinf(traced(field, ring, POSE).distance), ~image.unsure
+    assert (np.isinf(image.depth) == sky)[sure].mean() > 0.995
+    assert sure.mean() > 0.99
+
+
+def test_at_one_centre_the_plan_is_that_of_a_central_camera():
+    circle = create("noncentral-panorama", width=128, height=64, radius=0.0)
+    with source() as where:
+        image, central = (made(camera, where) for camera in (circle, create("equirectangular", 128, 64)))
+    for layer in ("lit", "labels", "depth"):
+        np.testing.assert_array_equal(image[layer], central[layer])
+    assert not image.unsure.any()
