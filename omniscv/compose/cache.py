@@ -96,11 +96,12 @@ class SharedCaptures(HeldCaptures):
     Args:
         source: where captures come from.
         needed: how often each request comes; other requests are not held.
+        all_: whether all captures are held, because it is not known which of them come again.
     """
 
-    def __init__(self, source: Source, needed: Mapping[Request, int]) -> None:
+    def __init__(self, source: Source, needed: Mapping[Request, int], all_: bool = False) -> None:
         super().__init__(source)
-        self._needed = Counter(needed)
+        self._needed, self._all = Counter(needed), all_
         self._held: dict[Request, Capture] = {}
 
     def close(self) -> None:
@@ -108,10 +109,11 @@ class SharedCaptures(HeldCaptures):
 
     def _find(self, request: Request) -> Capture | None:
         self._needed[request] -= 1
-        return self._held.get(request) if self._needed[request] > 0 else self._held.pop(request, None)
+        again = self._all or self._needed[request] > 0
+        return self._held.get(request) if again else self._held.pop(request, None)
 
     def _hold(self, capture: Capture) -> None:
-        if self._needed[capture.request] > 0:
+        if self._all or self._needed[capture.request] > 0:
             self._held[capture.request] = capture
 
 

@@ -210,8 +210,11 @@ class Renderer:
             (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, plain, None, None)
             return image
 
-        if needed := Counter(request for plan in plans for request in plan.requests):
-            source = SharedCaptures(source, needed)
+        needed = Counter(request for plan in plans for request in plan.requests)
+        aimed = Counter(tuple(plan.task.pose.position) for plan in plans if plan.task.aim is not None)
+        adapts = any(count > 1 for count in aimed.values())
+        if needed or adapts:
+            source = SharedCaptures(source, needed, all_=adapts)
         if options.straighten and self._recorded is not None:
             source = StraightFaces(source, self._recorded)
         meter = Meter(len(plans), progress)
