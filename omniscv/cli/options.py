@@ -184,7 +184,7 @@ VIEW: Mapping[str, JobOption] = {
         lambda text: {"poses": [{"position": numbers("--position", text)}]},
         str,
         "0,0,1.5",
-        "X,Y,Z in metres: X forward, Y left, Z up.",
+        "X,Y,Z in metres: X forward, Y left, Z up. Of a recording of one place: that place.",
         _POSE,
     ),
     "yaw": JobOption(key("poses.*.yaw_deg"), float, 0.0, "Degrees, to the left +.", _POSE),
@@ -227,7 +227,7 @@ class JobArguments:
 
     file: Path | None
     options: Mapping[str, JobOption]
-    values: Mapping[str, Any]
+    values: dict[str, Any]
     given: frozenset[str]
     described: Keys = field(default_factory=dict)
 
@@ -240,6 +240,8 @@ class JobArguments:
 
         unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
         if self.file is None:
+            if "position" in self.options and "position" not in self.given:
+                self.values["position"] = _only_place(self.values["source"]) or self.values["position"]
             names = self.options.keys() - ({"size"} - self.given if unsized else set())
             job = read(overridden(self.described, self._keys(names)), Path())
         else:
@@ -272,6 +274,18 @@ class JobArguments:
     def _ordered(self, names: Iterable[str]) -> list[str]:
         """Return names in the order of the options: a camera before its size, ``--set`` last."""
         return sorted(names, key=[*(name for name in self.options if name != "set"), "set"].index)
+
+
+def _only_place(source: object) -> str | None:
+    """Return the position of a recording of one place, as ``--position`` has it; None for other sources."""
+    from omniscv.sources.registry import is_recording
+
+    if not isinstance(source, str) or not is_recording(Path(source)):
+        return None
+    from omniscv.sources.recording.inspection import centers  # loads OpenCV
+
+    places = {center.center for center in centers(source)}
+    return ",".join(map(repr, places.pop())) if len(places) == 1 else None
 
 
 def with_job(

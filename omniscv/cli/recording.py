@@ -2,13 +2,14 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.arguments import one_of
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
+from omniscv.errors import ArgumentError
 
 _HELP = "Inspect recordings, check, join and divide them, convert them to folders and back."
 app = Typer(name="recording", help=_HELP, no_args_is_help=True, add_completion=False)
@@ -65,21 +66,40 @@ def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or n
 
 @app.command("import", epilog="Example: omniscv recording import skybox/ mine.sqlite --position 0,0,1.5")
 def import_(
-    pictures: Annotated[Path, Argument(help="A folder of captures or of six faces, or one picture of them.")],
+    pictures: Annotated[
+        Path, Argument(help="A folder of captures, faces, panoramas or frames; or a picture.")
+    ],
     file: Written,
-    layout: Annotated[str, Option(help="auto, or one of docs/capture-folders.md.")] = "auto",
-    position: Annotated[str, Option(metavar="X,Y,Z", help="Of the six faces, metres.")] = "0,0,0",
-    yaw: Annotated[float, Option(help="Of the front face, degrees to the left.")] = 0.0,
-    depth: Annotated[str, Option(help="planar-m, ray-cm and so on; or carla.")] = "planar-m",
+    layout: Annotated[
+        str, Option(help="auto, one of docs/capture-folders.md, or a file .yaml that describes one.")
+    ] = "auto",
+    position: Annotated[str | None, Option(metavar="X,Y,Z", help="Of one place, metres.")] = None,
+    yaw: Annotated[float | None, Option(help="Of the front face, degrees to the left.")] = None,
+    depth: Annotated[str | None, Option(help="planar-mm, ray-m, ray-1/512 and so on; or carla.")] = None,
+    missing: Annotated[list[float] | None, Option(help="A number of no depth; repeatable.")] = None,
+    names: Annotated[Path | None, Option(help="JSON of the objects in masks.")] = None,
+    poses: Annotated[Path | None, Option(help="CSV of panoramas' poses, names first.")] = None,
+    mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False,
+    clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False,
 ) -> None:
     """Add pictures that other tools rendered, or an exported folder, to a recording."""
     from omniscv.sources.recording import folders, importing
 
+    at = None if position is None else options.numbers("--position", position)
+    said: dict[str, Any] = {
+        "position": at,
+        "yaw_deg": yaw,
+        "depth": depth,
+        "missing": missing or (),
+        "names": names,
+    }
+    said |= {"poses": poses, "mirrored": mirrored, "clip": clip}
     if (pictures / folders.INDEX).exists():
+        if given := [name for name, value in said.items() if value not in (None, False, ())]:
+            raise ArgumentError(f"{given[0]}: expected none, because {folders.INDEX} says it")
         console.line(f"{file}: {folders.import_folder(pictures, file)} captures")
         return
-    at = options.numbers("--position", position)
-    added = importing.import_pictures(pictures, file, layout, position=at, yaw_deg=yaw, depth=depth)
+    added = importing.import_pictures(pictures, file, layout, **said)
     for line in (*added.lines, f"{file}: {added.captures} captures"):
         console.line(line)
 

@@ -182,6 +182,10 @@ class Composition:
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             self._canvas.put_part("unsure", viewpoint.pixels, seen.unsure)
+        errors = [codecs.error_of(capture) for capture in captures]
+        if any(error is not None for error in errors):
+            known = [np.zeros_like(faces[0]) if error is None else error for error in errors]
+            depth = depth._replace(error=depth.error + sampler.sample("nearest", known))
         self._canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
         self._canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen
@@ -289,6 +293,10 @@ class Composition:
                 objects = self._source.objects()
                 if values.ndim == 2:
                     labels, layers[name] = labels_of_ids(values, objects)
+                    ids, counts = np.unique(values[(labels == 0) & (values > 0)], return_counts=True)
+                    unknown = {
+                        (0, i >> 8, i & 255): n for i, n in zip(ids.tolist(), counts.tolist(), strict=True)
+                    }
                 else:
                     labels, unknown = labels_of(values, objects)
                 layers["labels"] = np.where(self._canvas.valid, labels, np.uint16(0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -10,13 +11,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from omniscv.compose.cube import Cube
+from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.seams import estimate_gains
 from omniscv.compose.slips import proven_turns
 from omniscv.compose.vignette import POOLED, pooled_vignette
 from omniscv.diagnostics import Finding
+from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, cube_rotations
 from omniscv.planning import RecordedViews
-from omniscv.sources.base import Source
+from omniscv.sources.base import Request, Source
 from omniscv.storage import png
 from omniscv.storage.local import whole_file
 
@@ -51,9 +54,9 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
         source: of the recording.
         picture: PNG that is written: the worst edge, between the two faces that meet there.
     """
-    places = list(measure_places(source))
+    places, masks = list(measure_places(source)), list(_masks(source))
     if not places:
-        return [Finding("seams", "no cube of six faces in colour")]
+        return [Finding("seams", "no cube of six faces in colour"), *masks]
     steps = np.concatenate([place.steps for place in places])
     worst = max(places, key=lambda place: float(place.steps.max()))
     at = ", ".join(f"{value:.4g}" for value in worst.center)
@@ -71,7 +74,24 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
     remedy = f"{_AT_SOURCE}; or render with seams: close"
     verdict: Literal["warning", "bad"] = "warning" if steps.max() <= _BAD_STEP else "bad"
     seams = Finding.unless(bool(steps.max() <= _STEP), "seams", value, verdict, remedy)
-    return [seams, *_exposure(places), _vignette(source), *_slips(places)]
+    return [seams, *_exposure(places), _vignette(source), *_slips(places), *masks]
+
+
+def _masks(source: Source) -> Iterator[Finding]:
+    """Yield what object masks show, if there are any: objects, or nothing that has a name."""
+    if "object_mask" not in source.capabilities.modes:
+        return
+    table, shown, known = source.objects(), 0, 0
+    for view in source.recorded_views() or ():
+        with suppress(MissingCaptureError):
+            (capture,) = source.capture([Request(view, "object_mask", source.state)])
+            labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
+            shown, known = shown + labels.size, known + int(np.count_nonzero(labels))
+    value, remedy = (
+        f"{known} of {shown} pixels show one of {len(table.names())} objects",
+        "import it with --names",
+    )
+    yield Finding.unless(known > 0, "masks", value, "bad", remedy)
 
 
 def measure_places(source: Source) -> Iterator[Place]:

@@ -120,6 +120,11 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
         fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
         yield f"{stem}: {missed}: {effort.stopped}{fixed}"
+    if image.unknown_colors:
+        pixels, several = sum(image.unknown_colors.values()), len(image.unknown_colors)
+        yield f"{stem}: {pixels} pixels of masks show {several} colours or ids that no object has: label 0"
+    if "labels" in image.layers and not image["labels"].any():
+        yield f"{stem}: all {image.valid.sum()} labels are 0: no pixel shows an object"
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)

@@ -3,6 +3,7 @@
 =================== ==================================================================================
 ``png``             modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
 ``npy``             pixels as they are: any modality, any dtype of numbers
+``npy bounded``     depth (H, W, 2): planar metres, and metres that the distance along the ray may be off
 ``npy 0.005 px``    the same, of depth taken within 0.005 px of the pixels' middles
 ``png float32``     depth of TartanAir: a little-endian float32 in the bytes B G R A of a pixel, planar
                     metres; 10,000 m and more are no surface
@@ -45,7 +46,7 @@ Decoder = Callable[[bytes, str, View], NDArray[Any]]
 MAX_PIXELS = 1 << 27
 """The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
 
-NEAR_MIDDLE = "npy 0.005 px"
+NEAR_MIDDLE, BOUNDED = "npy 0.005 px", "npy bounded"
 
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
@@ -92,6 +93,17 @@ def precision(encoding: str | None) -> Precision:
     return _codecs[encoding].precision if encoding in _codecs else Precision()
 
 
+def error_of(capture: Capture) -> NDArray[np.float32] | None:
+    """Return (H, W) how far the distance along the rays of a capture of depth may be off beside its
+    precision, metres; None where nothing more is known, +inf where nothing bounds it."""
+    if capture.encoding == BOUNDED and capture.payload is not None:
+        return np.ascontiguousarray(decode_npy(capture.payload, capture.view)[..., 1])
+    if capture.encoding and capture.encoding.startswith("png uint16 "):
+        half_step = 0.5 / float(capture.encoding.rpartition(" ")[2]) * capture.view.ray_lengths()
+        return np.where(capture.pixels < np.inf, half_step, np.inf).astype(np.float32)
+    return None
+
+
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
     """Return the pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
 
@@ -106,7 +118,7 @@ def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]
     """
     codec = _codecs.get(encoding)
     if codec is None or not (codec.modes is None or mode in codec.modes):
-        known = ", ".join(encodings())
+        known = ", ".join(name for name, row in _codecs.items() if row.modes is None or mode in row.modes)
         raise BadReplyError(f"encoding of {mode}: expected one of {known}; got {shown(encoding)}")
     pixels = codec.decoder(payload, mode, view)
     pixels.flags.writeable = False
@@ -128,8 +140,6 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
     Raises:
         BadReplyError: pixels that do not fit the modality or the view.
     """
-    if capture.payload is not None and capture.encoding in encodings():
-        return bytes(capture.payload), capture.encoding
     pixels, row = capture.pixels, modalities.get(capture.mode)
     size = capture.view.height, capture.view.width
     ids = bool(row.derives) and pixels.dtype == np.uint16 and pixels.ndim == 2
@@ -137,6 +147,8 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
         shape, dtypes = (*size, row.channels) if row.channels else size, " or ".join(row.dtypes)
         got = f"{pixels.dtype}, shape {pixels.shape}"
         raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {got}")
+    if capture.payload is not None and capture.encoding in encodings():
+        return bytes(capture.payload), capture.encoding
     if row.interpolation == "surface":
         check_depth(pixels)
     payload, encoding = encode(pixels)
@@ -223,6 +235,14 @@ def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     if array.shape[2:] != ((row.channels,) if row.channels else ()):
         raise BadReplyError(f"expected {row.channels or 1} channels of {mode}, got shape {array.shape}")
     return array.copy()
+
+
+def _bounded(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    array = decode_npy(payload, view)
+    if array.shape[2:] != (2,) or array.dtype != np.float32 or not array[..., 1].min() >= 0:
+        raise BadReplyError(f"expected float32 depth and its error, got {array.dtype} of shape {array.shape}")
+    check_depth(array[..., 0])
+    return np.ascontiguousarray(array[..., 0])
 
 
 def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
@@ -334,6 +354,7 @@ _codecs: dict[str, _Codec] = {}
 register("png", _png_colors)
 register("npy", _npy_pixels)
 register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
+register(BOUNDED, _bounded, ("depth",))
 register("png float32", _float32, ("depth",))
 register("png carla", _carla, ("depth",))
 register("png ids", _ids, ("object_mask",))

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+import io
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv import modalities
 from omniscv.arguments import number, numbers, shown, within
-from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
-from omniscv.storage.bounded import library_error
+from omniscv.storage import png
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
 
 NAMES = tuple(name for name, _ in cube_rotations())
 Pixels = NDArray[Any]
+SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".exr", ".hdr", ".tif", ".tiff", ".npy")
+"""Of the pictures that :func:`read_picture` reads."""
+PACKED = {"carla": "png carla", "tartanair": "png float32"}
+"""Depth in all bits of a PNG's colours, planar metres, and the codec that decodes it."""
+
+PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+_MOST_M = 1e7  # Blender writes 1e10 for no surface
+_MOST_PARTS = 64
+_GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
+_FORMATS = ("uint8", "uint16", "half", "float", "double")
+_LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
+_ROWS = 512  # of a face that are looked up at a time
+_SAME_M, _SAME_RELATIVE = 0.004, 0.001  # as omniscv.geometry.surfaces tells surfaces apart
 
 
 class PictureSource(Source):
@@ -107,57 +124,346 @@ def turn_about_z(yaw_deg: float) -> Array:
     return Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
 
 
-def read_picture(file: Path) -> Pixels:
-    """Return (H, W, 3) of colours, (H, W) or (H, W, C) of others; uint8, uint16 or float32."""
-    import OpenImageIO
+class DepthForm(NamedTuple):
+    """What the numbers in a picture of depth are.
 
+    Attributes:
+        ray: whether they are lengths along the ray, not along the optical axis.
+        per_m: how many of them are a metre; 0: not said.
+        encoding: the codec of depth that is packed in colours; else empty.
+        missing: those that stand for no surface; of whole numbers 0 does, too.
+    """
+
+    ray: bool = False
+    per_m: float = 0.0
+    encoding: str = ""
+    missing: tuple[float, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str, missing: tuple[float, ...] = ()) -> DepthForm:
+        """Return the form of ``KIND-UNIT``, such as ``planar-mm`` or ``ray-1/512``, or of a packed one."""
+        if text in PACKED:
+            return cls(False, 1.0, PACKED[text], missing)
+        (kind, _, unit), (above, _, below) = text.partition("-"), text.partition("-")[2].partition("/")
+        per_m = PER_M.get(unit) or (
+            number("depth", below, above=0) / number("depth", above, above=0) if below else 0
+        )
+        if kind not in ("planar", "ray") or not per_m:
+            known = f"planar or ray with a unit, as planar-mm, ray-m or ray-1/512; {', '.join(PACKED)}"
+            raise ArgumentError(f"depth: expected one of {known}; got {shown(text)}")
+        return cls(kind == "ray", per_m, "", missing)
+
+
+class Picture(NamedTuple):
+    """A picture that :func:`read_picture` has checked.
+
+    Attributes:
+        pixels: ``lit``: (H, W, 3) uint8, uint16, or finite float32 of 0 or more. ``depth``: (H, W) float32
+            metres, +inf for no surface. ``object_mask``: (H, W) uint16 ids, or (H, W, 3) uint8 colours.
+        payload, encoding: the file's bytes and their codec, where one decodes them to this; else empty.
+        step_m: between two numbers that the file can hold, of depth in whole numbers; else 0.
+        clipped: number of values that were negative or NaN, and are 0 now.
+        error: (H, W) metres that depth may be off; None: ``step_m / 2``.
+    """
+
+    pixels: Pixels
+    payload: bytes = b""
+    encoding: str = ""
+    step_m: float = 0.0
+    clipped: int = 0
+    error: Pixels | None = None
+
+    def converted(self, pixels: Pixels) -> Picture:
+        """Return a picture of other pixels, which the bytes do not hold."""
+        return self._replace(pixels=pixels, payload=b"", encoding="")
+
+
+def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, clip: bool = False) -> Picture:
+    """Return a picture that anybody may have made, checked: no other function opens one. Alpha is ignored.
+
+    Args:
+        file: see :data:`SUFFIXES`.
+        kind: ``lit``, ``depth`` or ``object_mask``.
+        form: of depth.
+        clip: take negative and NaN light as 0.
+
+    Raises:
+        ArgumentError: no regular file, damaged, too large, or not of a form that the kind can have.
+    """
+    with within(file.name):
+        if kind == "normals":
+            raise ArgumentError("expected colours, depth or masks, got normals, whose frame is not known")
+        form = form or DepthForm()
+        pixels, payload = _decoded(file, kind, form)
+        if kind == "depth":
+            return _depth(pixels, payload, form)
+        if kind == "lit":
+            return _colors(pixels, payload, clip)
+        if pixels.shape[2] == 1:
+            return Picture(
+                _fitting(pixels[..., 0], np.uint16, "whole numbers"), payload, "png ids" if payload else ""
+            )
+        return Picture(
+            _fitting(pixels, np.uint8, "grey ids, or 8-bit colours"), payload, "png" if payload else ""
+        )
+
+
+def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
+    clipped = 0
+    if pixels.dtype.kind == "f":
+        low, wrong = ~(pixels >= 0), np.count_nonzero(~(np.isfinite(pixels) & (pixels >= 0)))
+        if wrong and not (clip and np.isfinite(pixels[~low]).all()):
+            advice = "--clip takes negative and NaN as 0"
+            raise ArgumentError(
+                f"expected finite light >= 0, got {wrong} of {pixels.size} other values; {advice}"
+            )
+        pixels, clipped = (np.where(low, np.float32(0), pixels), int(wrong)) if wrong else (pixels, 0)
+    elif pixels.dtype != np.uint16:
+        pixels = _fitting(pixels, np.uint8, "uint8, uint16 or floats")
+    encoding = "png" if payload and pixels.dtype == np.uint8 else ""
+    return Picture(
+        np.repeat(pixels, 3, axis=-1) if pixels.shape[2] == 1 else pixels, payload, encoding, 0.0, clipped
+    )
+
+
+def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
+    from omniscv.sources.codecs import encodings
+
+    stored, whole, per_m = pixels[..., 0], pixels.dtype.kind != "f", form.per_m or 1.0
+    if form.encoding:
+        return Picture(stored, payload, form.encoding)
+    if (pixels != pixels[..., :1]).any() or stored.dtype == np.uint8:
+        raise ArgumentError(
+            f"expected floats or 16 bits a pixel, got {pixels.dtype} colours, which are no metres"
+        )
+    if whole and not form.per_m:
+        raise ArgumentError("expected the unit of whole numbers, such as --depth planar-mm, got none")
+    stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored
+    none = np.isin(stored, np.array(form.missing, np.float32)) | (
+        stored == 0 if whole else ~np.isfinite(stored)
+    )
+    metres = np.asarray(stored / per_m if whole else stored * (1 / per_m), np.float32)
+    wrong = ((metres < 0) | (metres > _MOST_M)) & ~none
+    if count := np.count_nonzero(wrong):
+        advice = f"if that is no surface, --missing {stored[wrong][0]:.9g}"
+        got = f"{count} of {wrong.size} values such as {metres[wrong][0]:.6g} m"
+        raise ArgumentError(f"expected 0 to {_MOST_M:g} m, got {got}; {advice}")
+    received = f"png uint16 {per_m:g}" if whole and payload and not form.ray and pixels.shape[2] == 1 else ""
+    as_received = received in encodings() and not stored[none].any()
+    return Picture(np.where(none, np.float32(np.inf), metres), payload, received * as_received, whole / per_m)
+
+
+def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pixels:
+    """Return whole numbers as another type, if all fit."""
+    limit = int(np.iinfo(dtype).max)
+    if pixels.dtype.kind not in "iu" or pixels.min() < 0 or pixels.max() > limit:
+        got = f"{pixels.dtype} of {pixels.min()} to {pixels.max()}"
+        raise ArgumentError(f"expected {expected} of 0 to {limit}, got {got}")
+    return pixels.astype(dtype, copy=False)
+
+
+def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
+    """Return pixels (H, W, 1 or 3), and the bytes of a file that a codec of recordings decodes to them."""
+    from omniscv.sources import codecs
+
+    with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
+        head = opened.read(png.HEADER_BYTES)
+        payload = (
+            head + opened.read() if file.suffix.lower() == ".npy" or head.startswith(png.SIGNATURE) else b""
+        )
+    if file.suffix.lower() == ".npy":
+        return _npy(payload), b""
+    try:
+        if kind == "depth" and form.encoding:
+            size = codecs.picture_size(payload or head)
+            return codecs.decode(payload, form.encoding, kind, View(Pose.from_angles((0, 0, 0)), 90, *size))[
+                ..., None
+            ], payload
+        if payload:
+            width, height, channels, bits, interlaced = png.header(payload)
+            _check_size(width, height)
+            if bits < 8 and channels == 1 and kind != "lit":
+                raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
+            if bits >= 8 and not interlaced and b"eXIf" not in payload:
+                pixels = png.decode(payload, bits)
+                return pixels[..., : 3 if channels >= 3 else 1], payload if channels % 2 else b""
+            png.check(payload)
+    except BadReplyError as cause:
+        raise ArgumentError(str(cause)) from cause
+    return _by_openimageio(file, kind, b"VP8 " in head), b""
+
+
+def _check_size(width: int, height: int) -> None:
     from omniscv.sources.codecs import MAX_PIXELS  # imports numba
 
-    with within(file.name):
-        if file.suffix == ".npy":
-            pixels = np.load(file, allow_pickle=False)
-            return np.asarray(pixels, np.float32) if pixels.dtype.kind == "f" else pixels
-        source = OpenImageIO.ImageInput.open(str(file))
-        if source is None:
-            raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
-        spec = source.spec()
-        if not 0 < spec.width * spec.height <= MAX_PIXELS:
-            raise ArgumentError(f"expected at most {MAX_PIXELS} pixels, got {spec.width} x {spec.height}")
-        formats = {"uint8": "uint8", "uint16": "uint16"}
-        pixels = source.read_image(0, 0, 0, min(spec.nchannels, 3), formats.get(str(spec.format), "float"))
-        if pixels is None:
-            raise ArgumentError(f"expected a picture, got: {shown(library_error(source))}")
-        return pixels if pixels.shape[-1] == 3 else np.repeat(pixels[..., :1], 3, axis=-1)
+    if not 0 < width * height <= MAX_PIXELS:
+        raise ArgumentError(f"expected 1 to {MAX_PIXELS} pixels, got {width} x {height}")
 
 
-def to_faces(picture: Pixels, mode: str, of_openexr: int = 0) -> list[tuple[Pixels, Array, float]]:
-    """Return six faces of a panorama (H, W, 3), twice as fine as its equator.
+def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
+    """Return the pixels of the one part, and of its channels, that the kind needs."""
+    import OpenImageIO
 
-    Returns:
-        Pixels, rotation (3, 3) and field of view in degrees, of each face.
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)  # colours are not multiplied by alpha
+    source = OpenImageIO.ImageInput.open(str(file), config)
+    if source is None:
+        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
+    with closing(source):
+        parts, name = [source.spec()], source.format_name()
+        while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
+            parts.append(source.spec())
+        fitting = {
+            i: channels for i, spec in enumerate(parts) if (channels := _channels(spec.channelnames, kind))
+        }
+        if len(fitting) != 1:
+            names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
+            wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
+            raise ArgumentError(f"expected {wanted}, got {len(fitting)} among {shown(names)}")
+        ((part, channels),) = fitting.items()
+        _check_size(parts[part].width, parts[part].height)
+        _check_spec(parts[part], name, kind, lossy)
+        source.geterror()
+        form = str(parts[part].format) if str(parts[part].format) in ("uint8", "uint16") else "float"
+        pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
+        if pixels is None or source.has_error:  # half a JPEG has pixels
+            raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
+        return np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
 
-    Colours are bilinear; depth along the ray is the nearest pixel's, and becomes planar (h, w).
+
+def _channels(given: Sequence[str], kind: str) -> tuple[int, ...]:
+    """Return the channels that hold colours, grey or depth; none where there are several such, or no such."""
+    names = [name.lower() for name in given]
+    depth = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
+    if kind == "depth" and (len(depth) == 1 or len(names) == 1):
+        return (depth[0] if depth else 0,)
+    layers = [name[:-1] for name in names if name == "r" or name.endswith(".r")]
+    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names}]
+    if len(layers) == 1 or "" in layers:
+        return tuple(names.index(f"{'' if '' in layers else layers[0]}{color}") for color in "rgb")
+    return (0,) if not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY else ()
+
+
+def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
+    """Raise ArgumentError for what would come in otherwise than its maker sees it."""
+    window = spec.x, spec.y, spec.width, spec.height
+    display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
+    bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
+    lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
+    cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
+    for is_wrong, expected, got in (
+        (name == "openexr" and window != display, f"pixels in all of the display window {display}", window),
+        (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
+        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
+        (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
+        (
+            str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64),
+            "8 or 16 bits, or floats",
+            f"{bits} bits",
+        ),
+        (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),
+    ):
+        if is_wrong:
+            raise ArgumentError(f"expected {expected}, got {got}")
+
+
+def _npy(payload: bytes) -> Pixels:
+    """Return the array of a NPY file; nothing in it is evaluated or unpickled."""
+    from numpy.lib import format as npy
+
+    stream = io.BytesIO(payload)
+    try:
+        read = {1: npy.read_array_header_1_0, 2: npy.read_array_header_2_0}[npy.read_magic(stream)[0]]
+        shape, by_columns, dtype = read(stream)
+    except Exception as cause:  # whatever a wrong header makes NumPy raise
+        raise ArgumentError(f"expected a NPY file, got: {shown(str(cause))}") from cause
+    if dtype.kind not in "iuf" or len(shape) not in (2, 3) or shape[2:] not in ((), (1,), (3,), (4,)):
+        raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {shown(str(dtype))} of shape {shape}")
+    _check_size(shape[1], shape[0])
+    if (size := math.prod(shape) * dtype.itemsize) != len(payload) - stream.tell():
+        raise ArgumentError(f"expected {size} bytes of numbers, got {len(payload) - stream.tell()}")
+    pixels = np.frombuffer(payload, dtype, offset=stream.tell()).reshape(
+        shape, order="F" if by_columns else "C"
+    )
+    pixels = np.ascontiguousarray(pixels.reshape(*shape[:2], -1)[..., :3], dtype.newbyteorder("="))
+    with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
+        return pixels.astype(np.float32) if dtype.kind == "f" else pixels
+
+
+def to_faces(
+    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
+) -> Iterator[tuple[Pixels, Array, float]]:
+    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator.
+
+    Colours are bilinear. Masks and depth along the ray are the nearest pixel's.
+
+    Args:
+        picture: colours, masks, or depth along the ray.
+        mode: ``lit``, ``object_mask`` or ``depth``.
+        of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
+        step_m: of whole numbers that depth was stored in.
+
+    Yields:
+        Pixels, rotation (3, 3) and field of view in degrees, of each face. Depth is (h, w, 2): planar, and
+        how far the distance may be off (:func:`panorama_error`).
     """
     import cv2
 
     height, width = picture.shape[:2]
     edge = width // 2
-    wrapped = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="wrap")
-    wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
-    faces = []
+    layers = [picture, panorama_error(picture, step_m)] if mode == "depth" else [picture]
+    del picture
+    layers = [
+        np.pad(layers.pop(0), ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="wrap") for layer in [*layers]
+    ]
+    for wrapped in layers:
+        wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
+    filter_ = cv2.INTER_LINEAR if mode == "lit" else cv2.INTER_NEAREST
     for _, R_w_c in cube_rotations():
-        pixels = np.stack(np.meshgrid(*[np.arange(edge) + 0.5] * 2), axis=-1)
-        x, y, z = np.moveaxis(pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2])) @ R_w_c.T, -1, 0)
-        u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
-        v = np.arctan2(np.hypot(x, y), z) / np.pi
-        # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
-        u_px = u * (width - 1) if of_openexr else u * width - 0.5
-        v_px = v * (height - 1) if of_openexr else v * height - 0.5
-        maps = (np.float32(u_px + 1), np.float32(v_px + 1))
-        filter_ = cv2.INTER_LINEAR if mode == "lit" else cv2.INTER_NEAREST
-        face: Pixels = cv2.remap(wrapped, *maps, filter_)
+        faces: list[Pixels] = [np.empty((edge, edge, *layer.shape[2:]), layer.dtype) for layer in layers]
+        for first in range(0, edge, _ROWS):
+            rows = slice(first, min(first + _ROWS, edge))
+            pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
+            rays = pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2]))
+            x, y, z = np.moveaxis(rays @ R_w_c.T, -1, 0)
+            u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
+            v = np.arctan2(np.hypot(x, y), z) / np.pi
+            # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
+            u_px = u * (width - 1) if of_openexr else u * width - 0.5
+            v_px = v * (height - 1) if of_openexr else v * height - 0.5
+            maps = (np.float32(u_px + 1), np.float32(v_px + 1))
+            for face, wrapped in zip(faces, layers, strict=True):
+                face[rows] = cv2.remap(wrapped, *maps, filter_)
         if mode == "depth":
             lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
-            face = np.asarray(face[..., 0] / lengths, np.float32)
-        faces.append((face, R_w_c, 90.0))
-    return faces
+            planar = np.asarray(faces[0] / lengths, np.float32)
+            faces = [np.stack([planar, cv2.dilate(faces[1], np.ones((3, 3), np.uint8))], axis=-1)]
+        yield faces[0], R_w_c, 90.0
+
+
+def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]:
+    """Return how far (H, W) distances along rays may be off half a pixel away, metres.
+
+    Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
+    +inf where a neighbour is on another surface, or whole numbers say that there is none.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
+        rows = np.concatenate(
+            [
+                np.roll(inverse[:1], inverse.shape[1] // 2, 1),
+                inverse,
+                np.roll(inverse[-1:], inverse.shape[1] // 2, 1),
+            ]
+        )
+        neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
+        change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
+        allowed = (_SAME_M * inverse + _SAME_RELATIVE + 2 * step_m * inverse) * inverse
+        for before, after in neighbours:
+            bend = np.abs(before - 2 * inverse + after)
+            change += 0.5 * np.maximum(np.abs(before - inverse), np.abs(after - inverse)) + 0.25 * bend
+            known &= bend <= allowed
+        error = np.where(change < inverse, change / (inverse * (inverse - change)), np.inf) + step_m / 2
+    error[~known] = np.inf
+    error[known & (inverse == 0)] = np.inf if step_m else 0.0
+    return np.asarray(error, np.float32)

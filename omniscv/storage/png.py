@@ -25,7 +25,7 @@ _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _PALETTE, _UP = 3, 2
 _SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: profiles, texts
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPE = {(): 0, (1,): 0, (3,): 2, (4,): 6}
 _LEVEL = 2
 """By measurement: colours and masks in half of zlib's fastest time, or less, and fewer bytes."""
@@ -36,12 +36,13 @@ HEADER_BYTES = 33
 
 
 class Header(NamedTuple):
-    """Width and height, px; channels, and bits of each."""
+    """Width and height, px; channels, and bits of each; whether its rows are interlaced."""
 
     width: int
     height: int
     channels: int
     bits: int
+    interlaced: bool = False
 
 
 def header(start: bytes) -> Header:
@@ -50,10 +51,10 @@ def header(start: bytes) -> Header:
     Raises:
         BadReplyError: no PNG.
     """
-    if start[:8] != _SIGNATURE or len(start) < HEADER_BYTES or start[12:16] != b"IHDR":
+    if start[:8] != SIGNATURE or len(start) < HEADER_BYTES or start[12:16] != b"IHDR":
         raise BadReplyError("expected a PNG, got no signature and header of one")
-    width, height, bits, kind = struct.unpack_from(">IIBB", start, 16)
-    return Header(width, height, 3 if kind == _PALETTE else _CHANNELS.get(kind, 0), bits)
+    width, height, bits, kind, _, _, interlaced = struct.unpack_from(">IIBBBBB", start, 16)
+    return Header(width, height, 3 if kind == _PALETTE else _CHANNELS.get(kind, 0), bits, bool(interlaced))
 
 
 def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
@@ -86,6 +87,12 @@ def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uin
     if depth == 16:
         return np.ascontiguousarray(pixels).view(">u2").astype(np.uint16)
     return _colored(pixels, palette) if kind == _PALETTE else pixels
+
+
+def check(payload: bytes) -> None:
+    """Raise BadReplyError for a PNG whose chunks are not whole; their data may still not decode."""
+    for _ in _chunks(payload):
+        pass
 
 
 def _content(payload: bytes) -> tuple[bytes, bytes]:
@@ -191,4 +198,4 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -
 
     header = block(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))
     color = block(b"sRGB", b"\0") + block(b"gAMA", struct.pack(">I", 45455)) if srgb else b""
-    return _SIGNATURE + header + color + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")
+    return SIGNATURE + header + color + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")

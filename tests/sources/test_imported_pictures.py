@@ -145,7 +145,7 @@ def test_a_panorama_becomes_six_faces(tmp_path):
     color = traced(load_scene("four-wall"), wide, Pose.from_angles(CENTER)).color
     Image.fromarray(np.uint8(255 * color + 0.5)).save(tmp_path / "pano.png")
     found = import_pictures(tmp_path / "pano.png", tmp_path / "room.sqlite", position=CENTER, yaw_deg=40)
-    assert found.lines == ("layout latlong: resampled to six faces",)
+    assert found.lines == ("layout latlong: 1 place, 1 of lit", "resampled to six faces")
     assert seen(tmp_path / "room.sqlite", yaw_deg=40) < 6
 
 

@@ -107,7 +107,7 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
 def add_captures(
     path: Path | str,
     captures: Callable[[], Iterable[Capture]],
-    objects: ObjectTable | None = None,
+    objects: ObjectTable | Callable[[ObjectTable], ObjectTable] | None = None,
     geometry: SceneGeometry | None = None,
     states: Mapping[str, WorldState] = MappingProxyType({}),
     scene: SceneIdentity | None = None,
@@ -117,7 +117,8 @@ def add_captures(
     Args:
         path: of the recording, new or one to add to.
         captures: called twice, to check all and to write all: they may not fit in memory together.
-        objects, geometry, states: of the scene, as far as they are known.
+        objects, geometry, states: of the scene, as far as they are known; objects may be a function of those
+            of the recording before, which is called when all captures have been checked.
         scene: None: as the captures say.
 
     Raises:
@@ -126,6 +127,7 @@ def add_captures(
     """
     modes, scenes = set(), set[str]()
     for capture in captures():
+        Row.of(capture)
         modes.add(capture.mode)
         scenes |= scene_of(capture)
     if len(scenes) > 1:
@@ -134,7 +136,8 @@ def add_captures(
     with opened_whole(path) as store:
         store.set_scene(scene or SceneIdentity(*scenes))
         has_masks = not modes.isdisjoint(labelled_modes())
-        add_objects(store, objects or ObjectTable({}, DEFAULT_TOLERANCE), has_masks)
+        table = objects(store.objects()) if callable(objects) else objects
+        add_objects(store, table if table and has_masks else ObjectTable({}, DEFAULT_TOLERANCE), has_masks)
         if geometry:
             store.set_geometry(geometry)
         for name, state in states.items():

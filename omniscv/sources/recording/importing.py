@@ -1,49 +1,33 @@
-"""Import six faces, one picture of them, or a panorama, as other tools write them, into a recording."""
+"""Import pictures that other tools made: six faces, panoramas, frames with poses."""
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
-from collections.abc import Sequence
-from contextlib import suppress
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.sources import codecs
-from omniscv.sources.base import Capture, Request, View
-from omniscv.sources.pictures import Pixels, read_picture, to_faces, turn_about_z
+from omniscv.sources.base import Capture, ObjectTable, View
+from omniscv.sources.pictures import DepthForm, Picture, turn_about_z
+from omniscv.sources.recording import sequences
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
-from omniscv.sources.recording.sequences import SEQUENCES, find_sequence
-from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
+from omniscv.sources.recording.sequences import Options, mode_of, pictures_in, read_as
+from omniscv.storage.bounded import open_regular
 
-PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
-"""Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
-
-DEPTHS = (*(f"{kind}-{unit}" for kind in ("planar", "ray") for unit in ("m", "cm", "mm")), "carla")
-"""What pictures of depth hold: along the optical axis or the ray, and the unit; CARLA's 24 bits."""
-
-_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_AS_RECEIVED = {"planar-cm": "png uint16 100", "planar-mm": "png uint16 1000", "carla": "png carla"}
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".hdr", ".tif", ".tiff", ".npy")
-_MODE_WORDS = {
-    "depth": {"depth", "depths", "zdepth"},
-    "object_mask": {"mask", "masks", "seg", "segmentation", "instance", "instances"},
-    "normals": {"normal", "normals"},
-}
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
-FaceView = tuple[Pixels, Array, float, bytes]
-"""Pixels, rotation (3, 3), field of view in degrees, and the bytes of its file, empty if it has none."""
-Faces = dict[str, list[FaceView]]
-"""By mode."""
+Faces = list[tuple[str, Picture, Array, float]]
+"""Mode, picture, rotation (3, 3), and field of view in degrees."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +40,7 @@ class Imported:
 
 def layouts() -> tuple[str, ...]:
     """Return the names of all layouts."""
-    return (*LAYOUTS, *PANORAMAS, *SEQUENCES)
+    return (*LAYOUTS, *sequences.sequences())
 
 
 def import_pictures(
@@ -64,58 +48,136 @@ def import_pictures(
     path: Path | str,
     layout: str = "auto",
     *,
-    position: ArrayLike = (0.0, 0.0, 0.0),
-    yaw_deg: float = 0.0,
-    depth: str = "planar-m",
+    position: ArrayLike | None = None,
+    yaw_deg: float | None = None,
+    depth: str | None = None,
+    missing: Iterable[float] = (),
+    names: Path | None = None,
+    poses: Path | None = None,
+    mirrored: bool = False,
+    clip: bool = False,
 ) -> Imported:
-    """Add the pictures of one place to a recording, lossless.
-
-    PNGs of colours, masks, depth in 16-bit centimetres or millimetres and CARLA's depth stay as received;
-    other depth becomes planar metres in float32.
+    """Add pictures to a recording, lossless; PNGs that a codec of recordings decodes stay as received.
 
     Args:
-        pictures: a folder of six faces, in several modes where names of files or sub-folders say ``depth`` or
-            ``mask``; or one picture: a strip, a cross, a dice, an EXR environment cube, a panorama.
+        pictures: a folder of six faces, of panoramas, or of frames with poses; or one picture of all faces,
+            or a panorama. Names of files and folders say what they show, such as ``depth`` or ``mask``.
         path: of the recording; new, or one to add to.
-        layout: one of :func:`layouts`, or ``auto``: frames with poses (see
-            :mod:`omniscv.sources.recording.sequences`) by what lies in a folder; else by names and seams.
-        position: (3,) of the optical centre, world frame, metres.
-        yaw_deg: of the front face, to the left.
-        depth: one of :data:`DEPTHS`. Integers of 0 are no surface.
+        layout: one of :func:`layouts`, a file ``.yaml`` that describes one, or ``auto``: by what lies in a
+            folder, by names, and by seams.
+        position: (3,) of the optical centre, world frame, metres; the origin if not given.
+        yaw_deg: of the front face or the panorama's middle, to the left.
+        depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
+        missing: numbers of depth that stand for no surface.
+        names: JSON of the objects that masks show: see :class:`omniscv.sources.recording.sequences.Options`.
+        poses: file of the poses of panoramas, the first column their names.
+        mirrored: whether all pictures show left and right exchanged.
+        clip: take negative and NaN light as 0.
 
     Raises:
-        ArgumentError: no pictures, an unknown layout, or faces that do not fit together.
+        ArgumentError: no pictures, an unknown layout, pictures that are wrong or do not fit together, or an
+            option that acts on nothing.
         RecordingError: the recording cannot be written, or is of another scene.
     """
-    one_of("layout", layout, ("auto", *layouts()))
-    one_of("depth", depth, DEPTHS)
-    center_w, turn_w = numbers("position", position, (3,)), turn_about_z(number("yaw_deg", yaw_deg))
+    missing = tuple(number("missing", value) for value in missing)
+    form = DepthForm.parse(depth, missing) if depth else DepthForm(missing=missing) if missing else None
+    center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
+    pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
+    options = Options(form, None if position is yaw_deg is None else pose, poses, mirrored, clip)
     pictures = Path(pictures)
     with within(pictures):
-        if sequence := find_sequence(pictures, layout):
-            count = add_captures(path, sequence.captures, sequence.objects)
-            return Imported(count, sequence.lines())
-        faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
-        faces, lines = faces_in(pictures, layout)
-        captures = []
-        for mode, of_mode in faces.items():
-            for pixels, R, fov_deg, payload in of_mode:
-                view = View(Pose(center_w, turn_w @ R), fov_deg, pixels.shape[1], pixels.shape[0])
-                captures.append(_capture(mode, pixels, view, depth, pictures.name, payload))
-    return Imported(add_captures(path, lambda: captures), tuple(lines))
+        if not layout.endswith((".yaml", ".yml")):
+            one_of("layout", layout, ("auto", *layouts()))
+        layout = _environment(pictures) if layout == "auto" and pictures.suffix == ".exr" else layout
+        captures: Callable[[], Iterable[Capture]]
+        if sequence := sequences.find_sequence(pictures, layout, options):
+            lines, captures, modes = sequence.lines(), sequence.captures, {*sequence.modes}
+        else:
+            faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
+            faces, found = faces_in(pictures, layout, options)
+            lines, modes, turn_w = tuple(found), {mode for mode, *_ in faces}, turn_about_z(yaw_deg or 0.0)
+            provenance, ray = {"server": "imported", "file": pictures.name}, bool(form and form.ray)
+            held = []
+            for mode, picture, R, fov_deg in faces:
+                view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
+                held.append(sequences.capture_of(picture, mode, view, provenance, ray))
+            captures = partial(iter, held)
+        idle_if = {"depth": form and "depth" not in modes, "names": names and "object_mask" not in modes}
+        idle_if["poses"] = poses and not sequence
+        if idle := [name for name, is_idle in idle_if.items() if is_idle]:
+            got = f"pictures of {' and '.join(sorted(modes))}"
+            raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")
+        known = sequences.objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
+        masks = _Masks(known)
+        count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
+    return Imported(count, (*lines, *masks.lines))
 
 
-def _faces_in_folder(folder: Path, name: str) -> tuple[Faces, list[str]]:
+class _Masks:
+    """Counts what masks show, and names it.
+
+    Args:
+        table: the objects; empty: each id and colour becomes one.
+    """
+
+    def __init__(self, table: ObjectTable) -> None:
+        self._table, self._pixels, self._ids = table, Counter[int](), False
+        self.lines: list[str] = []
+
+    def count(self, capture: Capture) -> Capture:
+        """Count the ids or colours of a mask, and return the capture."""
+        if capture.mode == "object_mask":
+            self._ids, pixels = capture.pixels.ndim == 2, capture.pixels
+            codes = pixels if self._ids else pixels @ np.array([65536, 256, 1], np.uint32)
+            values, counts = np.unique(codes, return_counts=True)
+            self._pixels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+        return capture
+
+    def _codes(self, table: ObjectTable) -> set[int]:
+        if self._ids:
+            return {*table.ids.values()}
+        return {int.from_bytes(bytes(rgb)) for rgb in table.colors.values()}
+
+    def objects(self, before: ObjectTable) -> ObjectTable:
+        """Return the objects of a recording, given those that it has, and note what masks lack."""
+        if not self._pixels:
+            return before
+        table, what = self._table, "ids" if self._ids else "colours"
+        codes = self._pixels.keys() - {0, *([sequences.NO_ID] if self._ids else [])}
+        if not table.colors:
+            new = codes - self._codes(before)
+            ids = before.ids | ({f"id-{code}": code for code in new} if self._ids else {})
+            colors = {f"color-{code:06x}": (code >> 16, code >> 8 & 255, code & 255) for code in new}
+            tolerance = before.tolerance if before.colors else 0
+            table = ObjectTable({} if self._ids else before.colors | colors, tolerance, ids)
+            self.lines.append(f"masks: {len(new)} objects named after their {what}, no list names them")
+        total, held = self._pixels.total(), self._codes(table)
+        if strange := sum(self._pixels[code] for code in codes - held):
+            several = f"{len(codes - held)} {what}"
+            self.lines.append(f"masks: {strange} of {total} pixels show {several} that no object has")
+        if self._table.colors and (unseen := len(held - codes)):
+            self.lines.append(f"masks: {unseen} of {len(held)} objects are in none")
+        if not held & codes:
+            self.lines.append(f"masks: all {total} labels are 0")
+        return table
+
+
+def _environment(picture: Path) -> str:
+    """Return the layout that an EXR says it has; auto if it says none."""
+    import OpenImageIO
+
+    open_regular(picture).close()
+    opened = OpenImageIO.ImageInput.open(str(picture))
+    word = opened.spec().get_string_attribute("textureformat") if opened else ""
+    return _ENVIRONMENTS.get(word, "auto")
+
+
+def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in the files of a folder, and what was decided."""
     files: dict[str, list[Path]] = defaultdict(list)
-    for file in sorted(folder.rglob("*")):
-        if file.suffix.lower() in _SUFFIXES:
-            words = set(re.split(r"[^a-z]+", str(file.relative_to(folder).with_suffix("")).lower()))
-            files[next((mode for mode, known in _MODE_WORDS.items() if words & known), "lit")].append(file)
-    if not files or "normals" in files:
-        got = "normals, whose frame is not known" if files else "none"
-        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
-    faces, lines, choice = Faces(), list[str](), None
+    for file in pictures_in(folder):
+        files[mode_of(file, folder)[0]].append(file)
+    faces, lines, choice = list[Any](), list[str](), None
     for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
         stems = [file.stem for file in files[mode]]
         orders = named(stems, _tried(name) if choice is None else [choice.layout])
@@ -123,45 +185,31 @@ def _faces_in_folder(folder: Path, name: str) -> tuple[Faces, list[str]]:
             got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
             expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
             raise ArgumentError(f"expected {expected}; got {got}")
-        pixels = [read_picture(file) for file in files[mode]]
-        edges = {picture.shape[:2] for picture in pixels}
+        read = [read_as(file, mode, options) for file in files[mode]]
+        edges = {picture.pixels.shape[:2] for picture in read}
         if len(edges) > 1 or len(set(*edges)) > 1:
             raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
         if choice is None:
-            choice = choose(
-                [(layout, [pixels[i] for i in order]) for layout, order in orders], name != "auto"
-            )
+            readings = [(layout, [read[i].pixels for i in order]) for layout, order in orders]
+            choice = choose(readings, name != "auto")
         order = next(order for layout, order in orders if layout is choice.layout)
         lines = lines or choice.lines([stems[i] for i in order])
-        faces[mode] = _views(
-            choice,
-            [pixels[i] for i in order],
-            [read_bytes(files[mode][i], MOST_PICTURE_BYTES) for i in order],
-        )
+        faces += _views(mode, choice, [read[i] for i in order])
     return faces, lines
 
 
-def _faces_in_picture(file: Path, name: str) -> tuple[Faces, list[str]]:
-    """Return the faces in one picture of colours, and what was decided."""
-    picture = read_picture(file)
-    if name == "auto" and file.suffix != ".npy":
-        import OpenImageIO
-
-        if opened := OpenImageIO.ImageInput.open(str(file)):
-            name = _ENVIRONMENTS.get(opened.spec().get_string_attribute("textureformat"), name)
-    if name == "auto" and picture.shape[1] == 2 * picture.shape[0]:
-        name = "latlong"
-    if name in PANORAMAS:
-        faces = [(*face, b"") for face in to_faces(picture, "lit", PANORAMAS[name])]
-        return {"lit": faces}, [f"layout {name}: resampled to six faces"]
-    cuts = ((layout, cut(picture, layout)) for layout in _tried(name) if layout.cells)
+def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
+    """Return the faces in one picture, and what was decided."""
+    mode, _ = mode_of(file, file)
+    picture = read_as(file, mode, options)
+    cuts = ((layout, cut(picture.pixels, layout)) for layout in _tried(name) if layout.cells)
     readings = [(layout, pictures) for layout, pictures in cuts if pictures]
     if not readings:
-        got = f"{picture.shape[1]} x {picture.shape[0]} px"
+        got = f"{picture.pixels.shape[1]} x {picture.pixels.shape[0]} px"
         raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
     choice = choose(readings, is_given=name != "auto")
     lines = choice.lines([f"face {i}" for i in range(1, 7)])
-    return {"lit": _views(choice, choice.pictures, [b""] * 6)}, lines
+    return _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures]), lines
 
 
 def _tried(name: str) -> list[Layout]:
@@ -174,43 +222,9 @@ def _names(name: str, cells: bool) -> str:
     return ", ".join(layout.name for layout in _tried(name) if bool(layout.cells) == cells) or name
 
 
-def _views(choice: Choice, faces: Sequence[Pixels], payloads: Sequence[bytes]) -> list[FaceView]:
-    edge = faces[0].shape[0]
+def _views(mode: str, choice: Choice, faces: Sequence[Picture]) -> Faces:
+    edge = faces[0].pixels.shape[0]
     is_centered = choice.layout.centered or choice.step < _SEAMLESS
     fov_deg = pinhole.fov_deg(edge, (edge - 1) / 2) if is_centered else 90.0
-    rotations = [face.R_w_c for face in choice.arrangement]
-    views = zip(faces, rotations, payloads, strict=True)
-    return [(pixels, R_w_c, fov_deg, payload) for pixels, R_w_c, payload in views]
-
-
-def _capture(mode: str, pixels: Pixels, view: View, depth: str, origin: str, payload: bytes) -> Capture:
-    provenance = {"server": "imported", "file": origin}
-    is_ids = mode == "object_mask" and pixels.ndim == 3 and bool((pixels == pixels[..., :1]).all())
-    of_masks = "png ids" if is_ids else "png"
-    encodings = {"lit": "png", "object_mask": of_masks, "depth": _AS_RECEIVED.get(depth)}
-    encoding = encodings[mode] if pixels.dtype == np.uint8 or mode == "depth" or is_ids else None
-    if encoding:
-        with suppress(BadReplyError):  # other files than these PNGs are converted
-            decoded = codecs.decode(payload, encoding, mode, view)
-            return Capture(Request(view, mode), view, decoded, provenance, payload, encoding)
-    if mode == "depth":
-        pixels = _planar_m(pixels, view, depth)
-    elif is_ids:
-        pixels = pixels[..., 0].astype(np.uint16)
-    elif pixels.ndim == 3 and pixels.dtype == np.uint16:
-        pixels = np.round(pixels / 257).astype(np.uint8)
-    payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
-    return Capture(Request(view, mode), view, pixels, provenance, payload, encoding)
-
-
-def _planar_m(pixels: Pixels, view: View, depth: str) -> NDArray[np.float32]:
-    """(H, W) planar metres; +inf for no surface."""
-    kind, _, unit = depth.partition("-")
-    if depth == "carla":
-        raise ArgumentError(f"depth: expected CARLA's 8-bit pictures, got {pixels.dtype}")
-    if pixels.dtype == np.uint8:
-        raise ArgumentError("depth: expected floats or 16-bit pictures, got 8 bits, which hold no metres")
-    plane = pixels[..., 0] if pixels.ndim == 3 else pixels
-    metres = plane * _UNITS[unit] / (view.ray_lengths() if kind == "ray" else 1)
-    none = ~np.isfinite(metres) | (metres <= 0 if plane.dtype.kind == "u" else metres < 0)
-    return np.where(none, np.inf, metres).astype(np.float32)
+    pairs = zip(faces, choice.arrangement, strict=True)
+    return [(mode, picture, face.R_w_c, fov_deg) for picture, face in pairs]

@@ -244,8 +244,12 @@ def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) 
         pairs = zip(arrangement, layout.arrangement, strict=True)
         return sum((face == expected) + (face.row == expected.row) for face, expected in pairs)
 
+    flipped = Seams([picture[:, ::-1] for picture in pictures]).step(layout.arrangement)
+    mirrored = ", and so it is if all pictures are mirrored (--mirrored)" if flipped <= least + _SAME else ""
     arrangement = max((turned for one in alike for turned in _rotations(one)), key=agreement)
-    return replace(choice, arrangement=arrangement, step=least, alternative=f"as the layout says: {step:.2f}")
+    return replace(
+        choice, arrangement=arrangement, step=least, alternative=f"as the layout says: {step:.2f}{mirrored}"
+    )
 
 
 def _rotations(arrangement: Arrangement) -> list[Arrangement]:
@@ -263,7 +267,10 @@ def _rotations(arrangement: Arrangement) -> list[Arrangement]:
 
 
 def _grey_levels(picture: Pixels) -> Array:
-    """(H, W, 3) 0 to 255, of colours of any type."""
+    """(H, W, 3) 0 to 255, of colours of any type; of depth (H, W) its inverse, of ids their low bytes."""
+    if picture.ndim == 2:
+        picture = np.asarray(1 / (1 + picture) if picture.dtype.kind == "f" else picture & 255, np.float32)
+        picture = np.repeat(picture[..., None], 3, axis=-1) / (255 if picture.max() > 1 else 1)
     white = 1.0 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
     colors = np.asarray(picture, np.float64).reshape(*picture.shape[:2], -1)[..., :3]
     return np.clip(colors * (255.0 / white), 0, 255)

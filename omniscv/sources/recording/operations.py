@@ -24,11 +24,13 @@ from omniscv.sources.recording.rows import (
     view_from_json,
 )
 from omniscv.sources.recording.store import Store
+from omniscv.storage.local import remove_scratch, scratch_folder
 
 Address = TypeVar("Address", str, Path)
 Progress = Callable[[int, int], None]
 """``progress(done, total)``."""
 
+_SCRATCH = ".split-"
 _LEAST_DISTANCE_M = 0.001  # files of a split are named by positions in millimetres
 _JUST_CREATED = "expected a new file, but another recorder has just created one; run again to add to it"
 
@@ -107,12 +109,14 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
             numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
         if folder.local is not None:  # temporary files are on the file system of the folder
             folder.local.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder.local, prefix=".") as scratch:
+            remove_scratch(folder.local, _SCRATCH)
+        parent = Path(tempfile.gettempdir()) if folder.local is None else folder.local
+        with scratch_folder(parent, _SCRATCH) as scratch:
             for name in numbers:
-                with opened_whole(Path(scratch) / name) as target:
+                with opened_whole(scratch / name) as target:
                     _add_all(target, store, numbers[name])
             for name in numbers:
-                folder.put(name, Path(scratch) / name)
+                folder.put(name, scratch / name)
     return [(name, len(captures)) for name, captures in numbers.items()]
 
 
