@@ -30,7 +30,8 @@ PACKED = {"carla": "png carla", "tartanair": "png float32"}
 
 PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _MOST_M = 1e7  # Blender writes 1e10 for no surface
-_MOST_PARTS = 64
+_MOST_PARTS, _MOST_LIGHT = 64, 1e12
+_JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
@@ -211,11 +212,11 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
 def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     clipped = 0
     if pixels.dtype.kind == "f":
-        low, wrong = ~(pixels >= 0), np.count_nonzero(~(np.isfinite(pixels) & (pixels >= 0)))
-        if wrong and not (clip and np.isfinite(pixels[~low]).all()):
+        low, wrong = ~(pixels >= 0), np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
+        if wrong and not (clip and (pixels[~low] <= _MOST_LIGHT).all()):
             advice = "--clip takes negative and NaN as 0"
             raise ArgumentError(
-                f"expected finite light >= 0, got {wrong} of {pixels.size} other values; {advice}"
+                f"expected light of 0 to {_MOST_LIGHT:g}, got {wrong} of {pixels.size} other values; {advice}"
             )
         pixels, clipped = (np.where(low, np.float32(0), pixels), int(wrong)) if wrong else (pixels, 0)
     elif pixels.dtype != np.uint16:
@@ -268,9 +269,12 @@ def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
 
     with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
         head = opened.read(png.HEADER_BYTES)
-        payload = (
-            head + opened.read() if file.suffix.lower() == ".npy" or head.startswith(png.SIGNATURE) else b""
-        )
+        known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
+        payload = head + opened.read() if known else b""
+    if head.startswith(_JPEG):
+        if payload.rfind(_END) < payload.rfind(_SCAN):
+            raise ArgumentError("expected a whole picture, got a JPEG without its end")
+        payload = b""
     if file.suffix.lower() == ".npy":
         return _npy(payload), b""
     try:

@@ -441,7 +441,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
         raise ArgumentError(f"{expected}; got none, or too many")
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
-    place, frames = re.compile(f"(?:.*/)?(?:{layout.place})"), dict[tuple[str, ...], Frame]()
+    place, frames = re.compile(f"(?:.*/)??(?:{layout.place})"), dict[tuple[str, ...], Frame]()
     poses_in, unposed = cache(_poses_in), 0
     for file in sorted(folder.rglob("*")):
         match = place.fullmatch(file.relative_to(folder).as_posix())
