@@ -555,7 +555,7 @@ def test_our_export_for_nerfstudio_comes_in_again(model, tmp_path, capsys):
                 (lit,) = source.capture([Request(view, "lit")])
                 np.testing.assert_array_equal(lit.pixels, np.asarray(Image.open(pictures[i])))
             else:
-                camera_ = omniscv.cameras.create(**camera)
+                camera_ = omniscv.cameras.from_dict(camera)
                 image = omniscv.render(camera_, pose, source, ("lit", "depth"), filter="nearest")
                 before = np.asarray(Image.open(pictures[i]), float)
                 assert np.abs(image.lit - before)[4:-4].mean() < 5  # resampled to faces and back
