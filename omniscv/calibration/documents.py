@@ -59,6 +59,16 @@ class Content:
             self.error = cause
             return []
 
+    @property
+    def documents(self) -> list[Any]:
+        """The values without those printed twice, as a topic's messages are but for their header."""
+        known: list[Any] = []
+        for value in self.values:
+            body = {k: v for k, v in value.items() if k != "header"} if isinstance(value, dict) else value
+            if body not in known:
+                known.append(body)
+        return known
+
     error: ArgumentError | None = None
     """Why there are no values."""
 
@@ -71,7 +81,7 @@ class Content:
         if start in ("{", "["):
             try:
                 return [_from_json(self.text)]
-            except ValueError:  # of YAML, or of lines that start so
+            except json.JSONDecodeError:  # of YAML, or of lines that start so
                 pass
         try:
             return _from_yaml(self.text)

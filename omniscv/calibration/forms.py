@@ -39,8 +39,8 @@ _SYNONYMS = {
 _CANONICAL = {word: canon for canon, words in _SYNONYMS.items() for word in words.split()}
 
 _GEOMETRY = re.compile(
-    r"skew|tilt|shear|dist(?!anc|ribut)|coef|tangential|prism|radial|windshield|binning|roi|crop|rectif|mirror|"
-    r"linedelay|readout|shutter|stretch|aspect|decenter|affine|poly|^(camera\d?)?([kps]\d+|xi|alpha|beta|omega|fov)$"
+    r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
+    r"mirror|linedelay|readout|shutter|stretch|aspect|decenter|affine|^poly|^([kps]\d+|xi|alpha|beta|omega|fov)$"
 )
 """Plain keys that may change the geometry: refused unless a row models them or they are neutral."""
 
@@ -103,6 +103,10 @@ class Node:
         for path, value in _leaves(self.values):
             if not any(plain(path) == used or plain(path).startswith(f"{used}.") for used in self.used):
                 yield path, value
+        for key, value in self.outer[0].items() if self.outer else ():
+            read = any(used.partition(".")[0] == plain(key) for used in self.used)
+            if _GEOMETRY.search(plain(key)) and not read and value is not self.values:
+                yield key, value
 
 
 def _at(values: Any, path: str) -> Iterator[Any]:
@@ -163,7 +167,7 @@ class Key(NamedTuple):
 
     def read(self, node: Node) -> Numbers:
         """Return the numbers that a camera has here; ArgumentError for another count or value."""
-        value = node.take(self.paths, [] if self.optional or not self.groups[0] else _MISSING)
+        value = node.take(self.paths, [] if self.optional or not self.groups[0] else _MISSING, outer=True)
         values = [] if value is None else floats(self.path, value)
         if not values and self.optional:
             return {}
@@ -223,8 +227,7 @@ def _row(words: list[str]) -> Row:
         paths, equals, names = text.partition("=")
         optional = paths.endswith("?")
         paths = paths.removesuffix("?")
-        if paths.startswith("."):
-            paths = "|".join(f"{before}{path.removeprefix('.')}" for path in paths.split("|"))
+        paths = "|".join(before + path[1:] if path.startswith(".") else path for path in paths.split("|"))
         before = paths.partition("|")[0].rpartition(".")[0] + "." if "." in paths.partition("|")[0] else ""
         names = names if equals else paths.partition("|")[0].rpartition(".")[2]
         groups = tuple(tuple(filter(None, group.split(","))) for group in names.split(";"))
@@ -309,12 +312,10 @@ class Form:
             parts = self.split(content)
             return {name: part if isinstance(part, Node) else Node(part) for name, part in parts.items()}
         found: dict[str, Node] = {}
-        for document in content.values:
+        for document in content.documents:
             for path, node in marked(document, self.mark.split()):
                 name = next((str(part) for part in reversed(path) if isinstance(part, str)), "cam0")
                 name = f"cam{path[-1]}" if path and isinstance(path[-1], int) else name
-                if node.values in [other.values for other in found.values()]:
-                    continue  # printed twice
                 while name in found:
                     name = f"cam{len(found)}" if name.startswith("cam") else f"{name}-{len(found)}"
                 found[name] = node
@@ -510,8 +511,9 @@ def unread_keys(node: Node, harmless: str = "$^") -> tuple[str, ...]:
     """
     ignored = []
     for path, value in node.unread():
-        last = plain(path.rpartition(".")[2])
-        if _GEOMETRY.search(last) and not _is_neutral(value) and not re.search(harmless, plain(path)):
+        parts = plain(path).split(".")
+        odd = any(map(_GEOMETRY.search, parts)) and not _is_neutral(value, parts[-1])
+        if odd and not re.search(harmless, plain(path)):
             raise ArgumentError(
                 f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
             )
@@ -537,8 +539,12 @@ def _canonical(words: str) -> tuple[str, ...]:
     return tuple(map(canonical, words.split("+")))
 
 
-def _is_neutral(value: object) -> bool:
-    """Return whether a value changes nothing: none, zero, a text for it, or an identity matrix."""
+def _is_neutral(value: object, key: str) -> bool:
+    """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
+    if key.startswith(("fix", "zero")) or (
+        re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")
+    ):
+        return True  # flags of OpenCV's calibration
     if value is None or (isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0")):
         return True
     try:
@@ -556,18 +562,19 @@ def marked(
     marks: Sequence[str],
     path: tuple[str | int, ...] = (),
     outer: tuple[Mapping[str, Any], ...] = (),
+    accepts: Callable[[Node], bool] = lambda node: True,
 ) -> Iterator[tuple[tuple[str | int, ...], Node]]:
     """Yield the mappings that have all marks, outermost first, and where they stand."""
     if isinstance(value, Mapping):
         node = Node(value, outer)
-        if all(node.has(mark) for mark in marks):
+        if all(node.has(mark) for mark in marks) and accepts(node):
             yield path, node
             return
         outer = (value, *outer)
     if isinstance(value, Mapping | list) and len(path) < 8:
         for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
             if isinstance(below, Mapping | list):
-                yield from marked(below, marks, (*path, key), outer)
+                yield from marked(below, marks, (*path, key), outer, accepts)
 
 
 # -- poses ---------------------------------------------------------------------------------------------

@@ -116,7 +116,7 @@ def _chain(cameras: dict[str, Values]) -> Values:
 KALIBR = Kalibr(
     "kalibr",
     "Kalibr, OpenVINS, TUM-VI",
-    f"camera_model {_COEFFICIENTS} intrinsics",
+    "camera_model distortion_coeffs intrinsics",
     f"""
     pinhole+none pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
     pinhole+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2;k3

@@ -74,6 +74,7 @@ _K_NAMES, _NAMES = ([plain(name) for name in names.split("|")] for names in (K, 
 _SIDED = re.compile(
     rf"(?:(left|right|l|r|cam[0-9]|camera[0-9])\.?)?({'|'.join(_NAMES)})\.?(left|right|l|r|[0-9])?"
 )
+_FARTHEST_M = 10.0  # cameras of a pair; T is in the unit of the board, which may be mm
 EITHER = "opencv or opencv-fisheye"
 
 
@@ -111,23 +112,33 @@ def model_of(node: Node) -> str:
 def lenses(content: Content) -> dict[str, Node]:
     """Return the cameras of a file that have a matrix, by name: ``cam0``, their key, or their side."""
     found: dict[str, Node] = {}
-    for document in content.values:
-        for path, node in marked(document, [K]):
-            if _is_matrix(node) and node.values not in [other.values for other in found.values()]:
-                words = [str(part) for part in path if isinstance(part, str)]
-                name = words[-1] if words else "cam0"
-                found[name if name not in found else f"{name}-{len(found)}"] = node
+    for document in content.documents:
+        for path, node in marked(document, [K], accepts=_is_matrix):
+            words = [str(part) for part in path if isinstance(part, str)]
+            name = words[-1] if words else "cam0"
+            found[name if name not in found else f"{name}-{len(found)}"] = node
         if not found:
             found |= _sides(document)
+        elif len(found) == 2 and isinstance(document, Mapping):
+            _set_stereo(found, document.get("R"), document.get("T"))
     return found
 
 
+def _set_stereo(found: dict[str, Node], R: Any, T: Any) -> None:
+    """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``, where T can be metres."""
+    if R is None or T is None:
+        return
+    matrix = np.column_stack([np.reshape(floats("R", R), (3, 3)), floats("T", T)])
+    if np.linalg.norm(matrix[:, 3]) > _FARTHEST_M:
+        return
+    for node, pose in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
+        node.values = {**node.values, "T_stereo": pose.ravel().tolist()}
+
+
 def _is_matrix(node: Node) -> bool:
-    values = [value for path in K.split("|") if node.has(path) for value in [node.take(path)]]
-    try:
-        return all(len(floats("", value)) == 9 for value in values)
-    except ArgumentError:
-        return True  # refused with its name
+    """Return whether the key is that of a matrix, or of what should be one."""
+    value = node.take(K)
+    return "data" in value if isinstance(value, Mapping) else isinstance(value, list | str)
 
 
 def _sides(document: Any, outer: tuple[Any, ...] = ()) -> dict[str, Node]:
@@ -150,11 +161,8 @@ def _sides(document: Any, outer: tuple[Any, ...] = ()) -> dict[str, Node]:
     pose = {key: shared.pop(key) for key in ("R", "T") if key in shared}
     long = {"l": "left", "r": "right"}
     found = {long.get(side, side): Node({**shared, **lens}, outer) for side, lens in sorted(sides.items())}
-    if len(pose) == 2 and len(found) == 2:  # x_2 = R x_1 + T
-        first, second = found.values()
-        matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
-        first.values = {**first.values, "T_stereo": np.eye(4).tolist()}
-        second.values = {**second.values, "T_stereo": matrix.ravel().tolist()}
+    if len(found) == 2:
+        _set_stereo(found, pose.get("R"), pose.get("T"))
     return {f"cam{name}" if name.isdigit() else name: node for name, node in found.items()}
 
 
@@ -262,7 +270,7 @@ ROS = Ros(
     equidistant kannala-brandt {K}={_UPRIGHT} {D}=k1,k2,k3,k4
     """,
     word="distortion_model|camera_model",
-    size=f"image.width|{WIDTH} image.height|{HEIGHT}",
+    size=_SIZES,
     constant={"camera_name": "camera"},
     harmless="^r(ectification(matrix)?)?$|^p(rojection(matrix)?)?$",
     finish=_binned,

@@ -31,7 +31,7 @@ PLAIN = "k1,k2,p1,p2;k3;k4,k5,k6;s1,s2,s3,s4;0,0"
 
 def _mappings(content: Content, marks: str) -> list[Node]:
     """Return the documents that have all marks."""
-    nodes = [Node(value) for value in content.values if isinstance(value, Mapping)]
+    nodes = [Node(value) for value in content.documents if isinstance(value, Mapping)]
     return [node for node in nodes if all(node.has(mark) for mark in marks.split())]
 
 
@@ -85,6 +85,8 @@ def _orb_optional(names: str) -> str:
 def _orb_cameras(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
     for node in _mappings(content, "Camera1.fx|Camera.fx"):
+        if not any(key.startswith("Camera") and ".fx" in key for key in node.values):
+            continue  # another program's "camera" with "fx" in it
         flat = dict(node.unread())
         second = {f"Camera1.{path[8:]}": value for path, value in flat.items() if path.startswith("Camera2.")}
         if not second:
@@ -166,7 +168,7 @@ STELLA = Form(
         "Camera.fps": 30.0,
         "Camera.color_order": "RGB",
     },
-    harmless="^mask|^preprocess|^feature|^orb",
+    harmless="^stereorectifier",
     stereo=by_baseline,
 )
 
@@ -343,8 +345,8 @@ D = (
     "distortion|coeffs|coefficients|distortion_coef|distortions|distortion_parameters|distortion_params|dist_params|"
     "distortion_vector|distCoefs|dist_coefficients"
 )
-WIDTH = "image_width|width|img_width|w|cols|resolution.width|image_size.width|size.width|res_x"
-HEIGHT = "image_height|height|img_height|h|rows|resolution.height|image_size.height|size.height|res_y"
+WIDTH = "image_width|width|image.width|img_width|w|cols|resolution.width|image_size.width|size.width"
+HEIGHT = "image_height|height|image.height|img_height|h|rows|resolution.height|image_size.height|size.height"
 _FOCALS = "fx|focal_x|focal_length_x|f_x fy|focal_y|focal_length_y|f_y"
 _CENTERS = "cx|ppx|c_x|principal_x|center_x|x0 cy|ppy|c_y|principal_y|center_y|y0"
 
@@ -355,18 +357,23 @@ def _named(paths: str, names: str) -> str:
 
 _FOUR = f"{_named(_FOCALS, 'fx fy')} {_named(_CENTERS, 'cx cy')}"
 
+_FLAT, _FOUR_K = (
+    " ".join(f"{name}|distortion.{name}|distortion_coeffs.{name}{end}" for name in names.split())
+    for names, end in (("k1 k2 p1 p2 k3 k4 k5 k6", "?"), ("k1 k2 k3 k4", ""))
+)
+_BC = "Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv"
 INTRINSICS = Form(
     "intrinsics",
     "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
     f"{_FOCALS} {_CENTERS}",
     f"""
-    Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv pinhole {_FOUR} {D}=;{PLAIN}
-    < Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv pinhole {_FOUR} k1? k2? p1? p2? k3? k4?
-    k5? k6? < Modified_Brown_Conrady|Inverse_Brown_Conrady|inverse|modified pinhole {_FOUR} {D}=;0,0,0,0,0
+    {_BC} pinhole {_FOUR} {D}=;{PLAIN}
+    < {_BC} pinhole {_FOUR} {_FLAT}
+    < Modified_Brown_Conrady|Inverse_Brown_Conrady|inverse|modified pinhole {_FOUR} {D}=;0,0,0,0,0
     Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0
-    < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} k1 k2 k3 k4
+    < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {_FOUR_K}
     """,
-    word="model|distortion_model|camera_model|distortion_type|model_type",
+    word="model|distortion_model|camera_model|distortion_type|model_type|distortion.model|distortion.type",
     size=f"width|{WIDTH} height|{HEIGHT}",
     syntax="json",
 )
@@ -386,7 +393,7 @@ OPEN3D = Form(
 SENSOR = Form(
     "sensor",
     "EuRoC's sensor.yaml, ASL, Kimera",
-    "intrinsics camera_model|distortion_model distortion_coefficients|distortion_parameters|T_BS",
+    "intrinsics camera_model|distortion_model distortion_coefficients|T_BS",
     """
     pinhole+radial-tangential|none+radtan pinhole intrinsics=fx,fy,cx,cy \
     distortion_coefficients|distortion_parameters=k1,k2,p1,p2;k3;k4,k5,k6
@@ -490,7 +497,7 @@ _ARIA_SIZES = {
 
 def _aria(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
-    for document in content.values:
+    for document in content.documents:
         if not isinstance(document, Mapping) or "CameraCalibrations" not in document:
             continue
         entries, sizes = document["CameraCalibrations"], document.get("ImageSizes")
@@ -547,7 +554,7 @@ ARIA = Form(
 
 def _nuscenes(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
-    for document in content.values:
+    for document in content.documents:
         for entry in document if isinstance(document, list) else []:
             if isinstance(entry, Mapping) and entry.get("camera_intrinsic") and "translation" in entry:
                 name = str(entry.get("channel", entry.get("token", f"cam{len(cameras)}")))
@@ -597,7 +604,7 @@ def _metashape(content: Content) -> dict[str, Any]:
             if key != "calibration":
                 visit(below, name)
 
-    for document in content.values if content.text.lstrip().startswith("<") else []:
+    for document in content.documents if content.text.lstrip().startswith("<") else []:
         visit(document, "cam0")
     return {name: lens for name, lens in cameras.items() if Node(lens).has("f|width|resolution")}
 
