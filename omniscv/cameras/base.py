@@ -35,12 +35,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import numbers, shown, whole_number
 from omniscv.errors import ArgumentError
+from omniscv.geometry.arrays import ROUNDING
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-ROUNDING = 1e-12
-"""Relative rounding error of a radius, and of a pixel at the border."""
 
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """The types of constructor arguments."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.cameras.base import ROUNDING
 from omniscv.compiled import njit
+from omniscv.geometry.arrays import ROUNDING
 
 Array = NDArray[np.float64]
 Plane = tuple[float, float, float, float, float, float]

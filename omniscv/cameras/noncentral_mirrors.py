@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
-from omniscv.cameras.base import FARTHEST, ROUNDING, Array, Viewpoints, polar
+from omniscv.cameras.base import FARTHEST, Array, Viewpoints, polar
 from omniscv.cameras.monotone import increasing_root
 from omniscv.cameras.radial import CircleCamera, Meridian
 from omniscv.cameras.registry import register
+from omniscv.geometry.arrays import ROUNDING
 
 _BLOCK = 1 << 14  # points per block: its arrays fit the processor's cache
 

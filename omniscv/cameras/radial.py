@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, optional_number
 from omniscv.cameras.base import (
-    ROUNDING,
     Array,
     Camera,
     CentralCamera,
@@ -24,6 +23,7 @@ from omniscv.cameras.base import (
     sin_cos_of_half,
 )
 from omniscv.cameras.distortion import Distortion
+from omniscv.geometry.arrays import ROUNDING
 
 BEFORE_TURN = 1 - 1e-7
 """Fraction of the radius where rays turn back up to which float64 separates the rays of pixels to 1e-6 px."""

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers
-from omniscv.cameras.base import ROUNDING, Array
+from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Meridian
 from omniscv.cameras.registry import register
+from omniscv.geometry.arrays import ROUNDING
 
 
 @register

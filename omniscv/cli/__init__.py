@@ -38,9 +38,6 @@ COMMANDS = {
 }
 """The commands, and the modules of this package in whose ``app`` they are."""
 
-_OLD = {"captures": "recording", "ask": "send"}
-"""Former names of commands, which work in this version and are not in the help."""
-
 
 class _Commands(TyperGroup):
     """Imports the module of a command when the command is looked up."""
@@ -51,11 +48,10 @@ class _Commands(TyperGroup):
         self.commands = names  # for lists and suggestions
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        name = _OLD.get(cmd_name, cmd_name)
-        if name not in COMMANDS:
+        if cmd_name not in COMMANDS:
             return None
-        group = typer.main.get_group(import_module(f"omniscv.cli.{COMMANDS[name]}").app)
-        return group.commands.get(name, group)  # such as cameras, which is a group itself
+        group = typer.main.get_group(import_module(f"omniscv.cli.{COMMANDS[cmd_name]}").app)
+        return group.commands.get(cmd_name, group)  # such as cameras, which is a group itself
 
 
 def _version(is_given: bool) -> None:

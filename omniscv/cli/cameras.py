@@ -13,7 +13,6 @@ from typer.core import TyperGroup
 
 from omniscv.arguments import one_of
 from omniscv.cli import console, options
-from omniscv.cli.old_spellings import OF_FIT, accepting
 from omniscv.errors import ArgumentError
 
 
@@ -123,7 +122,6 @@ def from_unreal(
 
 
 @app.command(
-    cls=accepting(OF_FIT),
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
     "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap",
 )

@@ -8,7 +8,6 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.old_spellings import OF_FORMATS, OF_JOBS, accepting
 from omniscv.cli.options import IMAGES, AsJson, JobArguments, setting, with_job
 from omniscv.errors import ArgumentError
 
@@ -27,7 +26,7 @@ Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; fin
 _CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
 
 
-@app.command(cls=accepting(OF_JOBS), epilog="Example: omniscv dataset make dataset.yaml --resume")
+@app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
 @with_job(IMAGES, needs_file=True)
 def make(
     job: JobArguments,
@@ -87,7 +86,6 @@ def make(
 
 
 @app.command(
-    cls=accepting(OF_FORMATS),
     epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100",
 )
 def export(
@@ -170,7 +168,7 @@ def object_names(scene: str) -> tuple[str, ...]:
         return tuple(source.objects().names())
 
 
-@app.command(cls=accepting(OF_FORMATS), epilog="Example: omniscv dataset pack dataset --as webdataset")
+@app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
     as_: Annotated[str, Option("--as", help="webdataset or hf.")],

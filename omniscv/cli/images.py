@@ -10,7 +10,6 @@ from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.old_spellings import OF_JOBS, accepting
 from omniscv.cli.options import IMAGES, MODES, SET, SOURCE_HELP, VIEW, JobArguments, JobOption, key, with_job
 from omniscv.errors import ArgumentError
 
@@ -21,7 +20,6 @@ _OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube m
 
 
 @app.command(
-    cls=accepting(OF_JOBS),
     no_args_is_help=True,
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
     "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
@@ -97,7 +95,6 @@ RECORD = {
 
 
 @app.command(
-    cls=accepting(OF_JOBS),
     no_args_is_help=True,
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
     "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
@@ -159,7 +156,6 @@ def _described(job: JobArguments, games: list[Path]) -> JobArguments:
 
 
 @app.command(
-    cls=accepting(OF_JOBS),
     epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth",
 )
 @with_job(VIEW)

@@ -53,9 +53,6 @@ def check(file: Recording) -> None:
     raise Exit(0 if report.ok else 1)
 
 
-app.command("verify", hidden=True)(check)  # its name before
-
-
 @app.command(epilog="Example: omniscv recording export room.sqlite faces/")
 def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or new folder.")]) -> None:
     """Write a recording as a folder of images and JSON."""

@@ -17,6 +17,8 @@ Faces = Sequence[Pixels] | Pixels
 """Pictures of one size, as a sequence or as one array (V, h, w, ...)."""
 
 
+ROUNDING = 1e-12
+"""Relative rounding error of a radius, and of a pixel at the border."""
 _FEW = 8
 """Pixels of all pictures for each that is read; by measurement."""
 

@@ -185,7 +185,7 @@ def calibration_file(rng, folder):
     require(time.process_time() - started < SECONDS, f"{name}: {time.process_time() - started:.2f} s")
 
 
-VIEWED = "--source --camera --size --set --param --position --modes --accuracy"
+VIEWED = "--source --camera --size --set --position --modes --accuracy"
 OPTIONS = {
     "render": f"{VIEWED} --yaw --roll --stem --max-error".split(),
     "plan": VIEWED.split(),

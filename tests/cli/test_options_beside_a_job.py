@@ -1,16 +1,13 @@
 """Options beside a job take the place of its keys, and a line says which; without one they are the job."""
 
 import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from omniscv.arguments import shown
 from omniscv.cli import run
-from omniscv.cli.old_spellings import OF_FIT, OF_FORMATS, OF_JOBS, as_settings
 from omniscv.cli.options import IMAGES, JobArguments
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -86,34 +83,11 @@ def test_a_wrong_setting_is_refused(setting, says, job, capsys):
     assert says in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("old", "field", "value"),
-    [
-        ("--face-size 16", "options.face_size", 16),
-        ("--timeout 3", "source_options.timeout_s", 3.0),
-        ("--record room.sqlite", "record.name", "room.sqlite"),
-        ("--fov 90 --camera fisheye-equidistant --size 8x8", "cameras.fisheye-equidistant.focal", 16 / np.pi),
-        ("--param focal=5 --camera pinhole --size 8x6", "cameras.pinhole.focal", 5.0),
-        (f"{LENS} --param k=0.01,0,0,0", "cameras.kannala-brandt.k", (0.01, 0, 0, 0)),
-    ],
-)
-def test_spellings_from_before_set_work(old, field, value, job, monkeypatch):
-    loaded = []
-    monkeypatch.setattr("omniscv.make.run", lambda job, *_, **__: loaded.append(job) or [])
-    assert run(["render", str(job), *old.split()]) == 0
-    assert np.array_equal(_field(loaded[0], field), value)
-
-
-@pytest.mark.parametrize(
-    ("command", "renamed"),
-    [("render", OF_JOBS), ("record", OF_JOBS), ("cameras fit", OF_FIT), ("dataset export", OF_FORMATS)],
-)
-def test_old_spellings_are_not_in_the_help(command, renamed, capsys):
-    assert run([*command.split(), "--help"]) == 0
-    listed = set(re.findall(r"--[a-z-]+", capsys.readouterr().out.partition("Example:")[0]))
-    assert "--set" in listed
-    assert not listed & renamed.keys()
-    assert as_settings(["--option", "a=1", "b"], OF_FORMATS) == ["--set", "a=1", "b"]
+@pytest.mark.parametrize("old", ["--param width=5", "--fov 90", "--face-size 16", "--record room.sqlite"])
+def test_an_option_that_a_command_does_not_have_is_refused(old, job, capsys):
+    """Also where the job or another option gives the same value."""
+    assert run(["render", str(job), *old.split(), "--size", "8x4"]) == 2
+    assert old.split()[0] in capsys.readouterr().err
 
 
 def _field(job, path):

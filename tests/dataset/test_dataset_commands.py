@@ -42,7 +42,7 @@ def test_info_counts(whole, capsys):
 
 def test_export_prints_its_files(whole, tmp_path, capsys):
     to = ("--to", "webdataset", "--out", tmp_path / "x")
-    printed = lines(capsys, 0, "export", whole / "dataset", *to, "--option", "max_count=3")
+    printed = lines(capsys, 0, "export", whole / "dataset", *to, "--set", "max_count=3")
     assert sorted(printed) == sorted(str(path) for path in (tmp_path / "x").iterdir())
     assert len(printed) == 4
     (tmp_path / "x" / "mine.txt").touch()

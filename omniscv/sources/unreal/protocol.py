@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.sources.base import Capabilities
 from omniscv.sources.codecs import picture_size
 
-if TYPE_CHECKING:
-    from omniscv.sources.unreal.client import Connection
-
+T = TypeVar("T")
 Reply = str | bytes
 """Bytes where the reply is not UTF-8."""
 
@@ -215,6 +213,14 @@ DIALECTS = {
 }
 
 
+class Asked(Protocol):
+    """A connection that reads replies to commands together: see ``client.Connection``."""
+
+    address: str
+
+    def read(self, commands: Sequence[str], reader: Callable[[str, Reply], T]) -> list[T]: ...
+
+
 @dataclass(frozen=True)
 class Plugin:
     """The plugin of one server: its dialect, a key of ``DIALECTS``, and the templates of its commands.
@@ -226,7 +232,7 @@ class Plugin:
     templates: frozenset[str]
 
 
-def identify(connection: Connection) -> Plugin:
+def identify(connection: Asked) -> Plugin:
     """Return a server's plugin; BadReplyError for one of no known kind.
 
     Its list of commands is trusted if it holds itself, its help likewise; else the dialect is found by how
@@ -242,13 +248,13 @@ def identify(connection: Connection) -> Plugin:
     return Plugin(dialect, frozenset(helped) if _HELP in helped else DIALECTS[dialect].commands)
 
 
-def _templates(connection: Connection, command: str) -> list[str]:
+def _templates(connection: Asked, command: str) -> list[str]:
     """Return the lines of a reply; none of one that is no text."""
     (reply,) = connection.read([command], lambda _, reply: reply)
     return reply[:_MOST_TEXT].split("\n") if isinstance(reply, str) else []
 
 
-def _probed(connection: Connection) -> str:
+def _probed(connection: Asked) -> str:
     """Return the dialect of a server without a list.
 
     N2 has error texts of its own for unknown commands; only 0.3.10 knows the field of view by this name; M
@@ -262,7 +268,7 @@ def _probed(connection: Connection) -> str:
     return "M" if _first_match(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
 
 
-def _first_match(connection: Connection, command: str, *patterns: str) -> str:
+def _first_match(connection: Asked, command: str, *patterns: str) -> str:
     """Return the first of some patterns that the reply to a command begins with."""
 
     def match(command: str, reply: Reply) -> str:
