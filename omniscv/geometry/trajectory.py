@@ -4,20 +4,22 @@ Files hold the camera's positions in the world, metres, and rotations from camer
 :mod:`omniscv.geometry`: a trajectory estimated from the images compares directly. ``#`` starts a comment.
 
 TUM
-    ``time tx ty tz qx qy qz qw``, seconds, separated by single spaces.
+    ``time tx ty tz qx qy qz qw``, seconds, separated by blanks; a comment may name ``qw`` before ``qx``.
 KITTI odometry
     the 3x4 matrix of T_0_i row by row, from camera i to the first camera. Times are in another file, one
     number per line.
 EuRoC
-    ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; further columns are ignored.
+    ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; 8 or 17 columns, a quaternion of length 1.
 CSV
-    a line of names, then numbers: ``x,y,z``, and ``yaw,pitch,roll`` in degrees (``yaw_rad``: radians) as of
-    :meth:`Pose.from_angles`, or ``qx,qy,qz,qw``; ``time`` in seconds may be among them.
+    a line of names, then numbers, separated by commas, semicolons or tabs: ``x,y,z``, and ``yaw,pitch,roll``
+    in degrees (``yaw_rad``: radians) as of :meth:`Pose.from_angles`, or ``qx,qy,qz,qw``; ``time`` in seconds
+    may be among them.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -38,6 +40,7 @@ Frame = Literal["camera", "body", "object"]
 _NS = 10**9
 _ANGLES, _QUATERNION = ("yaw", "pitch", "roll"), ("qx", "qy", "qz", "qw")
 _MOST_BYTES = 1 << 28
+_MOST_SECONDS = 1e11  # the year 5138; since 1970, milliseconds are more
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
 """Largest entry of |R R^T - I| in a file: those of KITTI have seven digits."""
@@ -168,35 +171,43 @@ def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame = "camera") -
         first: the pose of KITTI's first camera, to which its poses are relative; level at the origin if not
             given.
         frame: what the file's quaternions and matrices turn. ``camera``: x right, y down, z forward.
-            ``body``: x forward, y left, z up; poses are then those of a camera that looks along its x.
+            ``body``: x forward, y left, z up, angles as ROS has them (pitch down +); poses are then those of
+            a camera that looks along its x, and KITTI's world is the first body.
             ``object``: the same, and the poses are the object's own.
 
     Raises:
         ArgumentError: the file cannot be read, a line does not hold the finite numbers of a pose, or times
             do not increase.
     """
-    rows = list(_rows(path))
+    content = _content(path)
+    rows = list(_rows(path, content))
     if not rows:
         raise ArgumentError(f"{path}: expected lines 'time tx ty tz qx qy qz qw', got none")
     (_, words, commas), *_ = rows
-    if commas and {"x", "y", "z"} & {word.lower() for word in words}:
+    if {"x", "y", "z"} & {word.lower() for word in words}:
         with within(path):
             columns, read = _csv([word.lower() for word in words], frame)
+            if len(rows) == 1:
+                raise ArgumentError("expected rows of numbers below the names, got none")
         del rows[0]
     else:
         columns, read = _EUROC if commas else _KITTI if len(words) == 12 else _TUM
+        if read is _tum and re.search(r"^#.*\bqw\b.*\bqx\b", content, re.MULTILINE):
+            columns, read = "'time tx ty tz qw qx qy qz'", _tum_w_first
     times, poses = [], []
     for line, words, _ in rows:
         try:
             time, pose = read(words)
         except (ValueError, OverflowError) as cause:
-            got = shown(" ".join(words))
-            raise ArgumentError(f"{path}, line {line}: expected {columns}, got {got}") from cause
+            got, why = shown(" ".join(words)), f": {cause}" if isinstance(cause, ArgumentError) else ""
+            raise ArgumentError(f"{path}, line {line}: expected {columns}, got {got}{why}") from cause
         times.append(time)
         poses.append(Pose(pose.position, pose.rotation @ R_LEVEL) if frame == "body" else pose)
     with within(path):
         if read is not _kitti:
             return Trajectory(tuple(poses), None if math.isnan(times[0]) else tuple(times))
+        if frame == "body":  # the file's world is the first body, not the first camera
+            first = Pose(first.position, first.rotation @ R_LEVEL.T)
         return Trajectory(tuple(first @ pose for pose in poses), _kitti_times(path))
 
 
@@ -235,26 +246,53 @@ def plain(value: float) -> str:
     return str(value + 0).removesuffix(".0")
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str], bool]]:
-    """Yield line number, words, and whether commas separate them, of lines that are more than a comment."""
+def _content(path: Path) -> str:
     from omniscv.storage.bounded import read_bytes  # loads YAML
 
     try:
-        content = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+        return read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     except ValueError as cause:
         raise ArgumentError(f"{path}: {cause}") from cause
+
+
+def _rows(path: Path, content: str) -> Iterator[tuple[int, list[str], bool]]:
+    """Yield line number, words, and whether commas separate them, of lines that are more than a comment."""
     for line, text in enumerate(content.splitlines(), start=1):
         if numbers := text.partition("#")[0].strip():
-            yield line, numbers.replace(",", " ").split(), "," in numbers
+            separator = next((mark for mark in ";," if mark in numbers), None)
+            words = [word.strip() for word in numbers.split(separator)]
+            cells = words if separator == ";" else numbers.split()
+            alone = len(cells) > 1 and not any(cell.strip(",") != cell for cell in cells)
+            if alone and any(map(_DECIMAL_COMMA.fullmatch, cells)):
+                got = shown(numbers[:60])
+                raise ArgumentError(f"{path}, line {line}: expected decimal points, got a comma in {got}")
+            yield line, words, separator is not None
+
+
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
+
+
+def _seconds(word: float) -> float:
+    if abs(time := number("time", word)) > _MOST_SECONDS:
+        raise ArgumentError(f"time: expected seconds, got {time:.15g}: milli-, micro- or nanoseconds?")
+    return time
 
 
 def _tum(words: list[str]) -> tuple[float, Pose]:
     time, x, y, z, *quaternion = map(float, words)
-    return number("time", time), Pose.from_quaternion((x, y, z), quaternion)
+    return _seconds(time), Pose.from_quaternion((x, y, z), quaternion)
+
+
+def _tum_w_first(words: list[str]) -> tuple[float, Pose]:
+    return _tum([*words[:4], *words[5:], *words[4:5]])
 
 
 def _euroc(words: list[str]) -> tuple[float, Pose]:
+    if len(words) not in (8, 17):
+        raise ArgumentError(f"expected 8 or 17 columns, got {len(words)}")
     x, y, z, qw, qx, qy, qz = map(float, words[1:8])
+    if not abs((length := math.hypot(qw, qx, qy, qz)) - 1) < 1e-3:
+        raise ArgumentError(f"expected a quaternion of length 1, got {length:.6g}")
     return int(words[0]) / _NS, Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
 
 
@@ -276,6 +314,8 @@ def _csv(names: Sequence[str], frame: Frame) -> tuple[str, Callable[[list[str]],
         raise ArgumentError(f"line 1: expected names among {', '.join(known)}; got {shown(wrong[0])}")
     if missing := [name for name in "xyz" if name not in names]:
         raise ArgumentError(f"line 1: expected columns x, y and z, got no {missing[0]}")
+    if twice := [name for name in plain_names if plain_names.count(name) > 1]:
+        raise ArgumentError(f"line 1: expected each column once, got {twice[0]} twice")
     turned = [name for name in _QUATERNION if name in names]
     if turned and (len(turned) < 4 or set(_ANGLES) & set(plain_names)):
         raise ArgumentError("line 1: expected qx, qy, qz and qw, or yaw, pitch and roll; got some of them")
@@ -283,13 +323,20 @@ def _csv(names: Sequence[str], frame: Frame) -> tuple[str, Callable[[list[str]],
     def read(words: list[str]) -> tuple[float, Pose]:
         values = dict(zip(plain_names, map(float, words), strict=True))
         position = values["x"], values["y"], values["z"]
-        time = number("time", values["time"]) if "time" in values else math.nan
+        time = _seconds(values["time"]) if "time" in values else math.nan
         if turned:
             return time, Pose.from_quaternion(position, [values[name] for name in _QUATERNION])
         for name, plain in zip(names, plain_names, strict=True):
             if name.endswith("_rad"):
                 values[plain] = math.degrees(values[plain])
-        level = Pose.from_angles(position, *(values.get(name, 0.0) for name in _ANGLES))
+        angles = [values.get(name, 0.0) for name in _ANGLES]
+        if frame == "body":
+            from scipy.spatial.transform import Rotation
+
+            return time, Pose(
+                np.array(position), Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+            )
+        level = Pose.from_angles(position, *angles)
         return time, level if frame == "camera" else Pose(level.position, level.rotation @ R_LEVEL.T)
 
     return f"'{','.join(names)}'", read
@@ -303,7 +350,9 @@ _KITTI = ("the 12 numbers of a rigid 3x4 matrix", _kitti)
 def _kitti_times(path: Path) -> tuple[float, ...] | None:
     for beside in (path.with_suffix(".times"), path.with_name("times.txt")):
         if beside.is_file():
-            return tuple(number(f"line {line}", words[0]) for line, words, _ in _rows(beside))
+            return tuple(
+                number(f"line {line}", words[0]) for line, words, _ in _rows(beside, _content(beside))
+            )
     return None
 
 

@@ -202,6 +202,16 @@ def test_a_table_of_quaternions_is_as_tum(tmp_path):
         ("x,y,z,qw,yaw\n1,2,3,4,5\n", "line 1: expected qx, qy, qz and qw, or yaw"),
         ("x,y,z\n1,2\n", "line 2: expected 'x,y,z', got '1 2'"),
         ("x,y,z\n1,2,up\n", "line 2: expected 'x,y,z', got '1 2 up'"),
+        ("x,y,z\n", "expected rows of numbers below the names"),
+        ("x,y,z,yaw,yaw_rad\n1,2,3,4,5\n", "line 1: expected each column once, got yaw twice"),
+        ("x,y,z,yaw\n1,,3,4\n", "line 2: expected"),
+        ("x;y;z\n1,5;2;3\n", "line 2: expected decimal points, got a comma"),
+        ("0,1 1,5 2,0 0,5 0,0 0,0 0,0 1,0\n", "line 1: expected decimal points, got a comma"),
+        ("1403636579763555584.000000 0 0 0 0 0 0 1\n", "time: expected seconds"),
+        ("time,x,y,z\n1403636579763555584,0,0,0\n", "time: expected seconds"),
+        ("#sec,nsec,x,y,z,qx,qy,qz,qw\n1,2,0,0,0,0,0,0,1\n", "expected 8 or 17 columns, got 9"),
+        ("1,2,3,4,5,6,7,8\n", "quaternion of length 1, got"),
+        ("0 0 0 0 0 0 0 0\n", "quaternion: expected one of length 1"),
         ("", "got none"),
         ("0 1 2 3 0 0 0\n", "line 1: expected"),
         ("0 0 0 0 0 0 0 1\n0 1 2 3 0 0 0 0\n", "line 2: expected"),
@@ -217,6 +227,27 @@ def test_a_wrong_line_is_named(text, says, tmp_path):
     path.write_text(text)
     with pytest.raises(ArgumentError, match=says):
         read_trajectory(path)
+
+
+def test_what_a_file_says_of_itself_is_heeded(tmp_path):
+    """Separators, the order of a quaternion, and the world of a body's matrices."""
+    path = tmp_path / "path.txt"
+
+    def read(text, frame="camera"):
+        path.write_text(text)
+        return read_trajectory(path, frame=frame)[-1]
+
+    for mark in ";\t":
+        pose = read("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n".replace(",", mark))
+        np.testing.assert_array_equal(pose.t_w_c, (1, 2, 3))
+        np.testing.assert_array_equal(pose.R_w_c, np.eye(3))
+    pose = read("# timestamp tx ty tz qw qx qy qz\n0 1 2 3 1 0 0 0\n")
+    np.testing.assert_array_equal(pose.R_w_c, np.eye(3))
+    drive = read("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 534 0 1 0 2 0 0 1 0\n", frame="body")
+    np.testing.assert_allclose(drive.t_w_c, (534, 2, 0), atol=1e-9)
+    np.testing.assert_allclose(drive.R_w_c @ (0, 0, 1), (1, 0, 0), atol=1e-12)
+    down = read("x,y,z,pitch\n0,0,0,30\n", frame="body")  # ROS: about y, which points to the left
+    np.testing.assert_allclose(down.R_w_c @ (0, 0, 1), (np.sqrt(0.75), 0, -0.5), atol=1e-12)
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
