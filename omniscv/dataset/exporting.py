@@ -48,7 +48,7 @@ class Format(ABC):
 
     Attributes:
         name: of the format in jobs and commands.
-        needs: kinds of files that its frames must have.
+        needs: kinds of files that its frames must have; ``imu``: a dataset with an IMU.
         keys: keys of the job that are added to the options, such as ``seam``.
         options: record of the options (:mod:`omniscv.records`) that the methods get; None: they get the
             mapping as it is.
@@ -62,6 +62,10 @@ class Format(ABC):
     def refuses(self, camera: Camera) -> str | None:
         """Return why the format cannot carry a camera, in one line; None if it can."""
         return None
+
+    def needs_of(self, cameras: Mapping[str, Camera]) -> Sequence[str]:
+        """Return what frames of cameras must have: ``needs``."""
+        return self.needs
 
     def check_options(  # noqa: B027 - most formats take every camera with any of their options
         self, options: Any, cameras: Mapping[str, Camera]
@@ -219,9 +223,9 @@ class Export:
                 raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}; {advice}")
         with within(start):
             format.check_options(format.read_options(self.options), cameras)
-        if missing := [kind for kind in format.needs if kind not in kinds]:
+        if missing := [kind for kind in format.needs_of(cameras) if kind not in kinds]:
             wanted = f"expected frames with {', '.join(missing)}"
-            advice = "make the dataset with these 'modes' and truths (labels: object_mask)"
+            advice = "make the dataset with these 'modes', truths or 'imu' (labels: object_mask)"
             raise ArgumentError(f"{start}: {wanted}; they have {', '.join(sorted(kinds))}; {advice}")
 
     def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
@@ -262,7 +266,7 @@ def export(
     wanted = Export(to, options, cameras=tuple(cameras))
     source = storage.folder(folder)
     frames = open(source)
-    kinds = [set(frame.files) for frame in frames if wanted.shows(frame.camera_name)]
+    kinds = [frame.kinds for frame in frames if wanted.shows(frame.camera_name)]
     common = set.intersection(*kinds) if kinds else set(get(to).needs)
     wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
     if out is None:

@@ -141,6 +141,11 @@ class Frame:
         return valid & ~self.layer("unseen") if "unseen" in self.files else valid
 
     @property
+    def kinds(self) -> set[str]:
+        """The kinds of its files, and ``imu`` if the dataset has one."""
+        return {*self.files, *(["imu"] if self.imu else [])}
+
+    @property
     def entries(self) -> Mapping[str, FileEntry]:
         """Sizes and checksums of its files, by kind; empty unless it is of a dataset."""
         return self.files.entries if isinstance(self.files, FrameFiles) else {}

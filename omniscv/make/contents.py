@@ -189,6 +189,8 @@ class Contents:
             kinds |= {"sensor"} | ({"raw"} if job.sensor.mosaic != "none" else set())
         if self.classes is not None and "labels" in kinds:
             kinds.add("classes")
+        if job.imu is not None:
+            kinds.add("imu")
         return frozenset(kinds | {truths.get(name).kind for name in self.truth})
 
     def settings(self, job: Job) -> dict[str, Any]:

@@ -260,7 +260,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
             for export in exports:  # each replaces the one that exists
-                shown = [set(frame.files) for frame in written if export.shows(frame.camera_name)]
+                shown = [frame.kinds for frame in written if export.shows(frame.camera_name)]
                 if shown:  # truths may have been left out
                     export.check(job.cameras, set.intersection(*shown))
                 exporting.replace_export(export, written, folder)

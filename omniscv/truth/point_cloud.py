@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import number
-from omniscv.cameras import Rays
+from omniscv.cameras import Camera, Lidar, Rays, RollingShutter
 from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.geometry import Array, Pose
+from omniscv.geometry import R_LEVEL, Array, Pose
 from omniscv.parallel import row_blocks
 
 _VALUES = ("normals", "lit", "labels", "classes")
@@ -103,6 +103,55 @@ def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Po
         left_out.append(inexact(frame, max_relative))
     unsure = np.any(left_out, axis=0) if left_out else None
     return points(frame.layer("depth"), rays, frame.pose, layers, unsure)
+
+
+def lidar_of(camera: Camera) -> Lidar | None:
+    """Return the scanner that a camera is, at rest or while it moves; None for others."""
+    base = camera.base if isinstance(camera, RollingShutter) else camera
+    return base if isinstance(base, Lidar) else None
+
+
+def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = False) -> NDArray[Any]:
+    """Return the point of each pixel as its sensor measures it, at rest or while it moves.
+
+    Args:
+        frame: of a dataset, with depth.
+        max_relative: points are left out as :func:`inexact` says.
+        intensity: add ``intensity``, which is no measurement: the mean of a pixel's colours, in place of the
+            albedo, times the cosine of the angle of incidence; 0 to 1.
+
+    Returns:
+        (H, W) with the fields ``x y z`` (float32 metres: X ahead, Y left, Z up of the sensor when it fired;
+        NaN without a point), ``ring`` and ``time`` (seconds from the frame's) of a ``lidar``, and ``label``
+        and ``class`` if the frame has them.
+
+    Raises:
+        ArgumentError: the frame has no depth; or no colours or normals, for an intensity.
+    """
+    lidar, depth = lidar_of(frame.camera), frame.layer("depth")
+    rays = (lidar or frame.camera).unproject()
+    seen = rays.valid & np.isfinite(depth) & (depth > 0)
+    if "unsure" in frame.files:
+        seen &= ~frame.layer("unsure")
+    if max_relative is not None:
+        seen &= ~inexact(frame, max_relative)
+    points = (rays.origins + depth.astype(np.float64)[..., None] * rays.directions) @ R_LEVEL.T
+    columns: dict[str, NDArray[Any]] = {
+        axis: np.where(seen, points[..., i], np.nan).astype(np.float32) for i, axis in enumerate("xyz")
+    }
+    if intensity:
+        cosines = np.abs((frame.layer("normals") * frame.camera.unproject().directions).sum(axis=-1))
+        albedo = uint8_colors(frame.layer("lit")).mean(axis=-1) / 255
+        columns["intensity"] = np.nan_to_num(albedo * cosines).astype(np.float32)
+    if lidar is not None:
+        columns["ring"] = np.broadcast_to(lidar.rings[:, None], depth.shape)
+        columns["time"] = lidar.times.astype(np.float32)
+    for name, layer in frame.layers("labels", "classes").items():
+        columns[{"labels": "label", "classes": "class"}[name]] = layer
+    table = np.empty(depth.shape, [(name, column.dtype.str) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return table
 
 
 def inexact(frame: Frame, max_relative: float) -> NDArray[np.bool_]:

@@ -1,0 +1,92 @@
+"""KITTI's LiDAR folders, with the labels of SemanticKITTI: those of one ``lidar``.
+
+::
+
+    velodyne/000000.bin      float32 x y z r: X ahead, Y left, Z up, metres; r the intensity, or 0
+    labels/000000.label      uint32 class + 65536 * instance of each point, if the frames have labels
+    poses.txt, times.txt     the sensor's, in camera axes, relative to the first one; seconds
+    calib.txt                Tr, from the sensor's axes to those of the camera (x right, y down, z forward)
+
+Only returns are points. Class 0 is SemanticKITTI's "unlabeled".
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from omniscv.arguments import flag
+from omniscv.cameras import Camera
+from omniscv.dataset.exporting import Format, PointOptions, register
+from omniscv.dataset.sequences import by_camera, timed, trajectory
+from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
+from omniscv.geometry import R_LEVEL
+from omniscv.geometry.trajectory import write_kitti, write_kitti_times
+from omniscv.records import checked, record
+from omniscv.storage.local import whole_file, write_text
+from omniscv.truth.point_cloud import lidar_of, sweep
+
+
+@record
+class LidarOptions(PointOptions):
+    """Options of formats of point clouds."""
+
+    intensity: bool = checked(
+        flag, default=False, help="colour times the cosine of incidence, a stand-in; needs lit and normals"
+    )
+
+
+def write_bytes(path: Path, *parts: bytes) -> Path:
+    """Write a file, whole or not at all, and return its path."""
+    with whole_file(path) as part:
+        part.write_bytes(b"".join(parts))
+    return path
+
+
+@register
+class KittiLidar(Format):
+    """See the module."""
+
+    name = "kitti_lidar"
+    needs = ("depth",)
+    options = LidarOptions
+
+    def refuses(self, camera: Camera) -> str | None:
+        return None if lidar_of(camera) else f"expected a lidar, got {camera.name}"
+
+    def check_options(self, options: LidarOptions, cameras: Mapping[str, Camera]) -> None:
+        """Refuse several sensors: their files would have the same names."""
+        if len(cameras) > 1:
+            raise ArgumentError(
+                f"expected one lidar, got {', '.join(cameras)}; export each into its own 'out'"
+            )
+
+    def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
+        written: list[Path] = []
+        for mine in by_camera(frames).values():
+            for i, frame in enumerate(mine):
+                points = sweep(frame, options.max_relative_error, options.intensity)
+                points = points[np.isfinite(points["x"])]
+                values = np.zeros((len(points), 4), "<f4")
+                for column, name in enumerate(("x", "y", "z", "intensity")):
+                    values[:, column] = points[name] if name in points.dtype.fields else 0
+                written.append(write_bytes(out / "velodyne" / f"{i:06d}.bin", values.tobytes()))
+                if "label" in points.dtype.fields:
+                    classes = points["class"] if "class" in points.dtype.fields else 0
+                    labels = (points["label"].astype("<u4") << 16) | classes
+                    written.append(
+                        write_bytes(out / "labels" / f"{i:06d}.label", labels.astype("<u4").tobytes())
+                    )
+            axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
+            rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
+            lines = (
+                f"{name}: {' '.join(f'{value:.12e}' for value in row.ravel())}\n"
+                for name, row in rows.items()
+            )
+            poses = trajectory(mine)
+            contents = {"poses": write_kitti(poses), "calib": "".join(lines)}
+            if timed(mine):
+                contents["times"] = write_kitti_times(poses)
+            written += [write_text(out / f"{name}.txt", text) for name, text in contents.items()]
+        return written
