@@ -35,7 +35,8 @@ from omniscv.planning.depth_shell import (
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
-_REFINEMENTS = 12  # halvings of a step to find where a ray meets a surface
+_REFINEMENTS = 12  # steps, at most, to find where a ray meets a surface
+_MET = 1e-6  # of the distance: ends them; the plane through the surface gives the reach
 _ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres and relative (half floats)
 _SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each other meet the same surface
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
@@ -431,16 +432,21 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
-    """Return the angle between two where g changes its sign, by bisection, and g there."""
-    middle, gap = behind, np.inf
-    for _ in range(_REFINEMENTS):
-        middle = 0.5 * (behind + before)
+    """Return the angle between two where g changes its sign, by secants and bisection, and g there."""
+    middle, gap, gap_behind, gap_before = behind, np.inf, np.inf, -np.inf
+    for n in range(_REFINEMENTS):
+        secant = (behind * gap_before - before * gap_behind) / (gap_before - gap_behind)
+        known = n % 3 > 0 and behind < secant < before  # NaN while an end is not known
+        middle = secant if known else 0.5 * (behind + before)
         k, u, v, along = look_up(shell, _toward(arc, middle))
         if k < 0:
             return middle, np.inf
-        gap = arc.h / np.sin(middle) - planar_depth(shell, k, u, v) / along
+        away = arc.h / np.sin(middle)
+        gap = away - planar_depth(shell, k, u, v) / along
+        if abs(gap) <= _MET * away:
+            break
         if gap > 0:
-            behind = middle
+            behind, gap_behind = middle, gap
         else:
-            before = middle
+            before, gap_before = middle, gap
     return middle, gap

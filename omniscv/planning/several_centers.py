@@ -50,6 +50,7 @@ _READY = 3.0
 _ROOMS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
 
+_NEARLY_CENTRAL = 0.05  # metres: the middle of centres so near to it serves them better than the position
 _FAR = 4.0  # times the aim: of so much doubt little is known
 _Sent = Generator[Round, Kept | None, Kept | None]
 
@@ -131,7 +132,11 @@ class SeveralCenters(Refinement):
         planned = task if task.options.accuracy is not None else replace(task, recorded=None)
         choices: list[Groups] = []
         if task.options.viewpoints is None:
-            choices.append((RayGroup(np.zeros(3), np.flatnonzero(task.rays.valid), task.rays),))
+            centers = task.rays.own_viewpoints.centers
+            middle = centers.mean(axis=0)
+            near = np.abs(centers - middle).max() <= _NEARLY_CENTRAL
+            center_c = middle if near else np.zeros(3)
+            choices.append((RayGroup(center_c, np.flatnonzero(task.rays.valid), task.rays),))
         if task.recorded is not None or not choices:
             choices.append(task.groups(INITIAL_VIEWPOINTS))
         for groups in choices:

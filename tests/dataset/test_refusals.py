@@ -30,7 +30,9 @@ def test_wrong_options(format, options, says):
 
 REFUSED = {
     "colmap": ("noncentral-panorama", "scaramuzza", "cylindrical", "noncentral-spherical-mirror"),
+    "euroc": ("equirectangular", "lidar"),
     "horizonnet": ("fisheye-equidistant",),
+    "kitti_lidar": ("equirectangular", "rolling-shutter"),
     "kalibr": ("equirectangular", "cylindrical", "noncentral-conical-mirror"),
     "nerfstudio": ("noncentral-panorama", "scaramuzza", "cylindrical", "catadioptric-parabolic"),
     "poses": ("noncentral-panorama",),
@@ -39,7 +41,9 @@ REFUSED = {
 CARRIED = {
     "cfl": cameras.names(),
     "colmap": ("equirectangular", "fisheye-equidistant", "kannala-brandt", "pinhole", "extended-unified"),
+    "euroc": ("pinhole", "kannala-brandt"),
     "horizonnet": ("equirectangular",),
+    "kitti_lidar": ("lidar",),
     "kalibr": ("pinhole",),
     "nerfstudio": ("equirectangular", "fisheye-equidistant", "kannala-brandt", "pinhole"),
     "poses": ("equirectangular",),

@@ -22,8 +22,9 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from omniscv.calibration.kalibr import write_kalibr
+from omniscv.calibration.kalibr import KALIBR
 from omniscv.cameras import Camera
+from omniscv.cameras.rig import RigCamera
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.formats.kalibr import Kalibr
 from omniscv.dataset.pictures import write_color
@@ -123,7 +124,7 @@ def imu_parameters(track: ImuTrack) -> dict[str, Any]:
 
 
 def _camera(frames: Sequence[Frame]) -> dict[str, Any]:
-    entry = yaml.safe_load(write_kalibr({"cam0": frames[0].camera}))["cam0"]
+    entry = yaml.safe_load(KALIBR.write({"cam0": RigCamera(frames[0].camera)}))["cam0"]
     times = [frame.time or 0.0 for frame in frames]
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
     return {

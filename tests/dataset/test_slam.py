@@ -1,0 +1,216 @@
+"""Sequences for SLAM: EuRoC's folder, KITTI's LiDAR, PCD and bags, as other programs read them."""
+
+import numpy as np
+import pytest
+import yaml
+from evo.tools import file_interface
+
+from omniscv import dataset, jobs
+from omniscv.errors import ArgumentError
+from omniscv.geometry import R_LEVEL, Pose
+
+JOB = """
+source: scene://six-wall
+rig:
+  cameras:
+    left:
+      camera: {model: kannala-brandt, width: 48, height: 40, fx: 15, fy: 15}
+      position: [-0.1, 0, 0]
+      yaw_deg: 10
+    right:
+      camera: {model: pinhole, width: 48, height: 40, fov_deg: 90}
+      position: [0.1, 0, 0]
+      time_offset: 0.01
+    scan: {camera: {model: lidar, preset: vlp-16, width: 90}, position: [0, -0.2, 0], pitch_deg: -5}
+imu: {rate: 100, position: [0, 0.1, -0.1], yaw_deg: 20, gyroscope: {bias: 0.01, noise_density: 0.001}}
+poses:
+  - {time: 0, position: [0, 0, 1.5]}
+  - {time: 0.2, position: [0.1, 0.02, 1.5], yaw_deg: 5}
+  - {time: 0.35, position: [0.2, 0.05, 1.52], yaw_deg: 12, pitch_deg: 3}
+  - {time: 0.5, position: [0.3, 0.05, 1.5], yaw_deg: 15}
+modes: [lit, object_mask, depth, normals]
+face_size: 64
+classes: {rules: [{match: "Layout_*", class: room, stuff: true}], unmatched: other}
+out: dataset
+"""
+EXPORTS = """
+export:
+  - {format: euroc, cameras: [left, right]}
+  - {format: kitti_lidar, cameras: [scan], intensity: true}
+  - {format: pcd, cameras: [scan]}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A dataset with its exports."""
+    root = tmp_path_factory.mktemp("slam")
+    (root / "job.yaml").write_text(JOB + EXPORTS)
+    job = jobs.load(root / "job.yaml")
+    assert job.assumed.startswith("imu: a spline through 4 poses, within")
+    jobs.make(job)
+    return job.out
+
+
+@pytest.fixture(scope="module")
+def frames(folder):
+    return dataset.open(folder)
+
+
+def of(frames, name):
+    return [frame for frame in frames if frame.camera_name == name]
+
+
+def T_world_scan(frame):
+    """The sensor's pose: X ahead, Y left, Z up."""
+    return Pose(frame.pose.position, frame.pose.rotation @ R_LEVEL.T)
+
+
+def test_euroc(folder, frames):
+    """evo reads the true state; with T_BS of a camera it is the pose of that camera's images."""
+    root = folder / "exports/euroc/mav0"
+    truth = file_interface.read_euroc_csv_trajectory(str(root / "state_groundtruth_estimate0/data.csv"))
+    assert truth.num_poses == 51
+    assert truth.check()[0]
+    path = frames[0].imu.path
+    for number, name in enumerate(("left", "right")):
+        sensor = yaml.safe_load((root / f"cam{number}/sensor.yaml").read_text())
+        T_body_cam = np.array(sensor["T_BS"]["data"]).reshape(4, 4)
+        stamps = [
+            line.split(",")[0] for line in (root / f"cam{number}/data.csv").read_text().splitlines()[1:]
+        ]
+        for stamp, frame in zip(stamps, of(frames, name), strict=True):
+            assert int(stamp) == round(frame.time * 1e9)
+            assert (root / f"cam{number}/data/{stamp}.png").read_bytes() == frame.files["lit"].read_bytes()
+            if frame.time <= 0.5:
+                at = np.abs(truth.timestamps - frame.time).argmin()
+                if abs(truth.timestamps[at] - frame.time) < 1e-9:
+                    T_world_cam = truth.poses_se3[at] @ T_body_cam
+                    np.testing.assert_allclose(T_world_cam[:3, 3], frame.pose.position, atol=1e-9)
+                    np.testing.assert_allclose(T_world_cam[:3, :3], frame.pose.rotation, atol=1e-9)
+            mounted = (
+                path.at(frame.time, steps_beyond=1)
+                @ frames[0].imu.imu.pose
+                @ Pose(T_body_cam[:3, 3], T_body_cam[:3, :3])
+            )
+            np.testing.assert_allclose(mounted.position, frame.pose.position, atol=1e-9)
+    assert sensor["camera_model"] == "pinhole"
+    assert sensor["intrinsics"][2:] == [23.5, 19.5]  # pixel centres at whole numbers
+    measured = np.loadtxt(root / "imu0/data.csv", delimiter=",")
+    samples = frames[0].imu.samples()
+    assert measured[:, 0].tolist() == [10_000_000 * k for k in range(51)]
+    np.testing.assert_array_equal(measured[:, 1:4], samples.angular_velocity)
+    np.testing.assert_array_equal(measured[:, 4:], samples.specific_force)
+
+
+def test_kitti_lidar(folder, frames):
+    """As SemanticKITTI's own tools read it: points, labels, and the sensor's poses by poses.txt and Tr."""
+    root = folder / "exports/kitti_lidar"
+    calib = dict(line.split(": ") for line in (root / "calib.txt").read_text().splitlines())
+    Tr = np.vstack([np.array(calib["Tr"].split(), float).reshape(3, 4), [0, 0, 0, 1]])
+    scans = of(frames, "scan")
+    first = T_world_scan(scans[0])
+    for i, (frame, row) in enumerate(zip(scans, np.loadtxt(root / "poses.txt"), strict=True)):
+        points = np.fromfile(root / f"velodyne/{i:06d}.bin", np.float32).reshape(-1, 4)
+        label = np.fromfile(root / f"labels/{i:06d}.label", np.uint32)
+        assert len(points) == len(label) > 1000
+        pose = np.linalg.inv(Tr) @ np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]) @ Tr
+        world = first.to_world(points[:, :3] @ pose[:3, :3].T + pose[:3, 3])
+        depth, rays = frame.layer("depth"), frame.camera.unproject()
+        reach = np.linalg.norm(world - frame.pose.position, axis=1)
+        kept = np.isfinite(depth) & (frame.layer("depth_error") <= 0.01 * depth)
+        np.testing.assert_allclose(reach, depth[kept], rtol=1e-6)
+        seen = frame.pose.to_camera(world) / reach[:, None]
+        np.testing.assert_allclose(seen, rays.directions[kept], atol=1e-5)  # float32 points
+        np.testing.assert_array_equal(label >> 16, frame.layer("labels")[kept])
+        np.testing.assert_array_equal(label & 0xFFFF, frame.layer("classes")[kept])
+        assert 0 < points[:, 3].max() <= 1
+
+
+def test_pcd(folder, frames):
+    """Organised, in the sensor's axes, with ring and time; VIEWPOINT is the sensor's pose."""
+    frame = of(frames, "scan")[2]
+    header, _, data = (folder / f"exports/pcd/{frame.key}.pcd").read_bytes().partition(b"DATA binary\n")
+    keys = dict(line.split(" ", 1) for line in header.decode().splitlines())
+    types = {"F": "f", "U": "u", "I": "i"}
+    codes = [types[t] + s for t, s in zip(keys["TYPE"].split(), keys["SIZE"].split(), strict=True)]
+    points = np.frombuffer(data, list(zip(keys["FIELDS"].split(), codes, strict=True)))
+    points = points.reshape(int(keys["HEIGHT"]), int(keys["WIDTH"]))
+    assert points.dtype.names == ("x", "y", "z", "ring", "time", "label", "class")
+    x, y, z, w, qx, qy, qz = map(float, keys["VIEWPOINT"].split())
+    sensor = Pose.from_quaternion((x, y, z), (qx, qy, qz, w))
+    np.testing.assert_allclose(sensor.rotation, T_world_scan(frame).rotation, atol=1e-12)
+    assert points["ring"][:, 0].tolist() == [*range(15, -1, -1)]
+    assert points["time"][0, 1] - points["time"][0, 0] == pytest.approx(55.296e-6, rel=1e-3)  # float32
+    none = frame.layer("depth_error") > 0.01 * frame.layer("depth")
+    np.testing.assert_array_equal(np.isnan(points["x"]), none)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_bags(folder, frames, storage, tmp_path):
+    """rosbags, and of MCAP mcap, read the messages back: images, clouds, IMU, poses."""
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    dataset.export(folder, "rosbag2", tmp_path, storage=storage)
+    with highlevel.AnyReader([tmp_path / "bag"]) as reader:
+        messages = {}
+        for connection, stamp, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            messages.setdefault(connection.topic, []).append((stamp, message))
+    samples, scans = frames[0].imu.samples(), of(frames, "scan")
+    assert {topic: len(found) for topic, found in messages.items()} == {
+        "/tf_static": 1, "/left/image/compressed": 4, "/left/camera_info": 4, "/right/image/compressed": 4,
+        "/right/camera_info": 4, "/scan/points": 4, "/imu": 51, "/odom": 51, "/tf": 51,
+    }  # fmt: skip
+    assert messages["/left/camera_info"][0][1].distortion_model == "equidistant"
+    assert messages["/right/camera_info"][0][1].distortion_model == "plumb_bob"
+    stamp, image = messages["/right/image/compressed"][1]
+    assert stamp == 210_000_000
+    assert image.data.tobytes() == of(frames, "right")[1].files["lit"].read_bytes()
+    imu = messages["/imu"][7][1]
+    assert imu.linear_acceleration.z == samples.specific_force[7, 2]
+    odometry = messages["/odom"][7][1]
+    assert odometry.twist.twist.angular.x == pytest.approx(samples.angular_velocity[7, 0], abs=0.05)
+    static = {t.child_frame_id: t.transform for t in messages["/tf_static"][0][1].transforms}
+    cloud = messages["/scan/points"][2][1]
+    names = [field.name for field in cloud.fields]
+    assert names == ["x", "y", "z", "ring", "time", "label", "class"]
+    points = np.frombuffer(
+        cloud.data, {"names": names, "formats": [{7: "f4", 4: "u2"}[f.datatype] for f in cloud.fields],
+                     "offsets": [f.offset for f in cloud.fields], "itemsize": cloud.point_step}
+    )  # fmt: skip
+    on_body, at = static["scan"], messages["/tf"][35][1].transforms[0].transform
+    poses = [
+        Pose.from_quaternion(
+            *(
+                ([getattr(v, axis) for axis in axes])
+                for v, axes in ((t.translation, "xyz"), (t.rotation, "xyzw"))
+            )
+        )
+        for t in (at, on_body)
+    ]
+    world = (poses[0] @ poses[1]).to_world(np.stack([points[axis] for axis in "xyz"], axis=-1))
+    wanted = T_world_scan(scans[2]).to_world(np.stack([points[axis] for axis in "xyz"], axis=-1))
+    np.testing.assert_allclose(world, wanted, atol=1e-9)
+    if storage == "mcap":
+        mcap = pytest.importorskip("mcap_ros2.reader")
+        found = list(mcap.read_ros2_messages(str(next((tmp_path / "bag").glob("*.mcap"))), ["/imu"]))
+        assert len(found) == 51
+        assert found[7].ros_msg.linear_acceleration.z == imu.linear_acceleration.z
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("cameras: [left, right]}", "cameras: [scan]}"), "euroc: cannot carry camera 'scan'"),
+        (("cameras: [scan], intensity: true}", "}"), "kitti_lidar: cannot carry camera 'left'"),
+        (("imu: {rate: 100", "#"), "euroc: expected frames with imu"),
+        (("time: 0.35, ", ""), "expected a time for every pose"),
+        (("rate: 100", "rate: 0"), "imu.rate: expected a finite number > 0"),
+        (("noise_density: 0.001", "noise_density: [1, 2]"), "imu.gyroscope.noise_density: expected 3"),
+    ],
+)
+def test_what_is_refused_before_the_first_capture(change, says, tmp_path):
+    assert change[0] in JOB + EXPORTS
+    (tmp_path / "job.yaml").write_text((JOB + EXPORTS).replace(*change, 1).replace("six-wall", "nowhere"))
+    with pytest.raises(ArgumentError, match=says):
+        jobs.make(jobs.load(tmp_path / "job.yaml"))
