@@ -238,7 +238,9 @@ class JobArguments:
         """
         from omniscv.job import address, load, overridden, read
 
-        unsized = is_calibration(self.values.get("camera", ""))  # others get the default size
+        camera = self.values.get("camera", "")
+        from_file = is_calibration(camera)
+        unsized = from_file or camera == "lidar"  # others get the default size
         if self.file is None:
             if "position" in self.options and "position" not in self.given:
                 self.values["position"] = _only_place(self.values["source"]) or self.values["position"]
@@ -250,8 +252,8 @@ class JobArguments:
                 keys |= {
                     name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None
                 }
-                for camera in keys.get("cameras", {}).values() if unsized else ():
-                    camera["file"] = str(Path.cwd() / camera["file"])
+                for described in keys.get("cameras", {}).values() if from_file else ():
+                    described["file"] = str(Path.cwd() / described["file"])
             job = load(self.file, keys)
         if job.assumed:
             console.error(job.assumed)

@@ -23,6 +23,7 @@ from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text
 from omniscv.calibration import load as load_cameras
 from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
+from omniscv.cameras.lidar import PRESETS
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import Motion
@@ -380,7 +381,8 @@ def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[Imu
 
 _FILES = (
     *("rig", "record", "classes", "poses", "poses.file", "sensor.shading"),
-    *("cameras.*", "cameras.*.file", "motions.*", "motions.*.spline"),
+    *("cameras.*", "cameras.*.file", "cameras.*.preset", "cameras.*.base.preset", "motions.*"),
+    *("motions.*.spline", "rig.cameras.*.camera.preset", "rig.cameras.*.camera.base.preset"),
 )
 """Keys whose values may be names of files, relative to the job's file."""
 
@@ -388,7 +390,7 @@ _FILES = (
 def _located(value: Any, path: Sequence[str], folder: Path) -> Any:
     """Return a copy of nested mappings in which the name of a file at a path has a folder before it."""
     if not path:
-        is_name = isinstance(value, str) and value not in ("", NATURAL) and not is_url(value)
+        is_name = isinstance(value, str) and value not in ("", NATURAL, *PRESETS) and not is_url(value)
         return str(folder / value) if is_name else value
     if not isinstance(value, Mapping):
         return value

@@ -198,6 +198,13 @@ def test_bags(folder, frames, storage, tmp_path):
         assert found[7].ros_msg.linear_acceleration.z == imu.linear_acceleration.z
 
 
+def test_tables_beside_a_job(tmp_path):
+    """The file of a table is relative to the job's; presets are no files."""
+    (tmp_path / "beams.csv").write_text("elevation_deg\n5\n-5\n")
+    (tmp_path / "job.yaml").write_text(JOB.replace("preset: vlp-16", "preset: beams.csv"))
+    assert jobs.load(tmp_path / "job.yaml").cameras["scan"].height == 2
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
