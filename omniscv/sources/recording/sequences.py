@@ -491,7 +491,7 @@ def _pose(
             data = parse_json(read_bytes(file, MOST_JSON_BYTES))
             t = numbers("position", _at(data, poses.position), (3,))
             pose = Pose(t, _rigid(_at(data, poses.rotation)) if poses.rotation else R_LEVEL)
-        elif "{" in poses.file:
+        elif "{" in poses.file or poses.row:
             rows = poses_in(file, False, not poses.row)
             row = int(match[poses.row]) if poses.row else 0
             if str(row) not in rows:
