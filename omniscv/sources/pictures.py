@@ -35,7 +35,7 @@ _JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
-_ROWS = 512  # of a face that are looked up at a time
+_ROWS = 64  # of a face that are looked up at a time
 _SAME_M, _SAME_RELATIVE = 0.004, 0.001  # as omniscv.geometry.surfaces tells surfaces apart
 
 
@@ -352,11 +352,12 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     """Raise ArgumentError for what would come in otherwise than its maker sees it."""
     window = spec.x, spec.y, spec.width, spec.height
     display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
+    is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
     bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
     lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
     cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
     for is_wrong, expected, got in (
-        (name == "openexr" and window != display, f"pixels in all of the display window {display}", window),
+        (is_cropped, f"pixels in all of the display window {display}", window),
         (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
         (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
         (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),

@@ -132,7 +132,7 @@ def add_captures(
         scenes |= scene_of(capture)
     if len(scenes) > 1:
         raise ArgumentError(f"expected captures of one scene, got some of {listed_scenes(scenes)}")
-    count = 0
+    requests = set[Request]()
     with opened_whole(path) as store:
         store.set_scene(scene or SceneIdentity(*scenes))
         has_masks = not modes.isdisjoint(labelled_modes())
@@ -144,8 +144,8 @@ def add_captures(
             store.set_state(name, state)
         for capture in captures():
             store.add(capture)
-            count += 1
-    return count
+            requests.add(capture.request)
+    return len(requests)
 
 
 def _write_folder(store: Store, folder: Path) -> int:

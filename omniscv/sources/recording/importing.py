@@ -110,6 +110,10 @@ def import_pictures(
         known = sequences.objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
+        if replaced := masks.captures // 2 - count:  # they were read twice
+            masks.lines.append(
+                f"{replaced} captures of a view that a later one shows, too: the last one stays"
+            )
     return Imported(count, (*lines, *masks.lines))
 
 
@@ -122,10 +126,11 @@ class _Masks:
 
     def __init__(self, table: ObjectTable) -> None:
         self._table, self._pixels, self._ids = table, Counter[int](), False
-        self.lines: list[str] = []
+        self.lines, self.captures = list[str](), 0
 
     def count(self, capture: Capture) -> Capture:
         """Count the ids or colours of a mask, and return the capture."""
+        self.captures += 1
         if capture.mode == "object_mask":
             self._ids, pixels = capture.pixels.ndim == 2, capture.pixels
             codes = pixels if self._ids else pixels @ np.array([65536, 256, 1], np.uint32)

@@ -271,12 +271,12 @@ class Sequence:
         for frame in self.frames:
             lens = frame.lens
             for mode, file in frame.files.items():
+                if not file.exists():
+                    raise ArgumentError(f"{file.name}: expected a picture, got no file")
+                holds = frame.holds.get(mode, Files())
+                form = self.options.depth or holds.form
+                picture = read_as(file, mode, self.options._replace(depth=form))
                 with within(file.name):
-                    if not file.exists():
-                        raise ArgumentError("expected a picture, got no file")
-                    holds = frame.holds.get(mode, Files())
-                    form = self.options.depth or holds.form
-                    picture = read_as(file, mode, self.options._replace(depth=form))
                     picture = _of_ids(picture, holds) if mode == "object_mask" else picture
                     lens = lens and (lens if lens.width else lens.scaled(*picture.pixels.shape[1::-1]))
                     provenance = {"server": "imported", "file": file.name, "layout": self.layout}
@@ -368,7 +368,7 @@ def _finders() -> dict[str, tuple[Callable[[Path], bool], Callable[[Path, Option
     finders: dict[str, Any] = {}
     for name, row in rows.items():
         finders[name] = partial(_holds, found=row.found), partial(_of_layout, layout=row)
-    finders["nerfstudio"] = partial(_holds, found="transforms.json"), _nerfstudio
+    finders["nerfstudio"] = partial(_holds, found="transforms*.json"), _nerfstudio
     finders["tum"] = partial(_holds, found="rgb.txt"), _tum
     finders["latlong"] = _is_panoramas, _panoramas
     finders["openexr-latlong"] = (lambda path: False), partial(_panoramas, of_openexr=1)
@@ -443,7 +443,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     holds = {mode: form for mode, form in files.items() if form}
     place, frames = re.compile(f"(?:.*/)??(?:{layout.place})"), dict[tuple[str, ...], Frame]()
     poses_in, unposed = cache(_poses_in), 0
-    for file in sorted(folder.rglob("*")):
+    for file in sorted(folder.rglob("[!.]*")):
         match = place.fullmatch(file.relative_to(folder).as_posix())
         if match is None or match.groups() in frames:
             continue
@@ -604,15 +604,20 @@ def objects_of(file: Path) -> ObjectTable:
 
 def _nerfstudio(folder: Path, options: Options) -> Sequence:
     """Return the frames of nerfstudio's transforms.json."""
-    data = mapping("", parse_json(read_bytes(folder / "transforms.json", MOST_JSON_BYTES)))
+    files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
+    of_file = [parse_json(read_bytes(file, MOST_JSON_BYTES)) for file in files]
     frames, ignored = list[Frame](), 0
-    for i, entry in enumerate(data["frames"]):
+    for i, (data, entry) in enumerate((data, entry) for data in of_file for entry in data["frames"]):  # noqa: B020
         with within(f"frames[{i}]"):
             values = {**data, **entry}
             matrix = numbers("transform_matrix", values["transform_matrix"][:3], (3, 4))
             lit = _inside(folder, values["file_path"])
             depth = values.get("depth_file_path") or values.get("depth_path")
-            paths = {"lit": lit if lit.suffix else lit.with_suffix(".png")}
+            paths = {
+                "lit": lit
+                if lit.suffix.lower() in pictures.SUFFIXES
+                else folder / f"{values['file_path']}.png"
+            }
             paths |= {"depth": _inside(folder, depth)} if depth else {}
             lens = _nerfstudio_lens(values, paths["lit"])
             unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else "mm"
@@ -620,7 +625,9 @@ def _nerfstudio(folder: Path, options: Options) -> Sequence:
             frames.append(Frame(paths, Pose(matrix[:, 3], _rigid(matrix[:, :3]) @ _GL), lens, holds))
             ignored += "mask_path" in values
     says = [f"masks of {ignored} frames are not taken: all pixels of captures count"] if ignored else []
-    says += [f"{key} stays in the world" for key in ("applied_transform", "applied_scale") if key in data]
+    says += [
+        f"{key} stays in the world" for key in ("applied_transform", "applied_scale") if key in of_file[0]
+    ]
     return Sequence(frames, says=tuple(says))
 
 
@@ -676,7 +683,7 @@ def _stamped(file: Path, count: int) -> list[Any]:
 
 def pictures_in(path: Path) -> list[Path]:
     """Return the pictures in a folder, sorted, or the one that the path is."""
-    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    files = sorted(path.rglob("[!.]*")) if path.is_dir() else [path]  # macOS writes ._NAME beside NAME
     found = [file for file in files if file.suffix.lower() in pictures.SUFFIXES]
     if not found:
         others = ", ".join(shown(file.name) for file in files[:8])
