@@ -31,56 +31,53 @@ _NO_RAY = 0.6  # share of the pixels without a ray that gets a warning: a circle
 _NEAREST = 3  # forms that a message lists
 
 
-class Coded(NamedTuple):
-    """A form that is no row: what a :class:`Form` does, by functions."""
+class Text(Form):
+    """A form that is no row: its mark is a pattern of its text, its models are for people."""
 
-    name: str
-    programs: str
-    models: str
-    recognises: Callable[[Content], object]
-    reader: Callable[[Content], dict[str, Entry]]
-    writer: Callable[[Mapping[str, RigCamera], bool], str]
-    refused: str = ""
+    rows = ()
 
     def is_of(self, content: Content) -> bool:
-        return bool(self.recognises(content))
+        return re.search(self.mark, content.text, re.MULTILINE) is not None
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         if size is not None:
-            raise ArgumentError(
-                f"size: expected none, a file of {self.name} holds it; got {size[0]} x {size[1]}"
-            )
-        return self.reader(content)
+            raise ArgumentError(f"size: expected none, {self.name} holds it; got {size[0]} x {size[1]}")
+        return {name: Entry(camera) for name, camera in _TEXTS[self.name][0](content.text).items()}
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
-        return self.writer(cameras, rig)
-
-
-def _text_form(
-    name: str,
-    programs: str,
-    models: str,
-    pattern: str,
-    read: Callable[[str], dict[str, Camera]],
-    write: Callable[[Mapping[str, Camera]], str],
-    refused: str = "",
-) -> Coded:
-    """Return a form whose text a pattern shows, and which carries no poses."""
-
-    def writer(cameras: Mapping[str, RigCamera], rig: bool) -> str:
         if rig:
-            raise ArgumentError(f"{name}: expected a form that carries poses, got one that does not")
-        return write({name: mounted.camera for name, mounted in cameras.items()})
+            raise ArgumentError(f"{self.name}: expected a form that carries poses, got one that does not")
+        return _TEXTS[self.name][1]({name: mounted.camera for name, mounted in cameras.items()})
 
-    return Coded(
-        name,
-        programs,
-        models,
-        lambda content: re.search(pattern, content.text, re.MULTILINE),
-        lambda content: {name: Entry(camera) for name, camera in read(content.text).items()},
-        writer,
-        refused,
-    )
+
+_TEXTS: dict[str, tuple[Callable[[str], dict[str, Camera]], Callable[[Mapping[str, Camera]], str]]] = {
+    "ocamcalib": (ocamcalib.read_ocamcalib, ocamcalib.write_ocamcalib),
+    "isaac": (nvidia.read_isaac, nvidia.write_isaac),
+    "ncore": (nvidia.read_ncore, nvidia.write_ncore),
+}
+_NO_ROWS = (
+    Text(
+        "ocamcalib",
+        "OCamCalib: calib_results.txt",
+        r"^#[ \t]*polynomial coefficients",
+        "`scaramuzza`",
+        refused="an affine part that mirrors",
+    ),
+    Text(
+        "isaac",
+        "Isaac Sim: USD as text",
+        r"^[^#\n]*omni:lensdistortion:",
+        "ftheta `ftheta`; opencvPinhole `pinhole`; opencvFisheye `kannala-brandt`",
+        refused="values that change with time",
+    ),
+    Text(
+        "ncore",
+        "NVIDIA NCore",
+        '"pixeldist_to_angle_poly"',
+        "ftheta `ftheta`",
+        refused="the windshield, tangential coefficients, the read-out time",
+    ),
+)
 
 
 # -- our own JSON ---------------------------------------------------------------------------------------
@@ -101,65 +98,42 @@ def _own(content: Content) -> dict[str, Any] | None:
     return document if is_own or document.keys() == {"model", "width", "height"} else None
 
 
-def _read_own(content: Content) -> dict[str, Entry]:
-    document = _own(content)
-    if document is None:
-        raise content.error or ArgumentError(
-            "camera: expected a mapping with 'model' in it, got another file"
-        )
-    values = {key: value for key, value in document.items() if key != _MARK}
-    if str(document.get(_MARK, 1)) != "1":
-        raise ArgumentError(f"{_MARK}: expected 1, this version's mark, got {shown(document[_MARK])}")
-    if "cameras" in values:
-        rig = Rig.from_dict(values)
-        return {
-            name: Entry(mount.camera, mount.pose, mount.time_offset) for name, mount in rig.cameras.items()
-        }
-    if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
-        _log.warning(
-            "no mark %r: 1 in the file: read as omniscv's own, whose pixel centres are at .5; "
-            "add 0.5 to the centre where they were at whole numbers", _MARK
-        )  # fmt: skip
-    return {"cam0": Entry(from_dict(values))}
+class Own(Form):
+    """Our own JSON, of a camera or a rig."""
+
+    rows = ()
+
+    def is_of(self, content: Content) -> bool:
+        return _own(content) is not None
+
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        document = _own(content)
+        if document is None:
+            raise content.error or ArgumentError("camera: expected 'model', got another file")
+        values = {key: value for key, value in document.items() if key != _MARK}
+        if str(document.get(_MARK, 1)) != "1":
+            raise ArgumentError(f"{_MARK}: expected 1, got {shown(document[_MARK])}")
+        if "cameras" in values:
+            mounts = Rig.from_dict(values).cameras.items()
+            return {name: Entry(mount.camera, mount.pose, mount.time_offset) for name, mount in mounts}
+        if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
+            _log.warning(
+                "no mark %r: 1 in the file: read as omniscv's own, whose pixel centres are at .5; "
+                "add 0.5 to the centre where they were at whole numbers",
+                _MARK,
+            )
+        return {"cam0": Entry(from_dict(values))}
+
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
+        if rig:
+            return json.dumps({_MARK: 1, **Rig(cameras).to_dict()}, indent=1)
+        with only_camera(cameras, "our JSON") as mounted:
+            return json.dumps({_MARK: 1, **mounted.camera.to_dict()}, indent=1)
 
 
-def _write_own(cameras: Mapping[str, RigCamera], rig: bool) -> str:
-    if rig:
-        return json.dumps({_MARK: 1, **Rig(cameras).to_dict()}, indent=1)
-    with only_camera(cameras, "our JSON") as mounted:
-        return json.dumps({_MARK: 1, **mounted.camera.to_dict()}, indent=1)
+JSON = Own("json", "omniscv", _MARK, "every model", shift=0.0, poses=(("", "T_b_c"),))
 
-
-JSON = Coded("json", "omniscv", "every model", _own, _read_own, _write_own)
-OCAMCALIB = _text_form(
-    "ocamcalib",
-    "OCamCalib: calib_results.txt",
-    "scaramuzza",
-    r"^#[ \t]*polynomial coefficients",
-    ocamcalib.read_ocamcalib,
-    ocamcalib.write_ocamcalib,
-    "an affine part that mirrors",
-)
-ISAAC = _text_form(
-    "isaac",
-    "Isaac Sim: USD as text",
-    "ftheta, pinhole, kannala-brandt",
-    nvidia.ATTRIBUTE.pattern,
-    nvidia.read_isaac,
-    nvidia.write_isaac,
-    "values that change with time",
-)
-NCORE = _text_form(
-    "ncore",
-    "NVIDIA NCore",
-    "ftheta",
-    r'"pixeldist_to_angle_poly"',
-    nvidia.read_ncore,
-    nvidia.write_ncore,
-    "the windshield, tangential coefficients",
-)
-
-FORMS: dict[str, Form | Coded] = {
+FORMS: dict[str, Form] = {
     form.name: form
     for form in (
         JSON,
@@ -185,9 +159,7 @@ FORMS: dict[str, Form | Coded] = {
         table.DSO,
         table.ZED,
         table.HUGIN,
-        OCAMCALIB,
-        ISAAC,
-        NCORE,
+        *_NO_ROWS,
         table.OPEN3D,
         table.INTRINSICS,
         opencv.OPENCV,
@@ -282,7 +254,7 @@ def doubts(camera: Camera) -> list[str]:
     return lines
 
 
-def _form_of(content: Content) -> Form | Coded:
+def _form_of(content: Content) -> Form:
     """Return the first form whose marks a file has."""
     if content.is_binary and not content.values and not colmap.COLMAP.is_of(content):
         raise ArgumentError(
@@ -318,7 +290,7 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
         collect(value)
     ranked = []
     for form in FORMS.values():
-        if not isinstance(form, Form):
+        if not form.rows:
             continue
         needed = [*form.mark.split(), *(key.paths for key in form.rows[0].keys if not key.optional)]
         missing = [
@@ -337,20 +309,14 @@ def markdown() -> str:
         "|---|---|---|---|---|---|",
     ]
     for form in FORMS.values():
-        centres, poses, models = "-", "yes" if form is JSON else "", form.models
-        if isinstance(form, Form):
-            by_model: dict[str, list[str]] = {}
-            for row in form.rows:
-                word = (row.words or ("",))[0].replace("+", "-")
-                by_model.setdefault(row.model, []).append(word + ("" if row.written else " (read only)"))
-            models = "; ".join(
-                f"{', '.join(dict.fromkeys(filter(None, words)))} `{model}`".strip()
-                for model, words in by_model.items()
-            )
-            centres = ".5" if form.shift == 0 else "whole numbers"
-            poses = "yes" if form.poses or form is colmap.COLMAP else ""
-        elif form is not JSON:
-            centres = "whole numbers"
+        by_model: dict[str, list[str]] = {}
+        for row in form.rows:
+            word = (row.words or ("",))[0].replace("+", "-")
+            by_model.setdefault(row.model, []).append(word + ("" if row.written else " (read only)"))
+        words = {model: ", ".join(dict.fromkeys(filter(None, names))) for model, names in by_model.items()}
+        models = "; ".join(f"{names} `{model}`".strip() for model, names in words.items()) or form.models
+        centres = ".5" if form.shift == 0 else "whole numbers"
+        poses = "yes" if form.poses or form is colmap.COLMAP else ""
         lines.append(f"| `{form.name}` | {form.programs} | {models} | {centres} | {poses} | {form.refused} |")
     return "\n".join(lines) + "\n"
 
@@ -445,13 +411,11 @@ def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
     content = Content(text)
     form = _form_of(content)
     entries = form.read(content, size)
-    if isinstance(form, Form) and form.stereo is not None:
+    if form.stereo is not None:
         entries = form.stereo(Node(content.values[0]), entries)
     lost = [name for name, entry in entries.items() if entry.pose is None]
     if lost and len(entries) > 1:
-        wanted = (
-            " or ".join(path.partition("|")[0] for path, _ in form.poses) if isinstance(form, Form) else ""
-        )
+        wanted = " or ".join(path.partition("|")[0] for path, _ in form.poses)
         raise ArgumentError(
             f"{lost[0]}: expected the pose of every camera ({wanted or 'none in this form'}), got none"
         )

@@ -12,6 +12,7 @@ read, not written.
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cached_property
 from itertools import accumulate
 from typing import Any, NamedTuple
@@ -40,7 +41,7 @@ _CANONICAL = {word: canon for canon, words in _SYNONYMS.items() for word in word
 
 _GEOMETRY = re.compile(
     r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
-    r"mirror|linedelay|readout|shutter|stretch|aspect|decenter|affine|^poly|^([kps]\d+|xi|alpha|beta|omega|fov)$"
+    r"mirror|linedelay|readout|shutter|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
 )
 """Plain keys that may change the geometry: refused unless a row models them or they are neutral."""
 
@@ -73,6 +74,7 @@ class Node:
     def __init__(self, values: Mapping[str, Any], outer: Sequence[Mapping[str, Any]] = ()) -> None:
         self.values, self.outer = values, outer
         self.used: set[str] = set()
+        self.absent: set[str] = set()
 
     def take(self, paths: str, default: Any = _MISSING, outer: bool = False) -> Any:
         """Return the value at one of several paths, ``a|b``.
@@ -80,15 +82,15 @@ class Node:
         Raises:
             ArgumentError: none is there and there is no default, or two are, with different values.
         """
-        found = {path: value for path in paths.split("|") for value in _at(self.values, path)}
+        found = [(path, value) for path in paths.split("|") for value in _at(self.values, path)]
         for around in self.outer if outer and not found else ():
-            found = {path: value for path in paths.split("|") for value in _at(around, path)}
+            found = [(path, value) for path in paths.split("|") for value in _at(around, path)]
             if found:
                 break
-        self.used |= {plain(path) for path in found}
-        values = list(found.values())
+        self.used |= {plain(path) for path, _ in found}
+        values = [value for _, value in found]
         if any(value != values[0] for value in values[1:]):
-            both = " and ".join(found)
+            both = " and ".join(path for path, _ in found)
             raise ArgumentError(f"{both}: expected one of them, got both with different values")
         if not values and default is _MISSING:
             raise ArgumentError(f"missing key {paths.partition('|')[0]!r}")
@@ -100,24 +102,31 @@ class Node:
 
     def unread(self) -> Iterator[tuple[str, Any]]:
         """Yield the keys that were not taken, and their values."""
-        for path, value in _leaves(self.values):
-            if not any(plain(path) == used or plain(path).startswith(f"{used}.") for used in self.used):
+        beside = self.outer[0] if self.outer else {}
+        beside = {
+            key: value  # but for other cameras
+            for key, value in beside.items()
+            if not (isinstance(value, Mapping) and value.keys() & self.values.keys())
+        }
+        for near, path, value in [
+            *((True, *leaf) for leaf in _leaves(self.values)),
+            *((False, *leaf) for leaf in _leaves(beside)),
+        ]:
+            key = plain(path)
+            if not any(key == used or key.startswith(f"{used}.") for used in self.used) and (
+                near or any(map(_GEOMETRY.search, key.split(".")))
+            ):
                 yield path, value
-        for key, value in self.outer[0].items() if self.outer else ():
-            read = any(used.partition(".")[0] == plain(key) for used in self.used)
-            if _GEOMETRY.search(plain(key)) and not read and value is not self.values:
-                yield key, value
 
 
 def _at(values: Any, path: str) -> Iterator[Any]:
     """Yield the values at a path, whose dots may stand in keys or between mappings."""
     if not isinstance(values, Mapping):
         return
-    keys = [path] if path in values else [key for key in values if plain(key) == plain(path)]
-    yield from (values[key] for key in keys)
+    yield from (value for key, value in values.items() if plain(key) == plain(path))
     head, dot, rest = path.partition(".")
     while dot:
-        for key in [head] if head in values else [key for key in values if plain(key) == plain(head)]:
+        for key in [key for key in values if plain(key) == plain(head)]:
             yield from _at(values[key], rest)
         more, dot, rest = rest.partition(".")
         head = f"{head}.{more}"
@@ -138,7 +147,8 @@ def floats(name: str, value: object) -> list[float]:
             raise ArgumentError(f"{name}: missing key 'data'")
         name, value = f"{name}: data", value["data"]
     if isinstance(value, str):
-        value = re.split(r"[\s,;]+", value.strip("[]() \t")) if value.strip("[]() \t") else []
+        text = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", value.strip())
+        value = re.split(r"[\s,;]+", text.strip()) if text.strip() else []
     if isinstance(value, list):
         while any(isinstance(row, list) for row in value):
             if len(value) > 64 or not all(isinstance(row, list) for row in value):
@@ -167,7 +177,9 @@ class Key(NamedTuple):
 
     def read(self, node: Node) -> Numbers:
         """Return the numbers that a camera has here; ArgumentError for another count or value."""
-        value = node.take(self.paths, [] if self.optional or not self.groups[0] else _MISSING, outer=True)
+        if not node.has(self.paths):
+            node.absent |= {plain(path.rpartition(".")[2]) for path in self.paths.split("|")}
+        value = node.take(self.paths, [] if self.optional else _MISSING, outer=True)
         values = [] if value is None else floats(self.path, value)
         if not values and self.optional:
             return {}
@@ -272,6 +284,7 @@ class Form:
         constant: values that every file of the form has, by path.
         finish: changes the numbers after they are read; raises for what is not modelled.
         stereo: adds the second camera of a rectified pair to those of a rig.
+        sparse: whether the program leaves out coefficients that are 0.
         refused: what the form can hold and we do not, for people.
     """
 
@@ -293,6 +306,7 @@ class Form:
     constant: Mapping[str, Any] = field(default_factory=dict)
     finish: Callable[[Node, str, Numbers, int, int], tuple[Numbers, tuple[int, int]]] | None = None
     stereo: Callable[[Node, dict[str, Entry]], dict[str, Entry]] | None = None
+    sparse: bool = False
     refused: str = ""
 
     def is_of(self, content: Content) -> bool:
@@ -346,7 +360,7 @@ class Form:
         return entries
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
-        word = "+".join(str(node.take(path, "none")) for path in self.word.split())
+        word = "+".join(str(node.take(path, "none", outer=True)) for path in self.word.split())
         width, height = self._size(node, size)
         row, values = self.row(node, word)
         if self.finish is not None:
@@ -384,12 +398,15 @@ class Form:
                 values: Numbers = {}
                 for key in row.keys:
                     values |= key.read(node)
+                if not self.sparse:
+                    _check_order(row, values)
                 read.append((row, values, node.used))
             except ArgumentError as cause:
                 errors.append(cause)
         if not read:
             raise errors[0]
         row, values, node.used = max(read, key=lambda one: len(one[1]))
+        node.absent -= {used.rpartition(".")[2] for used in node.used}
         return row, values
 
     def _size(self, node: Node, size: tuple[int, int] | None) -> tuple[int, int]:
@@ -413,8 +430,7 @@ class Form:
             for name, value, other in zip(names, given, size or (0, 0), strict=True)
         )
         if size is not None and known != tuple(size):
-            got = f"{size[0]} x {size[1]}"
-            raise ArgumentError(f"size: expected {known[0]} x {known[1]}, as the file says, got {got}")
+            raise ArgumentError(f"size: expected {known[0]} x {known[1]}, got {size[0]} x {size[1]}")
         return known[0], known[1]
 
     def _pose(self, node: Node) -> Pose | None:
@@ -512,8 +528,12 @@ def unread_keys(node: Node, harmless: str = "$^") -> tuple[str, ...]:
     ignored = []
     for path, value in node.unread():
         parts = plain(path).split(".")
-        odd = any(map(_GEOMETRY.search, parts)) and not _is_neutral(value, parts[-1])
-        if odd and not re.search(harmless, plain(path)):
+        odd = any(map(_GEOMETRY.search, parts))
+        odd &= (
+            not _is_neutral(value, next(filter(_GEOMETRY.search, parts), ""))
+            or re.search(r"[^\w.]\d", path) is not None
+        )
+        if (odd or _misspells(parts[-1], node.absent)) and not re.search(harmless, plain(path)):
             raise ArgumentError(
                 f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
             )
@@ -539,12 +559,37 @@ def _canonical(words: str) -> tuple[str, ...]:
     return tuple(map(canonical, words.split("+")))
 
 
+def _check_order(row: Row, values: Numbers) -> None:
+    """Raise ArgumentError where a coefficient is missing before or beside one that is there: k1 of k2."""
+    for key in row.keys:
+        name = key.names[-1] if key.optional and len(key.names) == 1 else ""
+        if name and name not in values and name[-1].isdigit():
+            later = [other for other in values if other[:-1] == name[:-1] and other[-1] > name[-1]]
+            beside = [other for other in values if (name, other) == ("p2", "p1")]
+            if later or beside:
+                raise ArgumentError(f"missing key {key.path!r}, as {(later or beside)[0]} is there")
+
+
+def _misspells(key: str, absent: set[str]) -> bool:
+    """Return whether a key that nobody knows is like one that is not there."""
+    near = get_close_matches(key, absent, 1, 0.8) if len(key) > 2 else []
+    like = [
+        other
+        for other in absent
+        if (1 < len(key) == len(other) and sum(map(str.__ne__, key, other)) <= 1)
+        or (1 < len(other) < len(key) < 5 and other in key)
+    ]
+    return bool(near or like) or sorted(key) in [sorted(other) for other in absent]
+
+
 def _is_neutral(value: object, key: str) -> bool:
     """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
     if key.startswith(("fix", "zero")) or (
         re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")
     ):
         return True  # flags of OpenCV's calibration
+    if value in (None, "") and re.match(r"[kps]\d", key):
+        return False
     if value is None or (isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0")):
         return True
     try:

@@ -1,7 +1,7 @@
 """Cameras as named numbers, as calibration files hold them.
 
-A format is a table of its models, and of the numbers that it holds of each: :func:`format_models`.
-What the formats share is here too: values from untrusted text, and the one camera of a file.
+Forms name the numbers as we do, or by names of :data:`DERIVED`. What the forms share is here too: values from
+untrusted text, and the one camera of a file.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from omniscv import arguments
-from omniscv.arguments import Reader, number, shown, within
+from omniscv.arguments import number, shown, within
 from omniscv.cameras import Camera, create
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
@@ -49,88 +49,57 @@ Numbers = dict[str, float]
 
 
 class Derived(NamedTuple):
-    """A number of files that is computed from ours.
+    """A number of files that is one of ours times ``scale`` and more by ``offset``.
 
     Attributes:
-        read: returns our numbers of its value; its arguments are the value, our numbers so far, and the size.
-        write: returns its value; None where it cannot hold our numbers.
-        covers: names of our numbers that it holds.
+        sets: names of our numbers that it sets; the last one is written.
+        covers: those that it holds alone: all must be equal.
+        scale, offset: of our numbers so far, and of the size.
     """
 
-    read: Callable[[float, Numbers, int, int], Numbers]
-    write: Callable[[Numbers, int, int], float | None]
+    sets: str
     covers: str
+    scale: Callable[[Numbers, int, int], float] = lambda n, w, h: 1.0
+    offset: Callable[[Numbers, int, int], float] = lambda n, w, h: 0.0
+
+    def read(self, value: float, numbers: Numbers, *size: int) -> Numbers:
+        """Return our numbers of a value."""
+        ours = value * self.scale(numbers, *size) + self.offset(numbers, *size)
+        return dict.fromkeys(self.sets.split(), ours)
+
+    def write(self, numbers: Numbers, *size: int) -> float | None:
+        """Return the value; None where our numbers differ."""
+        ours = [numbers.get(name, 0.0) for name in (self.covers or self.sets).split()]
+        value = (ours[-1] - self.offset(numbers, *size)) / self.scale(numbers, *size) if ours else 0.0
+        return value if ours == ours[-1:] * len(ours) else None
 
 
-def _size_of(index: int, factor: float) -> Derived:
-    def check(value: float, numbers: Numbers, *size: int) -> Numbers:
-        if abs(value - factor * size[index]) > 1e-6:
-            raise ArgumentError(f"expected the image size, {size[0]} {size[1]}, got {value:.15g}")
-        return {}
-
-    return Derived(check, lambda numbers, *size: factor * size[index], "")
+def _longer(numbers: Numbers, width: int, height: int) -> float:
+    return float(max(width, height))
 
 
-def _of_angle(index: int, scale: float) -> Derived:
-    """A field of view from edge to edge, in radians times ``scale``."""
-    name = ("fx", "fy")[index]
-
-    def read(value: float, numbers: Numbers, *size: int) -> Numbers:
-        focal = (
-            size[index]
-            / 2
-            / math.tan(number("field of view", value, above=0, below=math.pi * scale) / scale / 2)
-        )
-        return {name: focal} if "fx" in numbers else {"fx": focal, "fy": focal}
-
-    def write(numbers: Numbers, *size: int) -> float:
-        return 2 * scale * math.atan(size[index] / 2 / numbers[name])
-
-    return Derived(read, write, name)
+def _middle_u(numbers: Numbers, width: int, height: int) -> float:
+    return width / 2
 
 
-def _ratio(value: float, numbers: Numbers, width: int, height: int) -> Numbers:
-    return {"fy": numbers["fx"] * value}
+def _middle_v(numbers: Numbers, width: int, height: int) -> float:
+    return height / 2
 
 
-DERIVED: dict[str, Derived] = {
-    "f": Derived(
-        lambda v, n, w, h: {"fx": v, "fy": v},
-        lambda n, w, h: n["fx"] if n["fx"] == n["fy"] else None,
-        "fx fy",
-    ),
-    "s": Derived(
-        lambda v, n, w, h: {"skew": v / (n["fx"] or math.nan)},
-        lambda n, w, h: n.get("skew", 0.0) * n["fx"],
-        "skew",
-    ),
-    "ratio": Derived(_ratio, lambda n, w, h: n["fy"] / n["fx"], "fy"),
-    "angle_x": _of_angle(0, 1.0),
-    "angle_y": _of_angle(1, 1.0),
-    "du": Derived(lambda v, n, w, h: {"cx": w / 2 + v}, lambda n, w, h: n["cx"] - w / 2, "cx"),
-    "dv": Derived(lambda v, n, w, h: {"cy": h / 2 + v}, lambda n, w, h: n["cy"] - h / 2, "cy"),
-    # Metashape: one focal length, what fx has more, and skew in px.
-    "b1": Derived(lambda v, n, w, h: {"fx": n["fx"] + v}, lambda n, w, h: n["fx"] - n["fy"], "fx"),
-    "f_y": Derived(lambda v, n, w, h: {"fx": v, "fy": v}, lambda n, w, h: n["fy"], "fy"),
-    # OpenSfM: in units of the longer side, from the middle.
-    "nf": Derived(
-        lambda v, n, w, h: {"fx": v * max(w, h), "fy": v * max(w, h)},
-        lambda n, w, h: n["fx"] / max(w, h) if n["fx"] == n["fy"] else None,
-        "fx fy",
-    ),
-    "nfx": Derived(lambda v, n, w, h: {"fx": v * max(w, h)}, lambda n, w, h: n["fx"] / max(w, h), "fx"),
-    "nfy": Derived(lambda v, n, w, h: {"fy": v * max(w, h)}, lambda n, w, h: n["fy"] / max(w, h), "fy"),
-    "ncx": Derived(
-        lambda v, n, w, h: {"cx": w / 2 + v * max(w, h)}, lambda n, w, h: (n["cx"] - w / 2) / max(w, h), "cx"
-    ),
-    "ncy": Derived(
-        lambda v, n, w, h: {"cy": h / 2 + v * max(w, h)}, lambda n, w, h: (n["cy"] - h / 2) / max(w, h), "cy"
-    ),
-    "W": _size_of(0, 1.0),
-    "H": _size_of(1, 1.0),
-    "W/2": Derived(lambda v, n, w, h: {}, lambda n, w, h: w / 2, ""),
-    "H/2": Derived(lambda v, n, w, h: {}, lambda n, w, h: h / 2, ""),
-    "_": Derived(lambda v, n, w, h: {}, lambda n, w, h: 0.0, ""),
+DERIVED = {
+    "f": Derived("fx fy", "fx fy"),
+    "s": Derived("skew", "skew", lambda n, w, h: 1 / (n["fx"] or math.nan)),  # K[0, 1], px
+    "ratio": Derived("fy", "fy", lambda n, w, h: n["fx"]),
+    "du": Derived("cx", "cx", offset=_middle_u),  # from the middle of the image
+    "dv": Derived("cy", "cy", offset=_middle_v),
+    "f_y": Derived("fx fy", "fy"),  # Metashape: one focal length, and what fx has more
+    "b1": Derived("fx", "fx", offset=lambda n, w, h: n["fy"]),
+    "nf": Derived("fx fy", "fx fy", _longer),  # OpenSfM: in units of the longer side, from the middle
+    "nfx": Derived("fx", "fx", _longer),
+    "nfy": Derived("fy", "fy", _longer),
+    "ncx": Derived("cx", "cx", _longer, _middle_u),
+    "ncy": Derived("cy", "cy", _longer, _middle_v),
+    "_": Derived("", ""),
 }
 """By name in the tables of forms."""
 
@@ -142,26 +111,6 @@ class Intrinsics(NamedTuple):
 
     model: str
     numbers: Numbers
-
-
-class FormatModel(NamedTuple):
-    """A model as a format has it.
-
-    Attributes:
-        name: in the format.
-        model: ours.
-        numbers: their names in the format's order; ``f`` is fx = fy. Missing ones are 0.
-    """
-
-    name: str
-    model: str
-    numbers: tuple[str, ...]
-
-
-def format_models(table: str) -> dict[str, FormatModel]:
-    """Return the models of a format by name: each line has the name, our model, and the numbers in order."""
-    rows = [line.split() for line in table.strip().splitlines()]
-    return {name: FormatModel(name, model, tuple(numbers)) for name, model, *numbers in rows}
 
 
 def intrinsics(camera: Camera) -> list[Intrinsics]:
@@ -259,12 +208,15 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
 
 def complete(values: Mapping[str, float], width: int, height: int, shift_px: float) -> Numbers:
     """Return our numbers of those of a form; ``shift_px`` is added to the principal point."""
-    ours = {name: value for name, value in values.items() if name not in DERIVED}
+    size = {"W": width, "H": height}
+    ours = {name: value for name, value in values.items() if name not in DERIVED and name[0] not in "WH"}
     for name in {"cx", "cy"} & ours.keys():
         ours[name] += shift_px
     for name, value in values.items():
         if name in DERIVED:
             ours |= DERIVED[name].read(value, ours, width, height)
+        if name in size and value != size[name]:
+            raise ArgumentError(f"expected the image size, {width} {height}, got {value:.15g}")
     return {"cx": width / 2, "cy": height / 2, **ours}
 
 
@@ -274,60 +226,16 @@ def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px:
     covered = {
         word for name in names for word in (DERIVED[name].covers.split() if name in DERIVED else [name])
     }
-    middle = {"cx": width / 2, "cy": height / 2}
-    if any(value != middle.get(name, 0.0) for name, value in ours.items() if name not in covered):
+    values: Numbers = {"cx": width / 2, "cy": height / 2}
+    if any(value != values.get(name, 0.0) for name, value in ours.items() if name not in covered):
         return None
-    values: Numbers = {}
+    sizes = {"W": width, "H": height, "W/2": width / 2, "H/2": height / 2}
     for name in names:
-        shift = shift_px if name in ("cx", "cy") else 0.0
-        value = DERIVED[name].write(ours, width, height) if name in DERIVED else ours.get(name, 0.0) - shift
+        value = DERIVED[name].write(ours, width, height) if name in DERIVED else ours.get(name, 0.0)
         if value is None:
             return None
-        values[name] = value
+        values[name] = sizes.get(name, value - (shift_px if name in ("cx", "cy") else 0.0))
     return values
-
-
-def read_numbers(row: FormatModel, values: Iterable[float], shift_px: float) -> Numbers:
-    """Return the numbers of a format's model by name; ``shift_px`` is added to the principal point."""
-    numbers = dict(zip(row.numbers, values, strict=True))
-    if "f" in numbers:
-        numbers["fx"] = numbers["fy"] = numbers.pop("f")
-    numbers["cx"], numbers["cy"] = numbers["cx"] + shift_px, numbers["cy"] + shift_px
-    return numbers
-
-
-def write_numbers(
-    camera: Camera, rows: Iterable[FormatModel], shift_px: float, expected: str
-) -> tuple[FormatModel, list[float]]:
-    """Return the first of a format's models that holds all numbers of a camera, and these in its order.
-
-    Args:
-        camera: to be written.
-        rows: the models of the format, those of fewest numbers first.
-        shift_px: subtracted from the principal point.
-        expected: the start of the error's message, such as ``Aria: expected kannala-brandt``.
-
-    Raises:
-        ArgumentError: the format has no such model, or a camera with a limit ``fov_deg``.
-    """
-    rows = list(rows)
-    for model, numbers in intrinsics(camera):
-        for row in rows:
-            if row.model == model and (values := _in_order(row, numbers, shift_px)) is not None:
-                return row, values
-    raise ArgumentError(f"{expected}, got {camera.name}")
-
-
-def _in_order(row: FormatModel, numbers: Numbers, shift_px: float) -> list[float] | None:
-    shifted = {**numbers, "cx": numbers["cx"] - shift_px, "cy": numbers["cy"] - shift_px}
-    if "f" in row.numbers:
-        if shifted.pop("fx") != shifted["fy"]:
-            return None
-        shifted["f"] = shifted.pop("fy")
-    needed = {"fx", "fy", "cx", "cy", *" ".join(_ARGUMENTS[row.model].values()).split()}
-    if any(value for name, value in shifted.items() if name in needed and name not in row.numbers):
-        return None
-    return [shifted.get(name, 0.0) for name in row.numbers]
 
 
 def refuse_limit(camera: Camera) -> None:
@@ -351,24 +259,11 @@ def read_known(cls: type[T], value: object, where: str = "") -> T:
     return read(cls, {key: item for key, item in mapping(where, value).items() if key in known}, where)
 
 
-def known(cls: type[Any]) -> Reader:
-    """Return a reader of a record inside another: see :func:`read_known`."""
-    return lambda name, value: value if isinstance(value, cls) else read_known(cls, value, name)
-
-
 def whole_number(name: str, value: object) -> int:
     """Return a whole number >= 1, given as such or in digits; ArgumentError for anything else."""
     if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 10:
         value = int(value)
     return arguments.whole_number(name, value)
-
-
-def image_size(name: str, value: object) -> tuple[int, int]:
-    """Return (width, height), a list of two whole numbers; ArgumentError for anything else."""
-    if not isinstance(value, list) or len(value) != 2:
-        raise ArgumentError(f"{name}: expected [width, height], got {shown(value)}")
-    width, height = (whole_number(f"{name}[{i}]", size) for i, size in enumerate(value))
-    return width, height
 
 
 @contextmanager

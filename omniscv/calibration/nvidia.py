@@ -29,30 +29,38 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.calibration import intrinsics
-from omniscv.calibration.forms import Node, plain, unread_keys
+from omniscv.calibration.documents import put_once
+from omniscv.calibration.forms import Form, Node, plain, unread_keys
 from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.cameras import Camera, FTheta, create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.records import checked, key_of, record
+from omniscv.records import checked, key_of, read, record
 
 _log = logging.getLogger("omniscv")
 
 _PREFIX = "omni:lensdistortion:"
 _PRIM = re.compile(r'\bdef\s+Camera\s+"([^"\n]{1,100})"')
-ATTRIBUTE = re.compile(
-    rf"^[ \t]*(?:uniform[ \t]+)?\w+[ \t]+{_PREFIX}([\w:]{{1,60}})[ \t]*=[ \t]*(.{{1,200}}?)\s*$",
-    re.MULTILINE,
+_COMMENT = re.compile(r"/\*.*?\*/|#[^\n]*", re.DOTALL)
+_ATTRIBUTE = re.compile(
+    rf"{_PREFIX}([\w:.]{{1,80}})\s*=\s*(\([^()]*\)|\"[^\"\n]*\"|\{{[^{{}}]*\}}|[^\s;(){{}}]+)"
 )
 _APIS = {
     "ftheta": "OmniLensDistortionFthetaAPI",
     "opencvPinhole": "OmniLensDistortionOpenCvPinholeAPI",
     "opencvFisheye": "OmniLensDistortionOpenCvFisheyeAPI",
 }
-_MODELS = intrinsics.format_models("""
-opencvPinhole pinhole        fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
-opencvFisheye kannala-brandt fx fy cx cy k1 k2 k3 k4
-""")
+_ROWS = Form(
+    "isaac",
+    "",
+    "model",
+    """
+    opencvPinhole pinhole fx fy cx cy k1? k2? p1? p2? k3? k4? k5? k6? s1? s2? s3? s4?
+    opencvFisheye kannala-brandt fx fy cx cy k1? k2? k3? k4?
+    """,
+    word="model",
+    size="imageSize",
+)
 
 
 # -- Isaac Sim ------------------------------------------------------------------------------------------
@@ -61,11 +69,15 @@ opencvFisheye kannala-brandt fx fy cx cy k1 k2 k3 k4
 def read_isaac(layer: str) -> dict[str, Camera]:
     """Return the cameras of a USD layer by the names of their prims; ``cam0`` without a prim."""
     cameras: dict[str, Camera] = {}
-    texts = _PRIM.split(layer)  # before the first prim; then name and text of every prim
+    texts = _PRIM.split(_COMMENT.sub(" ", layer))  # before the first prim; then name and text of every prim
     for name, text in zip(["cam0", *texts[1::2]], texts[::2], strict=True):
-        attributes = {key: value.strip("\"'") for key, value in ATTRIBUTE.findall(text)}
-        if attributes:
-            with within(name):
+        with within(name):
+            attributes: dict[str, str] = {}
+            for key, value in _ATTRIBUTE.findall(text):
+                put_once(attributes, key, value.strip("\"'"))
+            if text.count(_PREFIX) != len(_ATTRIBUTE.findall(text)):
+                raise ArgumentError(f"expected attributes 'TYPE {_PREFIX}NAME = VALUE', got others")
+            if attributes:
                 cameras[name] = _isaac_camera(attributes)
     if not cameras:
         raise ArgumentError(f"expected attributes {_PREFIX}model = ..., got none")
@@ -79,12 +91,14 @@ def write_isaac(cameras: Mapping[str, Camera]) -> str:
         with within(name):
             if not re.fullmatch(r"[A-Za-z_]\w{0,99}", name, re.ASCII):
                 raise ArgumentError(f"name: expected letters, digits and _, got {shown(name)}")
-            model, values = _isaac_values(camera)
+            values = _ftheta_values(camera) if isinstance(camera, FTheta) else _ROWS.values_of(camera)
+        model = values.pop("model")
         lines += ["", f'def Camera "{name}" (', f'    prepend apiSchemas = ["{_APIS[model]}"]', ")", "{"]
         lines.append(f'    token {_PREFIX}model = "{model}"')
         for key, value in values.items():
             usd_type = {"opticalCenter": "float2", "imageSize": "int2"}.get(key, "float")
-            lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {value}")
+            text = f"({value[0]}, {value[1]})" if isinstance(value, list) else value
+            lines.append(f"    {usd_type} {_PREFIX}{model}:{key} = {text}")
         lines.append("}")
     return "\n".join(lines) + "\n"
 
@@ -95,11 +109,12 @@ def _pixels(name: str, value: object) -> int:
     return intrinsics.whole_number(name, int(size) if size.is_integer() else value)
 
 
-def _pair(name: str, value: str) -> list[str]:
-    words = [word.strip() for word in value.strip("()").split(",")]
+def _pair(name: str, value: object) -> list[float]:
+    words = [word.strip() for word in str(value).strip("()").split(",")]
     if len(words) != 2:
         raise ArgumentError(f"{name}: expected (x, y), got {shown(value)}")
-    return words
+    pair: list[float] = numbers(name, words, (2,)).tolist()
+    return pair
 
 
 @record(eq=False)
@@ -108,7 +123,7 @@ class _IsaacFTheta:
 
     width: int = checked(_pixels, key="nominalWidth")
     height: int = checked(_pixels, key="nominalHeight")
-    center: Array = checked(lambda name, value: numbers(name, _pair(name, value), (2,)), key="opticalCenter")
+    center: Any = checked(_pair, key="opticalCenter")
     k0: float = checked(number)
     k1: float = checked(number)
     k2: float = checked(number)
@@ -119,37 +134,28 @@ class _IsaacFTheta:
 
 def _isaac_camera(attributes: Mapping[str, str]) -> Camera:
     model = one_of("model", attributes.get("model"), _APIS)
-    values = {
-        key.partition(":")[2]: value for key, value in attributes.items() if key.startswith(f"{model}:")
-    }
-    if model == "ftheta":
-        f = intrinsics.read_known(_IsaacFTheta, values)
-        limit = None if f.max_fov_deg == 360 else f.max_fov_deg / 2
-        polynomial = [f.k0, f.k1, f.k2, f.k3, f.k4]
-        return _ftheta([f.width, f.height], f.center, polynomial, "pixel-to-angle", limit)
-    row = _MODELS[model]
-    given = (number(key, values.get(key, 0.0)) for key in row.numbers)
-    terms = intrinsics.read_numbers(row, given, HALF_PIXEL)
-    width, height = (_pixels("imageSize", word) for word in _pair("imageSize", values.get("imageSize", "")))
-    return intrinsics.camera_of(row.model, width, height, terms)
+    values: dict[str, Any] = {key.removeprefix(f"{model}:"): value for key, value in attributes.items()}
+    others = [key for key in values if ":" in key or "." in key]
+    if others:
+        raise ArgumentError(f"{others[0]}: expected attributes of {model} without time samples, got this one")
+    if model != "ftheta":
+        return _ROWS.entry(Node(values), None).camera
+    f = read(_IsaacFTheta, {key: value for key, value in values.items() if key != "model"})
+    limit = None if f.max_fov_deg == 360 else f.max_fov_deg / 2
+    return _ftheta([f.width, f.height], f.center, [f.k0, f.k1, f.k2, f.k3, f.k4], "pixel-to-angle", limit)
 
 
-def _isaac_values(camera: Camera) -> tuple[str, dict[str, Any]]:
-    cx, cy = (camera.center - HALF_PIXEL).tolist()
-    if isinstance(camera, FTheta):
-        intrinsics.refuse_limit(camera)
-        c = camera.polynomial.tolist()
-        if camera.reference != "pixel-to-angle" or any(c[5:]) or camera.linear.tolist() != [1, 0, 0]:
-            expected = "a polynomial from pixel to angle of degree 4 at most, without linear terms"
-            got = f"{camera.reference}, {shown(c)}, linear {shown(camera.linear)}"
-            raise ArgumentError(f"Isaac: expected {expected}, got ftheta: {got}")
-        most = 360.0 if camera.max_angle_deg is None else 2 * camera.max_angle_deg
-        values = {"nominalWidth": camera.width, "nominalHeight": camera.height, "opticalCenter": (cx, cy)}
-        return "ftheta", values | {"maxFov": most} | {f"k{i}": [*c, 0, 0, 0][i] for i in range(5)}
-    expected = "Isaac: expected ftheta, pinhole or kannala-brandt, unskewed"
-    row, terms = intrinsics.write_numbers(camera, _MODELS.values(), HALF_PIXEL, expected)
-    size = {"imageSize": (camera.width, camera.height)}
-    return row.name, size | dict(zip(row.numbers, terms, strict=True))
+def _ftheta_values(camera: FTheta) -> dict[str, Any]:
+    intrinsics.refuse_limit(camera)
+    c = camera.polynomial.tolist()
+    if camera.reference != "pixel-to-angle" or any(c[5:]) or camera.linear.tolist() != [1, 0, 0]:
+        expected = "a polynomial from pixel to angle of degree 4 at most, without linear terms"
+        got = f"{camera.reference}, {shown(c)}, linear {shown(camera.linear)}"
+        raise ArgumentError(f"Isaac: expected {expected}, got ftheta: {got}")
+    most = 360.0 if camera.max_angle_deg is None else 2 * camera.max_angle_deg
+    values = {"model": "ftheta", "nominalWidth": camera.width, "nominalHeight": camera.height}
+    values |= {"opticalCenter": (camera.center - HALF_PIXEL).tolist(), "maxFov": most}
+    return values | {f"k{i}": [*c, 0, 0, 0][i] for i in range(5)}
 
 
 # -- NCore ----------------------------------------------------------------------------------------------

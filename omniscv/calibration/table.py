@@ -3,342 +3,67 @@
 Sources: the programs' own readers and writers, as of 2026; those of the half pixel in docs/calibration.md.
 """
 
-import re
-from collections.abc import Mapping
-from typing import Any
+# A row is a block of few long lines.
+# fmt: off
+# ruff: noqa: E501
 
-import numpy as np
+from omniscv.calibration import parts
+from omniscv.calibration.forms import Form
 
-from omniscv.arguments import number, shown
-from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import (
-    Entry,
-    Form,
-    Node,
-    Values,
-    canonical,
-    floats,
-    matrix_of_pose,
-)
-from omniscv.calibration.intrinsics import Numbers
-from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
-
-_Sized = tuple[Numbers, tuple[int, int]]
 _K = "fx,0,cx,0,fy,cy,0,0,1"
 PLAIN = "k1,k2,p1,p2;k3;k4,k5,k6;s1,s2,s3,s4;0,0"
-
-
-def _mappings(content: Content, marks: str) -> list[Node]:
-    """Return the documents that have all marks."""
-    nodes = [Node(value) for value in content.documents if isinstance(value, Mapping)]
-    return [node for node in nodes if all(node.has(mark) for mark in marks.split())]
-
-
-# -- camodocal: VINS ---------------------------------------------------------------------------------
-
-CAMODOCAL = Form(
-    "camodocal",
-    "camodocal, VINS-Mono, VINS-Fusion, KITTI-360's fisheyes",
-    "model_type projection_parameters|poly_parameters",
-    """
-    MEI unified projection_parameters.gamma1=fx .gamma2=fy .u0=cx .v0=cy mirror_parameters.xi=xi \
-    distortion_parameters.k1? .k2? .p1? .p2?
-    KANNALA_BRANDT kannala-brandt projection_parameters.mu=fx .mv=fy .u0=cx .v0=cy \
-    .k2|distortion_parameters.k2=k1 projection_parameters.k3|distortion_parameters.k3=k2 \
-    projection_parameters.k4|distortion_parameters.k4=k3 \
-    projection_parameters.k5|distortion_parameters.k5=k4
+CAMODOCAL = Form("camodocal", "camodocal, VINS-Mono, VINS-Fusion, KITTI-360's fisheyes",
+    "model_type projection_parameters|poly_parameters", """
+    MEI unified projection_parameters.gamma1=fx .gamma2=fy .u0=cx .v0=cy mirror_parameters.xi=xi distortion_parameters.k1? .k2? .p1? .p2?
+    KANNALA_BRANDT kannala-brandt projection_parameters.mu=fx .mv=fy .u0=cx .v0=cy .k2|distortion_parameters.k2=k1 projection_parameters.k3|distortion_parameters.k3=k2 projection_parameters.k4|distortion_parameters.k4=k3 projection_parameters.k5|distortion_parameters.k5=k4
     PINHOLE pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2?
-    PINHOLE_FULL pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2? .k3? \
-    .k4? .k5? .k6?
-    < SCARAMUZZA scaramuzza poly_parameters.p0=a0 .p1=a1 .p2=a2 .p3=a3 .p4=a4 \
-    affine_parameters.ac=c .ad=d .ae=e .cx=cx .cy=cy
+    PINHOLE_FULL pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2? .k3? .k4? .k5? .k6?
+    < SCARAMUZZA scaramuzza poly_parameters.p0=a0 .p1=a1 .p2=a2 .p3=a3 .p4=a4 affine_parameters.ac=c .ad=d .ae=e .cx=cx .cy=cy
     """,
-    word="model_type",
-    syntax="opencv-yaml",
-    readout=("rolling_shutter_tr", 1.0, False),
-    time=("td", 1.0),
-    harmless="^invpoly|^rollingshutter$",
-    constant={"camera_name": "camera"},
-    finish=lambda node, word, values, w, h: (_shutter(node, values), (w, h)),
-    refused="SCARAMUZZA is read only",
-)
-
-
-def _shutter(node: Node, values: Numbers) -> Numbers:
-    """Check VINS's switch of the rolling shutter; a time that it switches off does not act."""
-    on = number("rolling_shutter", node.take("rolling_shutter", 1) or 0)
-    if not on and "rolling_shutter_tr" in node.values:
-        node.values = {key: value for key, value in node.values.items() if key != "rolling_shutter_tr"}
-    return values
-
-
-# -- ORB-SLAM, stella_vslam --------------------------------------------------------------------------
+    word="model_type", syntax="opencv-yaml", readout=("rolling_shutter_tr", 1.0, False), time=("td", 1.0), harmless="^invpoly|^rollingshutter$",
+    constant={"camera_name": "camera"}, finish=parts.shutter, refused="SCARAMUZZA is read only")
 
 _ORB_NUMBERS = "Camera1.fx|Camera.fx Camera1.fy|Camera.fy Camera1.cx|Camera.cx Camera1.cy|Camera.cy"
-
-
 def _orb_optional(names: str) -> str:
     return " ".join(f"Camera1.{name}|Camera.{name}?" for name in names.split())
-
-
-def _orb_cameras(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for node in _mappings(content, "Camera1.fx|Camera.fx"):
-        if not any(key.startswith("Camera") and ".fx" in key for key in node.values):
-            continue  # another program's "camera" with "fx" in it
-        flat = dict(node.unread())
-        second = {f"Camera1.{path[8:]}": value for path, value in flat.items() if path.startswith("Camera2.")}
-        if not second:
-            cameras[f"cam{len(cameras)}"] = flat
-        else:
-            first = {k: v for k, v in flat.items() if not k.startswith(("Camera2.", "Tlr"))}
-            cameras[f"cam{len(cameras)}"] = first | {"Stereo.T_c1_c2": np.eye(4).tolist()}
-            shared = ("Camera.type", "Camera.width", "Camera.height", "Stereo.T_c1_c2", "Tlr")
-            cameras[f"cam{len(cameras)}"] = second | {key: flat[key] for key in shared if key in flat}
-    return cameras
-
-
-def by_baseline(node: Node, entries: dict[str, Entry]) -> dict[str, Entry]:
-    """Return a rectified stereo rig: the same camera twice, the second one a baseline to the right."""
-    if len(entries) != 1 or node.has("RGBD.DepthMapFactor|DepthMapFactor|depthmap_factor"):
-        return entries
-    ((name, entry),) = entries.items()
-    fx = getattr(entry.camera, "fx", None)
-    if node.has("Stereo.b"):
-        baseline = number("Stereo.b", node.take("Stereo.b"))
-    elif node.has("Camera.bf|Camera.focal_x_baseline") and fx:
-        baseline = number("Camera.bf", node.take("Camera.bf|Camera.focal_x_baseline")) / fx
-    else:
-        return entries
-    right = entry._replace(pose=Pose(np.array([baseline, 0, 0]), np.eye(3)))
-    return {name: entry._replace(pose=Pose(np.zeros(3), np.eye(3))), "cam1": right}
-
-
-def _orb_join(cameras: dict[str, Values]) -> Values:
-    first, *others = cameras.values()
-    if len(others) > 1:
-        raise ArgumentError(f"cameras: ORB-SLAM holds two at most, got {len(cameras)}")
-    document = {
-        "File.version": "1.0",
-        **{key: value for key, value in first.items() if key != "Stereo.T_c1_c2"},
-    }
-    for other in others:
-        for key in ("Camera.type", "Camera.width", "Camera.height"):
-            if other[key] != first[key]:
-                raise ArgumentError(
-                    f"{key}: expected the same of both cameras, got {first[key]} and {other[key]}"
-                )
-        document |= {key.replace("Camera1.", "Camera2."): value for key, value in other.items()}
-    return document
-
-
-ORB = Form(
-    "orb-slam",
-    "ORB-SLAM2, ORB-SLAM3",
-    "Camera1.fx|Camera.fx",
-    f"""
+ORB = Form("orb-slam", "ORB-SLAM2, ORB-SLAM3",
+    "Camera1.fx|Camera.fx", f"""
     PinHole|none pinhole {_ORB_NUMBERS} {_orb_optional("k1 k2 p1 p2 k3")}
     KannalaBrandt8 kannala-brandt {_ORB_NUMBERS} {_orb_optional("k1 k2 k3 k4").replace("?", "")}
     """,
-    word="Camera.type",
-    size="Camera.width Camera.height",
-    syntax="opencv-yaml",
-    poses=(("Stereo.T_c1_c2|Tlr", "T_b_c"),),
-    split=_orb_cameras,
-    join=_orb_join,
-    stereo=by_baseline,
-)
+    word="Camera.type", size="Camera.width Camera.height", syntax="opencv-yaml", poses=(("Stereo.T_c1_c2|Tlr", "T_b_c"),), split=parts.orb_cameras,
+    join=parts.join_orb, stereo=parts.by_baseline)
 
-STELLA = Form(
-    "stella-vslam",
-    "stella_vslam, OpenVSLAM",
-    "Camera.cols Camera.model",
-    """
+STELLA = Form("stella-vslam", "stella_vslam, OpenVSLAM",
+    "Camera.cols Camera.model", """
     perspective pinhole Camera.fx .fy .cx .cy .k1? .k2? .p1? .p2? .k3?
     fisheye kannala-brandt Camera.fx .fy .cx .cy .k1 .k2 .k3 .k4
     radial_division division Camera.fx .fy .cx .cy .distortion=k
     equirectangular equirectangular
     """,
-    word="Camera.model",
-    size="Camera.cols Camera.rows",
-    constant={
-        "Camera.name": "camera",
-        "Camera.setup": "monocular",
-        "Camera.fps": 30.0,
-        "Camera.color_order": "RGB",
-    },
-    harmless="^stereorectifier",
-    stereo=by_baseline,
-)
+    word="Camera.model", size="Camera.cols Camera.rows",
+    constant={"Camera.name": "camera", "Camera.setup": "monocular", "Camera.fps": 30.0, "Camera.color_order": "RGB"}, harmless="^stereorectifier",
+    stereo=parts.by_baseline)
 
-
-# -- nerfstudio, KITTI, Middlebury -------------------------------------------------------------------
-
-
-def _frames(content: Content) -> dict[str, Any]:
-    """Return the camera of ``transforms.json``, or those of its frames where each has its own numbers."""
-    cameras: list[Values] = []
-    for node in _mappings(content, "frames"):
-        shared = {key: value for key, value in node.values.items() if key != "frames"}
-        frames = node.values["frames"] if isinstance(node.values["frames"], list) else []
-        lenses = [Node(frame) for frame in frames if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)]
-        of_frames = [
-            {**shared, **{k: v for k, v in lens.values.items() if not _OF_A_FRAME.search(k)}}
-            for lens in lenses
-        ]
-        if of_frames and len(of_frames) < len(frames):
-            raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
-        for lens in of_frames or ([shared] if node.has(_FOCAL) else []):
-            if lens not in cameras:
-                cameras.append(lens)
-    for lens in cameras:
-        if lens.get("is_fisheye") and "camera_model" not in lens:
-            lens["camera_model"] = "OPENCV_FISHEYE"
-    return {f"cam{i}": lens for i, lens in enumerate(cameras)}
-
-
-_FOCAL = "fl_x|camera_angle_x"
-_OF_A_FRAME = re.compile(r"path|matrix|mask|depth|time|index|id$|name|sharp|motion|camera_convention")
-
-NERFSTUDIO = Form(
-    "nerfstudio",
-    "nerfstudio, instant-ngp, NeRF's transforms.json",
-    "frames fl_x|camera_angle_x",
-    """
+NERFSTUDIO = Form("nerfstudio", "nerfstudio, instant-ngp, NeRF's transforms.json",
+    "frames fl_x|camera_angle_x", """
     PINHOLE|OPENCV|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx cy
     OPENCV|PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx? cy? k1? k2? k3? p1? p2?
     < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=f cx? cy? k1? k2? k3? p1? p2?
-    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole camera_angle_x=angle_x cx? cy? k1? k2? k3? \
-    p1? p2?
+    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole camera_angle_x=angle cx? cy? k1? k2? k3? p1? p2?
     OPENCV_FISHEYE kannala-brandt fl_x=fx fl_y=fy cx cy k1? k2? k3? k4?
     EQUIRECTANGULAR equirectangular fl_x?=W/2 fl_y?=H cx?=W/2 cy?=H/2
     """,
-    word="camera_model",
-    size="w h",
-    shift=0.0,
-    syntax="json",
-    split=_frames,
-    constant={"frames": []},
-    finish=lambda node, word, values, w, h: (values, (w, h)),
-    harmless="^camera_?angle|^aabb|^(n|max|min)?k$",
-)
+    word="camera_model", size="w h", shift=0.0, syntax="json", split=parts.frames, finish=parts.angle, constant={"frames": []},
+    harmless="^camera_?angle|^aabb|^(n|max|min)?k$")
 
+KITTI = Form("kitti", "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
+    "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2", f"- pinhole K={_K} D=;k1,k2,p1,p2;k3",
+    size="S", syntax="lines", poses=(("T", "T_c_b"),), split=parts.kitti, join=parts.join_kitti, refused="projections that are no camera's")
 
-def _kitti(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for node in _mappings(content, "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2"):
-        values = node.values
-        upright = np.eye(4)
-        if "R_rect_00" in values:
-            upright[:3, :3] = np.reshape(floats("R_rect_00", values["R_rect_00"]), (3, 3))
-        for key in values:
-            if match := re.fullmatch(r"K_(\d\d)", key):
-                i = match[1]
-                lens = {"K": values[key], "D": values.get(f"D_{i}", []), "S": values.get(f"S_{i}")}
-                if f"R_{i}" in values:
-                    rotation, shift = (floats(name, values[name]) for name in (f"R_{i}", f"T_{i}"))
-                    lens["T"] = np.column_stack([np.reshape(rotation, (3, 3)), shift]).ravel().tolist()
-                cameras[i] = lens
-        for key in values:
-            if match := re.fullmatch(r"P_rect_(\d\d)|P(\d)", key):
-                P = (
-                    np.reshape(floats(key, values[key]), (3, 4))
-                    if len(floats(key, values[key])) == 12
-                    else None
-                )
-                if P is None or not P[0, 0]:
-                    raise ArgumentError(
-                        f"{key}: expected 3 x 4 numbers of a camera, got {shown(values[key])}"
-                    )
-                offset = np.eye(4)
-                offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
-                name = f"rect_{match[1]}" if match[1] else key
-                lens = {"K": P[:, :3].ravel().tolist(), "D": [], "T": (offset @ upright)[:3].ravel().tolist()}
-                cameras[name] = lens | {"S": values.get(f"S_rect_{match[1]}")}
-    return cameras
-
-
-def _kitti_join(cameras: dict[str, Values]) -> Values:
-    document: Values = {}
-    for name, lens in cameras.items():
-        if not re.fullmatch(r"\d\d", name):
-            raise ArgumentError(f"{name}: expected names 00, 01, ..., got {shown(name)}")
-        document |= {
-            f"S_{name}": lens["S"],
-            f"K_{name}": lens["K"],
-            f"D_{name}": [*lens["D"], *[0.0] * 5][:5],
-        }
-        T = np.array(lens.get("T", np.eye(4).tolist()))
-        document |= {f"R_{name}": T[:3, :3].ravel().tolist(), f"T_{name}": T[:3, 3].tolist()}
-    return document
-
-
-KITTI = Form(
-    "kitti",
-    "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
-    "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2",
-    f"- pinhole K={_K} D=;k1,k2,p1,p2;k3",
-    size="S",
-    syntax="lines",
-    poses=(("T", "T_c_b"),),
-    split=_kitti,
-    join=_kitti_join,
-    refused="projections that are no camera's",
-)
-
-
-def _middlebury(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for node in _mappings(content, "cam0 width height"):
-        if (
-            not isinstance(node.values["cam0"], str)
-            or len(re.findall(r"[-\d.e+]+", node.values["cam0"])) != 9
-        ):
-            continue
-        size = {key: node.values[key] for key in ("width", "height")}
-        baseline = number("baseline", node.values.get("baseline", 0)) / 1000
-        for name, x in (("cam0", 0.0), ("cam1", baseline)):
-            if name in node.values:
-                T = matrix_of_pose(Pose(np.array([x, 0, 0]), np.eye(3)))
-                cameras[name] = {"K": node.values[name], **size, "T": T}
-    return cameras
-
-
-def _middlebury_join(cameras: dict[str, Values]) -> Values:
-    first, *others = cameras.values()
-    document = {"cam0": first["K"]}
-    baseline = 0.0
-    for other in others:
-        T = np.array(other.get("T", np.eye(4).tolist()))
-        if (
-            len(others) > 1
-            or T[1:3, 3].any()
-            or (T[:3, :3] != np.eye(3)).any()
-            or other["width"] != first["width"]
-        ):
-            raise ArgumentError(
-                "middlebury: expected two cameras, the second straight to the right, got others"
-            )
-        document["cam1"], baseline = other["K"], 1000 * T[0, 3]
-        document["doffs"] = other["K"][2] - first["K"][2]
-    return document | {"baseline": float(baseline), "width": first["width"], "height": first["height"]}
-
-
-MIDDLEBURY = Form(
-    "middlebury",
-    "Middlebury's calib.txt, ETH3D's stereo",
-    "cam0 width height",
-    f"- pinhole K={_K}",
-    size="width height",
-    syntax="matrices",
-    poses=(("T", "T_b_c"),),
-    split=_middlebury,
-    join=_middlebury_join,
-)
-
-
-# -- depth cameras, Open3D ---------------------------------------------------------------------------
+MIDDLEBURY = Form("middlebury", "Middlebury's calib.txt, ETH3D's stereo",
+    "cam0 width height", f"- pinhole K={_K}",
+    size="width height", syntax="matrices", poses=(("T", "T_b_c"),), split=parts.middlebury, join=parts.join_middlebury)
 
 D = (
     "distortion_coefficients|D|dist|distCoeffs|dist_coeff|dist_coefs|dist_coef|distortion_coeffs|distortion_coeff|"
@@ -349,111 +74,43 @@ WIDTH = "image_width|width|image.width|img_width|w|cols|resolution.width|image_s
 HEIGHT = "image_height|height|image.height|img_height|h|rows|resolution.height|image_size.height|size.height"
 _FOCALS = "fx|focal_x|focal_length_x|f_x fy|focal_y|focal_length_y|f_y"
 _CENTERS = "cx|ppx|c_x|principal_x|center_x|x0 cy|ppy|c_y|principal_y|center_y|y0"
-
-
 def _named(paths: str, names: str) -> str:
     return " ".join(f"{path}={name}" for path, name in zip(paths.split(), names.split(), strict=True))
-
-
 _FOUR = f"{_named(_FOCALS, 'fx fy')} {_named(_CENTERS, 'cx cy')}"
-
-_FLAT, _FOUR_K = (
+_FLAT5, _FLAT8, _FOUR_K = (
     " ".join(f"{name}|distortion.{name}|distortion_coeffs.{name}{end}" for name in names.split())
-    for names, end in (("k1 k2 p1 p2 k3 k4 k5 k6", "?"), ("k1 k2 k3 k4", ""))
+    for names, end in (("k1 k2 p1 p2 k3", "?"), ("k1 k2 p1 p2 k3 k4 k5 k6", ""), ("k1 k2 k3 k4", ""))
 )
 _BC = "Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv"
-INTRINSICS = Form(
-    "intrinsics",
-    "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
-    f"{_FOCALS} {_CENTERS}",
-    f"""
+INTRINSICS = Form("intrinsics", "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
+    f"{_FOCALS} {_CENTERS}", f"""
     {_BC} pinhole {_FOUR} {D}=;{PLAIN}
-    < {_BC} pinhole {_FOUR} {_FLAT}
+    < {_BC} pinhole {_FOUR} {_FLAT5}
+    < {_BC} pinhole {_FOUR} {_FLAT8}
     < Modified_Brown_Conrady|Inverse_Brown_Conrady|inverse|modified pinhole {_FOUR} {D}=;0,0,0,0,0
     Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0
     < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {_FOUR_K}
     """,
-    word="model|distortion_model|camera_model|distortion_type|model_type|distortion.model|distortion.type",
-    size=f"width|{WIDTH} height|{HEIGHT}",
-    syntax="json",
-)
+    word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}",
+    syntax="json")
 
-OPEN3D = Form(
-    "open3d",
-    "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder",
-    "intrinsic_matrix width height",
-    f"- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1\n< - pinhole intrinsic_matrix={_K}",
-    size="width height",
-    syntax="json",
-)
+OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder",
+    "intrinsic_matrix width height", f"- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1\n< - pinhole intrinsic_matrix={_K}",
+    size="width height", syntax="json")
 
-
-# -- sensor.yaml, basalt, WoodScape, Aria, nuScenes -------------------------------------------------
-
-SENSOR = Form(
-    "sensor",
-    "EuRoC's sensor.yaml, ASL, Kimera",
-    "intrinsics camera_model|distortion_model distortion_coefficients|T_BS",
-    """
-    pinhole+radial-tangential|none+radtan pinhole intrinsics=fx,fy,cx,cy \
-    distortion_coefficients|distortion_parameters=k1,k2,p1,p2;k3;k4,k5,k6
-    pinhole+none|none+none pinhole intrinsics=fx,fy,cx,cy \
-    distortion_coefficients|distortion_parameters?=;0,0,0,0
-    pinhole+equidistant|none+equidistant|fisheye+equidistant kannala-brandt intrinsics=fx,fy,cx,cy \
-    distortion_coefficients|distortion_parameters=k1,k2,k3,k4
-    omni+radial-tangential unified intrinsics=xi,fx,fy,cx,cy \
-    distortion_coefficients|distortion_parameters=k1,k2,p1,p2
+SENSOR = Form("sensor", "EuRoC's sensor.yaml, ASL, Kimera",
+    "intrinsics camera_model|distortion_model distortion_coefficients|T_BS", """
+    pinhole+radial-tangential|none+radtan pinhole intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,p1,p2;k3;k4,k5,k6
+    pinhole+none|none+none pinhole intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters?=;0,0,0,0
+    pinhole+equidistant|none+equidistant|fisheye+equidistant kannala-brandt intrinsics=fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,k3,k4
+    omni+radial-tangential unified intrinsics=xi,fx,fy,cx,cy distortion_coefficients|distortion_parameters=k1,k2,p1,p2
     """,
-    word="camera_model distortion_model",
-    size="resolution",
-    poses=(("T_BS", "T_b_c"),),
-    constant={"sensor_type": "camera", "comment": "omniscv", "rate_hz": 20},
-)
-
-
-def _basalt(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for node in _mappings(content, "value0.intrinsics"):
-        rig = node.values["value0"]
-        lists = [rig.get(key) for key in ("intrinsics", "resolution", "T_imu_cam")]
-        if not all(isinstance(items, list) and len(items) == len(lists[0] or []) for items in lists):
-            raise ArgumentError(
-                "value0: expected intrinsics, resolution and T_imu_cam of every camera, got other lists"
-            )
-        offset = rig.get("cam_time_offset_ns", 0)
-        for lens, size, pose in zip(*lists, strict=True):
-            numbers = lens if isinstance(lens, Mapping) else {}
-            cameras[f"cam{len(cameras)}"] = {
-                **numbers,
-                "resolution": size,
-                "T_imu_cam": pose,
-                "cam_time_offset_ns": offset,
-            }
-    return cameras
-
-
-def _basalt_join(cameras: dict[str, Values]) -> Values:
-    offsets = {values.pop("cam_time_offset_ns", 0.0) for values in cameras.values()}
-    if len(offsets) > 1:
-        raise ArgumentError(f"time_offset: expected one of all cameras, got {sorted(offsets)}")
-    rows = [{**values} for values in cameras.values()]
-    still = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
-    return {
-        "value0": {
-            "T_imu_cam": [row.pop("T_imu_cam", still) for row in rows],
-            "resolution": [row.pop("resolution") for row in rows],
-            "intrinsics": rows,
-            "cam_time_offset_ns": offsets.pop(),
-        }
-    }
-
+    word="camera_model distortion_model", size="resolution", poses=(("T_BS", "T_b_c"),),
+    constant={"sensor_type": "camera", "comment": "omniscv", "rate_hz": 20})
 
 _FXY = "intrinsics.fx .fy .cx .cy"
-BASALT = Form(
-    "basalt",
-    "basalt",
-    "value0.intrinsics",
-    f"""
+BASALT = Form("basalt", "basalt",
+    "value0.intrinsics", f"""
     pinhole pinhole {_FXY}
     pinhole-radtan8 pinhole {_FXY} .k1 .k2 .p1 .p2 .k3 .k4 .k5 .k6 .rpmax?=_
     kb4 kannala-brandt {_FXY} .k1 .k2 .k3 .k4
@@ -461,188 +118,42 @@ BASALT = Form(
     eucm extended-unified {_FXY} .alpha .beta
     < ucm extended-unified {_FXY} .alpha
     """,
-    word="camera_type",
-    size="resolution",
-    syntax="json",
-    poses=(("T_imu_cam", "px..qw"),),
-    time=("cam_time_offset_ns", 1e-9),
-    split=_basalt,
-    join=_basalt_join,
-    finish=lambda node, word, values, w, h: (values | ({"beta": 1.0} if word == "ucm" else {}), (w, h)),
-)
+    word="camera_type", size="resolution", syntax="json", poses=(("T_imu_cam", "px..qw"),), time=("cam_time_offset_ns", 1e-9), split=parts.basalt,
+    join=parts.join_basalt, finish=lambda node, word, values, w, h: (values | ({"beta": 1.0} if word == "ucm" else {}), (w, h)))
 
-WOODSCAPE = Form(
-    "woodscape",
-    "WoodScape",
-    "intrinsic.cx_offset intrinsic.k1",
-    "radial_poly ftheta intrinsic.k1=c1 .k2=c2 .k3=c3 .k4=c4 .cx_offset=du .cy_offset=dv "
-    ".aspect_ratio?=1 .poly_order?=4",
-    word="intrinsic.model",
-    size="intrinsic.width intrinsic.height",
-    syntax="json",
-    poses=(("extrinsic", "xyzw"),),
-    constant={"intrinsic.aspect_ratio": 1.0, "intrinsic.poly_order": 4, "name": "cam0"},
-    refused="an aspect ratio other than 1",
-)
+WOODSCAPE = Form("woodscape", "WoodScape",
+    "intrinsic.cx_offset intrinsic.k1", "radial_poly ftheta intrinsic.k1=c1 .k2=c2 .k3=c3 .k4=c4 .cx_offset=du .cy_offset=dv .aspect_ratio?=1 .poly_order?=4",
+    word="intrinsic.model", size="intrinsic.width intrinsic.height", syntax="json", poses=(("extrinsic", "xyzw"),),
+    constant={"intrinsic.aspect_ratio": 1.0, "intrinsic.poly_order": 4, "name": "cam0"}, refused="an aspect ratio other than 1")
 
-_ARIA_SIZES = {
-    "camera-slam-left": (640, 480),
-    "camera-slam-right": (640, 480),
-    "camera-rgb": (2880, 2880),
-    "camera-et-left": (640, 480),
-    "camera-et-right": (640, 480),
-}
-"""Full resolution by label: a factory calibration, which has no sizes, is of these images."""
-
-
-def _aria(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for document in content.documents:
-        if not isinstance(document, Mapping) or "CameraCalibrations" not in document:
-            continue
-        entries, sizes = document["CameraCalibrations"], document.get("ImageSizes")
-        if (
-            not isinstance(entries, list)
-            or not entries
-            or not all(isinstance(entry, Mapping) for entry in entries)
-        ):
-            raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
-        if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(entries)):
-            raise ArgumentError(f"ImageSizes: expected one of each camera, got {shown(sizes)}")
-        for i, entry in enumerate(entries):
-            label = str(entry.get("Label"))
-            if label in cameras:
-                raise ArgumentError(f"Label: expected each label once, got {label} again")
-            size = sizes[i] if sizes is not None else entry.get("ImageSize", _ARIA_SIZES.get(label))
-            cameras[label] = {**entry, "ImageSize": None if size is None else list(size)}
-    return cameras
-
-
-def _aria_join(cameras: dict[str, Values]) -> Values:
-    """Return the document; sizes are written where they are not those of the labels."""
-    entries = []
-    sizes = [values.pop("ImageSize") for values in cameras.values()]
-    still = {"Translation": [0.0, 0.0, 0.0], "UnitQuaternion": [1.0, [0.0, 0.0, 0.0]]}
-    for label, values in cameras.items():
-        projection = {"Projection": values["Projection"]}
-        pose = {"T_Device_Camera": values.get("T_Device_Camera", still)}
-        time = {"TimeOffsetSec_Device_Camera": values.get("TimeOffsetSec_Device_Camera", 0.0)}
-        entries.append({"Label": label, "SerialNumber": "", "Calibrated": True, **projection, **pose, **time})
-    known = all(tuple(size) == _ARIA_SIZES.get(label) for label, size in zip(cameras, sizes, strict=True))
-    return {"CameraCalibrations": entries} | ({} if known else {"ImageSizes": sizes})
-
-
-ARIA = Form(
-    "aria",
-    "Project Aria's device and online calibrations",
-    "CameraCalibrations",
-    """
+ARIA = Form("aria", "Project Aria's device and online calibrations",
+    "CameraCalibrations", """
     FisheyeRadTanThinPrism fisheye624 Projection.Params=f,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1,s0,s1,s2,s3
     KannalaBrandtK3 kannala-brandt Projection.Params=fx,fy,cx,cy,k1,k2,k3,k4
     < Fisheye62 fisheye624 Projection.Params=f,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1
     < Linear pinhole Projection.Params=fx,fy,cx,cy
     """,
-    word="Projection.Name",
-    size="ImageSize",
-    syntax="json",
-    poses=(("T_Device_Camera", "aria"),),
-    time=("TimeOffsetSec_Device_Camera", 1.0),
-    split=_aria,
-    join=_aria_join,
-)
+    word="Projection.Name", size="ImageSize", syntax="json", poses=(("T_Device_Camera", "aria"),), time=("TimeOffsetSec_Device_Camera", 1.0),
+    split=parts.aria, join=parts.join_aria)
 
-
-def _nuscenes(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    for document in content.documents:
-        for entry in document if isinstance(document, list) else []:
-            if isinstance(entry, Mapping) and entry.get("camera_intrinsic") and "translation" in entry:
-                name = str(entry.get("channel", entry.get("token", f"cam{len(cameras)}")))
-                cameras[name] = {"width": 1600, "height": 900, **entry}
-    return cameras
-
-
-_STILL = {"translation": [0.0, 0.0, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
-NUSCENES = Form(
-    "nuscenes",
-    "nuScenes: calibrated_sensor.json, whose pictures are 1600 x 900",
-    "camera_intrinsic translation rotation",
-    f"- pinhole camera_intrinsic={_K}",
-    size="width height",
-    syntax="json",
-    poses=(("rotation", "wxyz"),),
-    split=_nuscenes,
-    join=lambda cameras: [
-        {"token": name, "sensor_token": name, **_STILL, **values} for name, values in cameras.items()
-    ],
-)
-
-
-# -- photogrammetry ----------------------------------------------------------------------------------
-
-
-def _metashape(content: Content) -> dict[str, Any]:
-    """Return the calibrations of a lens file or of a project; the adjusted one of a sensor."""
-    cameras: dict[str, Any] = {}
-
-    def visit(value: Any, name: str) -> None:
-        if isinstance(value, list):
-            for item in value:
-                visit(item, name)
-        if not isinstance(value, Mapping):
-            return
-        name = str(value.get("label", name))
-        listed = value.get("calibration")
-        lenses = [
-            lens for lens in (listed if isinstance(listed, list) else [listed]) if isinstance(lens, Mapping)
-        ]
-        if lenses:
-            adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
-            unique = name if name not in cameras else f"{name}-{len(cameras)}"
-            cameras[unique] = (adjusted or lenses)[0]
-        for key, below in value.items():
-            if key != "calibration":
-                visit(below, name)
-
-    for document in content.documents if content.text.lstrip().startswith("<") else []:
-        visit(document, "cam0")
-    return {name: lens for name, lens in cameras.items() if Node(lens).has("f|width|resolution")}
-
+NUSCENES = Form("nuscenes", "nuScenes: calibrated_sensor.json, whose pictures are 1600 x 900",
+    "camera_intrinsic translation rotation", f"- pinhole camera_intrinsic={_K}",
+    size="width height", syntax="json", poses=(("rotation", "wxyz"),), split=parts.nuscenes,
+    join=lambda cameras: [{"token": name, "sensor_token": name, **parts.STILL, **values} for name, values in cameras.items()])
 
 _TERMS = "k1? k2? k3? p1?=p2 p2?=p1 k4?=0 p3?=0 p4?=0"
-METASHAPE = Form(
-    "metashape",
-    "Agisoft Metashape and PhotoScan: lenses and cameras in XML",
-    "calibration",
-    f"""
+METASHAPE = Form("metashape", "Agisoft Metashape and PhotoScan: lenses and cameras in XML",
+    "calibration", f"""
     frame pinhole f=f_y cx?=du cy?=dv b1?=b1 b2?=s {_TERMS}
     fisheye kannala-brandt f=f_y cx?=du cy?=dv b1?=b1 b2?=s k1? k2? k3? k4? p1?=0 p2?=0 p3?=0 p4?=0
     spherical equirectangular f?=_ cx?=0 cy?=0
     """,
-    word="projection|type",
-    size="width|resolution.width height|resolution.height",
-    shift=0.0,
-    syntax="xml",
-    split=_metashape,
-    harmless="covariance",
-    join=lambda cameras: {"calibration": only("metashape", cameras)},
-    refused="K4 of frames, P3, P4; P1 and P2 of fisheyes",
-)
-
-
-def only(form: str, cameras: Mapping[str, Values]) -> Values:
-    """Return the only camera; ArgumentError where there are several."""
-    if len(cameras) != 1:
-        raise ArgumentError(f"cameras: {form} holds one camera, got {len(cameras)}: {shown(list(cameras))}")
-    return next(iter(cameras.values()))
-
+    word="projection|type", size="width|resolution.width height|resolution.height", shift=0.0, syntax="xml", split=parts.metashape, harmless="covariance",
+    join=lambda cameras: {"calibration": parts.only("metashape", cameras)}, sparse=True, refused="K4 of frames, P3, P4; P1 and P2 of fisheyes")
 
 _NORMED = "focal_x=nfx focal_y=nfy c_x?=ncx c_y?=ncy"
-OPENSFM = Form(
-    "opensfm",
-    "OpenSfM, OpenDroneMap: camera_models.json, reconstruction.json",
-    "projection_type width",
-    f"""
+OPENSFM = Form("opensfm", "OpenSfM, OpenDroneMap: camera_models.json, reconstruction.json",
+    "projection_type width", f"""
     perspective pinhole focal=nf k1? k2?
     brown pinhole {_NORMED} k1? k2? k3? p1? p2?
     < simple_radial|radial pinhole {_NORMED} k1? k2?
@@ -652,50 +163,11 @@ OPENSFM = Form(
     < fisheye62 fisheye624 {_NORMED} k1=k0 k2=k1 k3=k2 k4=k3 k5=k4 k6=k5 p1=p0 p2=p1
     spherical|equirectangular equirectangular
     """,
-    word="projection_type",
-    size="width height",
-    shift=0.0,
-    syntax="json",
-    join=lambda cameras: dict(cameras),
-    refused="dual",
-)
-
-
-def _openmvg(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    names: dict[int, str] = {}
-    for node in _mappings(content, "intrinsics"):
-        listed = node.values["intrinsics"]
-        for entry in listed if isinstance(listed, list) else []:
-            value = entry.get("value") if isinstance(entry, Mapping) else None
-            if not isinstance(value, Mapping) or not isinstance(value.get("ptr_wrapper"), Mapping):
-                continue
-            key = int(number("polymorphic_id", value.get("polymorphic_id", 0))) & 0x3FFFFFFF
-            names.setdefault(key, str(value.get("polymorphic_name")))
-            data = value["ptr_wrapper"].get("data", {})
-            lens = {name: item for name, item in data.items() if not isinstance(item, Mapping)}
-            for below in data.values():
-                lens |= below if isinstance(below, Mapping) else {}
-            cameras[str(entry.get("key", len(cameras)))] = {"model": names[key], **lens}
-    return cameras
-
-
-def _openmvg_join(cameras: dict[str, Values]) -> Values:
-    entries = []
-    for i, values in enumerate(cameras.values()):
-        data = {key: value for key, value in values.items() if key != "model"}
-        wrapped = {"id": 0x80000001 + i, "data": data}
-        identity = {"polymorphic_id": 0x40000000 + i + 1, "polymorphic_name": values["model"]}
-        entries.append({"key": i, "value": {**identity, "ptr_wrapper": wrapped}})
-    return {"sfm_data_version": "0.3", "root_path": "", "views": [], "intrinsics": entries, "extrinsics": []}
-
+    word="projection_type", size="width height", shift=0.0, syntax="json", join=lambda cameras: dict(cameras), refused="dual")
 
 _MVG = "focal_length=f principal_point=cx,cy"
-OPENMVG = Form(
-    "openmvg",
-    "OpenMVG: sfm_data.json",
-    "intrinsics",
-    f"""
+OPENMVG = Form("openmvg", "OpenMVG: sfm_data.json",
+    "intrinsics", f"""
     pinhole pinhole {_MVG}
     pinhole_radial_k1 pinhole {_MVG} disto_k1=k1
     pinhole_radial_k3 pinhole {_MVG} disto_k3=k1,k2,k3
@@ -703,224 +175,44 @@ OPENMVG = Form(
     fisheye kannala-brandt {_MVG} fisheye|disto_fisheye=k1,k2,k3,k4
     spherical equirectangular
     """,
-    word="model",
-    size="width height",
-    syntax="json",
-    split=_openmvg,
-    join=_openmvg_join,
-)
+    word="model", size="width height", syntax="json", split=parts.openmvg, join=parts.join_openmvg)
 
-OPENICC = Form(
-    "openicc",
-    "OpenImuCameraCalibrator",
-    "intrinsic_type intrinsics.focal_length",
-    "\n".join(
-        f"{word} {model} intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx \
-    .principal_pt_y=cy .skew?=s {terms}"
-        for word, model, terms in (
-            ("PINHOLE", "pinhole", ".radial_distortion_1?=k1 .radial_distortion_2?=k2"),
-            (
-                "FISHEYE",
-                "kannala-brandt",
-                " ".join(f".radial_distortion_{i}=k{i}" for i in range(1, 5)),
-            ),
-            ("DOUBLE_SPHERE", "double-sphere", ".xi .alpha"),
-            ("EXTENDED_UNIFIED", "extended-unified", ".alpha .beta"),
-        )
-    ),
-    word="intrinsic_type",
-    syntax="json",
-    refused="DIVISION_UNDISTORTION",
-)
+_ICC = "intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx .principal_pt_y=cy .skew?=s"
+OPENICC = Form("openicc", "OpenImuCameraCalibrator",
+    "intrinsic_type intrinsics.focal_length", f"""
+    PINHOLE pinhole {_ICC} .radial_distortion_1?=k1 .radial_distortion_2?=k2
+    FISHEYE kannala-brandt {_ICC} .radial_distortion_1=k1 .radial_distortion_2=k2 .radial_distortion_3=k3 .radial_distortion_4=k4
+    DOUBLE_SPHERE double-sphere {_ICC} .xi .alpha
+    EXTENDED_UNIFIED extended-unified {_ICC} .alpha .beta
+    """,
+    word="intrinsic_type", syntax="json", refused="DIVISION_UNDISTORTION")
 
-
-# -- DSO, ZED, Hugin, gyroflow ---------------------------------------------------------------------
-
-_DSO = re.compile(
-    r"\s*(?:(Pinhole|RadTan|EquiDistant|KannalaBrandt|FOV|ATAN):?\s+)?"
-    r"((?:[-+.\deE]+ *){4,8})\n\s*(\d+)\s+(\d+)\s*\n"
-    r"\s*(crop|full|none|(?:[-+.\deE]+ *){5}) *\n\s*\d+\s+\d+\s*"
-)
-
-
-def _dso(content: Content) -> dict[str, Any]:
-    match = _DSO.fullmatch(content.text.replace("\t", " "))
-    if match is None:
-        return {}
-    values = floats("numbers", match[2])
-    size = int(match[3]), int(match[4])
-    if len(values) > 4 and values[2] < 1 and values[3] < 1:  # in parts of the size
-        scale = [*size, *size]
-        values[:4] = [value * factor for value, factor in zip(values[:4], scale, strict=True)]
-        values[2:4] = [value - 0.5 for value in values[2:4]]
-    return {"cam0": {"model": match[1], "numbers": values, "size": list(size)}}
-
-
-def _dso_text(values: Values) -> str:
-    numbers, size = values["numbers"], " ".join(map(str, values["size"]))
-    words = " ".join(map(str, [*numbers, 0.0][: max(5, len(numbers))]))
-    return f"{values['model']} {words}\n{size}\nnone\n{size}\n"
-
-
-DSO = Form(
-    "dso",
-    "DSO, LSD-SLAM, TUM monoVO: camera.txt",
-    "model numbers size",
-    """
+DSO = Form("dso", "DSO, LSD-SLAM, TUM monoVO: camera.txt",
+    "model numbers size", """
     Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
     RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
     EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
     """,
-    word="model",
-    size="size",
-    split=_dso,
-    dump=_dso_text,
-    refused="FOV (ATAN) with an angle",
-)
+    word="model", size="size", split=parts.dso, dump=parts.dso_text, refused="FOV (ATAN) with an angle")
 
-_ZED_SIZES = {
-    "2K": (2208, 1242),
-    "FHD": (1920, 1080),
-    "FHD1200": (1920, 1200),
-    "HD": (1280, 720),
-    "HD1200": (1920, 1200),
-    "SVGA": (960, 600),
-    "VGA": (672, 376),
-    "4K": (3840, 2160),
-    "QHDPLUS": (3200, 1800),
-}
+ZED = Form("zed", "ZED: SN.conf",
+    "LEFT_CAM_HD", "- pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",
+    size="size", syntax="ini", split=parts.zed, join=parts.join_zed, refused="poses: the signs of RX, CV and RZ are documented nowhere")
 
-
-def _zed(content: Content) -> dict[str, Any]:
-    cameras = {}
-    for node in _mappings(content, "STEREO|LEFT_CAM_HD|LEFT_CAM_VGA|LEFT_CAM_FHD"):
-        for name, section in node.values.items():
-            match = re.fullmatch(r"(?:LEFT|RIGHT)_CAM_(\w+)", name)
-            if match and isinstance(section, Mapping):
-                size = _ZED_SIZES.get(match[1])
-                cameras[name] = {**section, "size": None if size is None else list(size)}
-    return cameras
-
-
-def _zed_join(cameras: dict[str, Values]) -> Values:
-    sections = {}
-    for i, (name, values) in enumerate(cameras.items()):
-        size = tuple(values.pop("size"))
-        word = next((word for word, known in _ZED_SIZES.items() if known == size), None)
-        if word is None or i > 1:
-            sizes = ", ".join(f"{w}x{h}" for w, h in _ZED_SIZES.values())
-            raise ArgumentError(f"{name}: expected two cameras at most, of a size among {sizes}; got {size}")
-        sections[name if name.endswith(f"_CAM_{word}") else f"{('LEFT', 'RIGHT')[i]}_CAM_{word}"] = values
-    return sections
-
-
-ZED = Form(
-    "zed",
-    "ZED: SN.conf",
-    "LEFT_CAM_HD",
-    "- pinhole fx fy cx cy k1? k2? p1? p2? k3? k4? k5? k6?",
-    size="size",
-    syntax="ini",
-    split=_zed,
-    join=_zed_join,
-    refused="poses: the signs of RX, CV and RZ are documented nowhere",
-)
-
-_HUGIN_IMAGE = re.compile(r"([A-Za-z]+?)(=?-?\d[-+.\deE]*)(?=\s|$)")
-
-
-def _hugin(content: Content) -> dict[str, Any]:
-    """Return the images of a project; ``v=0`` is the value of image 0."""
-    images: list[dict[str, str]] = []
-    if not re.search(r"^p .*\bf\d", content.text, re.MULTILINE):
-        return {}
-    for line in content.text.split("\n"):
-        if line.startswith(("i ", "o ")):
-            words = dict(_HUGIN_IMAGE.findall(line.partition(' n"')[0]))
-            for key, value in words.items():
-                if value.startswith("="):
-                    words[key] = (
-                        images[int(value[1:])].get(key, "0") if int(value[1:]) < len(images) else "nan"
-                    )
-            images.append(words)
-    cameras: dict[str, Any] = {}
-    for image in images:
-        lens: Values = {key: number(key, image.get(key, 0)) for key in "whvabcdegt"}
-        lens["f"] = image.get("f", "0")
-        if lens not in cameras.values():
-            cameras[f"cam{len(cameras)}"] = lens
-    return cameras
-
-
-def _hugin_numbers(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
-    """Panotools: ``r (a r^3 + b r^2 + c r + 1 - a - b - c)``, r = 1 at half the shorter side."""
-    terms = {key: number(key, node.take(key, 0)) for key in "abcgtv"}
-    a, b, c, g, t, v = terms.values()
-    if g or t:
-        raise ArgumentError(f"g, t: expected no shear (it is not modelled), got {g:.15g} and {t:.15g}")
-    unit, angle = min(width, height) / 2, np.radians(number("v", v, above=0, most=360))
-    first = 1 - a - b - c
-    if word == "0":
-        if a or c:
-            raise ArgumentError(
-                f"a, c: expected 0 (odd powers of f0 are not modelled), got {a:.15g} and {c:.15g}"
-            )
-        focal = width / 2 / np.tan(number("v", v, below=180) * np.pi / 360)
-        return values | {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}, (
-            width,
-            height,
-        )
-    if word == "4":
-        if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
-            raise ArgumentError(
-                "f4: expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e, got another"
-            )
-        return {}, (width, height)
-    scale = width / angle / unit  # of an angle to r
-    powers = [unit * factor * scale ** (i + 1) for i, factor in enumerate((first, c, b, a))]
-    return values | {f"c{i + 1}": float(power) for i, power in enumerate(powers)}, (width, height)
-
-
-HUGIN = Form(
-    "hugin",
-    "Hugin, PTGui, panotools: .pto",
-    "p-lines i-lines",
-    """
+HUGIN = Form("hugin", "Hugin, PTGui, panotools: .pto",
+    "p-lines i-lines", """
     < 0 pinhole d=du e=dv
     < 2|3 ftheta d=du e=dv
     < 4 equirectangular d=du e=dv
     """,
-    word="f",
-    size="w h",
-    shift=0.0,
-    split=_hugin,
-    finish=lambda node, word, values, w, h: _hugin_numbers(node, word, values, w, h),
-    refused="other projections, shear, odd powers of rectilinear lenses; read only",
-)
+    word="f", size="w h", shift=0.0, split=parts.hugin, finish=parts.hugin_numbers,
+    refused="other projections, shear, odd powers of rectilinear lenses; read only")
 
-
-def _gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
-    for key in ("input_horizontal_stretch", "input_vertical_stretch"):
-        if (value := number(key, node.take(key, 1) or 1)) != 1:
-            raise ArgumentError(f"{key}: expected 1 (stretches are not modelled), got {value:.15g}")
-    if canonical(lens := node.take("digital_lens", None)) not in ("none", ""):
-        raise ArgumentError(f"digital_lens: expected none (it is not modelled), got {shown(lens)}")
-    return values, (width, height)
-
-
-GYROFLOW = Form(
-    "gyroflow",
-    "gyroflow's lens profiles",
-    "fisheye_params.camera_matrix calib_dimension.w",
-    f"""
+GYROFLOW = Form("gyroflow", "gyroflow's lens profiles",
+    "fisheye_params.camera_matrix calib_dimension.w", f"""
     opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4
     opencv_standard pinhole fisheye_params.camera_matrix={_K} .distortion_coeffs=;{PLAIN}
     """,
-    word="distortion_model",
-    size="calib_dimension.w calib_dimension.h",
-    syntax="json",
-    readout=("frame_readout_time", 1e-3, False),
-    harmless="radialdistortionlimit|^crop$|readoutdirection",
-    finish=_gyroflow,
-    refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses",
-)
+    word="distortion_model", size="calib_dimension.w calib_dimension.h", syntax="json", readout=("frame_readout_time", 1e-3, False),
+    harmless="radialdistortionlimit|^crop$|readoutdirection", finish=parts.gyroflow,
+    refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses")

@@ -192,7 +192,6 @@ def convert(
     """
     from omniscv import calibration
     from omniscv.calibration.files import FORMS, load_file
-    from omniscv.calibration.forms import Form
     from omniscv.cameras.rig import Rig, RigCamera
 
     loaded = load_file(source, None, options.size(size) if size else None)
@@ -202,7 +201,7 @@ def convert(
     form = FORMS[one_of("--format", format, FORMS)]
     cameras = {key: entry.camera for key, entry in entries.items()}
     if fit:
-        models = [row.model for row in form.rows if row.written] if isinstance(form, Form) else []
+        models = [row.model for row in form.rows if row.written]
         for key, camera in cameras.items():
             if (fitted := calibration.nearest(camera, cast(Any, format), models)) is not None:
                 cameras[key] = fitted.camera
@@ -211,7 +210,7 @@ def convert(
     pattern = _NAMES.get(format)
     names = {key: pattern.format(i + 1, i) if pattern else key for i, key in enumerate(cameras)}
     posed = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
-    carries = format in ("json", "colmap") or (isinstance(form, Form) and form.poses)
+    carries = format == "colmap" or form.poses
     if posed and carries:
         rig = Rig(
             {

@@ -9,7 +9,7 @@ from support.calibration_files import LENS, MEI, PINHOLE, SAVED, SIZE, TEXTS
 from support.same_rays import DIRECTION_TOLERANCE, assert_same_rays
 
 from omniscv import calibration, cameras
-from omniscv.calibration.files import FORMS, Form
+from omniscv.calibration.files import FORMS
 from omniscv.errors import ArgumentError
 
 NAMES = {"colmap": "1", "kitti": "00", "aria": "camera-slam-left", "zed": "LEFT_CAM_VGA"}
@@ -86,7 +86,7 @@ def carried(format: str) -> set[str]:
         "isaac": {"pinhole", "kannala-brandt"},
         "ncore": {"ftheta"},
     }
-    rows = {row.model for row in form.rows if row.written} if isinstance(form, Form) else by_hand[format]
+    rows = {row.model for row in form.rows if row.written} or by_hand.get(format, set())
     return rows | mirrors if format == "kalibr" else rows
 
 

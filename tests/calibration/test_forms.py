@@ -6,6 +6,7 @@ The files are made here, from the programs' documentation, in the dialects that 
 # ruff: noqa: E501
 import io
 import json
+import re
 from typing import Any
 
 import cv2
@@ -455,3 +456,78 @@ def test_unknown_files_get_the_nearest_forms(tmp_path: Any) -> None:
         calibration.loads("model_type: PINHOLE\nimage_width: 3\nimage_height: 3\n")
     (tmp_path / "odd").write_text(ROS.format("plumb_bob", []).replace("322.25", "2322.25"), encoding="utf-8")
     assert any("lies outside" in line for line in doubts(calibration.load(tmp_path / "odd")["cam0"]))
+
+
+# -- the gate -------------------------------------------------------------------------------------------
+
+PLAIN_TEXTS = {
+    name: case
+    for name, case in CASES.items()
+    if isinstance(case[0], str) and name not in ("orb-slam2", "orb-slam3-kb", "zed")
+}
+WORDS = ("0", "-1", "null", "1e308", "nan", "foo", "[1, 2]", "7.25", "{}", '"x"')
+
+
+def changed(text: str, random: np.random.Generator) -> str:
+    """One thing changed at random: a byte, a key's name, a value, a line twice, lines exchanged."""
+    lines = text.split("\n")
+    at, other = random.integers(len(lines), size=2)
+    match random.integers(6):
+        case 0:
+            i = int(random.integers(len(text)))
+            return text[:i] + chr(random.integers(32, 127)) + text[i + 1 :]
+        case 1:
+            found = list(re.finditer(r"[A-Za-z_]\w+", text))
+            word = found[random.integers(len(found))]
+            return text[: word.start()] + word[0][::-1] + text[word.end() :]
+        case 2:
+            found = list(re.finditer(r"-?\d[\d.e+-]*", text))
+            word = found[random.integers(len(found))]
+            return text[: word.start()] + WORDS[random.integers(len(WORDS))] + text[word.end() :]
+        case 3:
+            return "\n".join([*lines[:at], lines[at], *lines[at:]])
+        case 4:
+            return text[: random.integers(len(text))]
+        case _:
+            lines[at], lines[other] = lines[other], lines[at]
+            return "\n".join(lines)
+
+
+def judged(name: str, text: str) -> str:
+    """What came of a changed file: one line, the right camera, or one whose every number is in the text."""
+    try:
+        entries = read(text).entries
+    except ArgumentError as error:
+        return "refused" if "\n" not in str(error) else "wrong"
+    camera = next(iter(entries.values())).camera
+    pixels, valid = camera.project(POINTS[:40])
+    theirs = CASES[name][1](POINTS)[:40] + CASES[name][2]
+    if valid.any() and np.abs(pixels - theirs)[valid].max() < 1e-6:
+        return "right"
+    before, after = (sorted(re.findall(r"-?\d[\d.e+-]*", each)) for each in (str(CASES[name][0]), text))
+    return "another" if before != after else "wrong"
+
+
+def through_the_gate(cases: int) -> None:
+    """A change of a number makes another camera, and cannot be seen; any other is refused, or changes nothing.
+
+    The plain readers of other libraries agree: OpenCV's formulas judge each camera that comes through.
+    """
+    random = np.random.default_rng(cases)
+    names, outcomes = list(PLAIN_TEXTS), []
+    for i in range(cases):
+        name = names[i % len(names)]
+        text = changed(str(CASES[name][0]), random)
+        outcomes.append(judged(name, text))
+        assert outcomes[-1] != "wrong", f"{name}:\n{text}"
+    assert outcomes.count("refused") > cases / 5
+    assert outcomes.count("right") > cases / 20
+
+
+def test_what_comes_through_the_gate_is_right_or_refused() -> None:
+    through_the_gate(300)
+
+
+@pytest.mark.soak
+def test_much_through_the_gate() -> None:
+    through_the_gate(20_000)

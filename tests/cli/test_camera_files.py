@@ -140,3 +140,27 @@ def test_the_example_of_a_model_is_its_typical_camera(name, here, monkeypatch, c
     turned = camera.unproject().directions[both] - typical.unproject().directions[both]
     assert np.abs(turned).max() < 1e-4
     assert pose.angles()[1] == pytest.approx(typical.typical_pitch_deg)
+
+
+def test_a_file_is_described_and_converted(here, capsys):
+    """One command turns a chain into VINS's file; what that lacks is fitted, and the error is printed."""
+    lens = cameras.create("double-sphere", 64, 48, fx=18, fy=18, xi=-0.2, alpha=0.6)
+    calibration.save("chain.yaml", {"cam0": FISHEYE, "cam1": lens}, "kalibr")
+    assert run(["cameras", "describe", "chain.yaml"]) == 0
+    printed = capsys.readouterr().out
+    assert "chain.yaml: kalibr" in printed
+    assert "cam1: double-sphere, 64x48 px" in printed
+    assert run(["cameras", "describe", "chain.yaml", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["cameras"]
+    assert [row["model"] for row in rows] == ["kannala-brandt", "double-sphere"]
+    one = ["cameras", "convert", "chain.yaml", "out.yaml", "--format", "camodocal", "--name"]
+    assert run([*one, "cam0"]) == 0
+    assert calibration.load("out.yaml") == {"cam0": FISHEYE}
+    capsys.readouterr()
+    assert run([*one, "cam1"]) == 2
+    assert "camodocal: expected" in capsys.readouterr().err
+    assert run([*one, "cam1", "--fit"]) == 0
+    assert "largest error" in capsys.readouterr().out
+    assert run(["cameras", "convert", "chain.yaml", "cameras.txt", "--format", "colmap", "--fit"]) == 0
+    assert list(calibration.load("cameras.txt")) == ["1", "2"]
+    assert run(["cameras", "describe", "nothing.yaml"]) == 2
