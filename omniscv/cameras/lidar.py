@@ -70,13 +70,8 @@ class LidarTable:
             raise ArgumentError(f"elevation_deg: {wanted}, got {shown(self.elevation_deg)}")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, without those that are the default."""
-        values = {key: v.tolist() if isinstance(v, np.ndarray) else v for key, v in asdict(self).items()}
-        zero = [0.0] * len(values["elevation_deg"])
-        default = {"start_deg": 180.0, "step_deg": None, "columns": None, "ring_from_below": False}
-        return {
-            key: v for key, v in values.items() if v != zero and (key not in default or v != default[key])
-        }
+        """Return plain values for JSON."""
+        return {key: v.tolist() if isinstance(v, np.ndarray) else v for key, v in asdict(self).items()}
 
 
 def _velodyne(elevation_deg: Array, cycle_s: float, laser_s: float) -> LidarTable:
@@ -154,7 +149,8 @@ class Lidar(Camera):
         if self.width * abs(step_deg) > 360 * (1 + 1e-9):
             most = int(360 / abs(step_deg))
             raise ArgumentError(f"width: expected at most {most} firings, which are a turn, got {self.width}")
-        self._turn = 360 / abs(step_deg) if beams.step_deg is not None else float(self.width)
+        self._turn = float(self.width) if beams.step_deg is None else 360 / abs(step_deg)  # columns
+        self._channels_a_row = channels / self.height
         e = np.radians(beams.elevation_deg)
         first, last = (e[:1] - e[1:2]) / 2, (e[-2:-1] - e[-1:]) / 2
         if channels == 1:
@@ -182,15 +178,19 @@ class Lidar(Camera):
     @property
     def rings(self) -> NDArray[np.uint16]:
         """(H,) the number of each row's channel: from the top, or from below as programs count Velodyne's."""
-        channel = np.arange(self.height) * len(self._table.elevation_deg) // self.height
+        channel = self._channel
         return (channel.max() - channel if self._table.ring_from_below else channel).astype(np.uint16)
 
     @property
     def times(self) -> Array:
         """(H, W) seconds from the start of the turn to each firing."""
-        channel = np.arange(self.height) * len(self._table.elevation_deg) // self.height
         columns = np.arange(0.5, self.width) / (self._turn * self.rate)
-        return self._table.delay_s[channel][:, None] + columns
+        return self._table.delay_s[self._channel][:, None] + columns
+
+    @property
+    def _channel(self) -> NDArray[np.intp]:
+        """(H,) the channel that is nearest to each row, from the top."""
+        return ((np.arange(self.height) + 0.5) * self._channels_a_row).astype(np.intp)
 
     def _beam(self, row: Array) -> tuple[Array, Array, Array]:
         """Return azimuth, and the start along, across and up (3, ...), of rows, counted in channels."""
@@ -205,10 +205,6 @@ class Lidar(Camera):
         cos, sin, level = np.cos(azimuth), np.sin(azimuth), np.cos(elevation)
         origins = vectors(across * -cos - along * sin, -up, along * cos - across * sin)
         return origins, vectors(-level * sin, -np.sin(elevation), level * cos), True
-
-    @property
-    def _channels_a_row(self) -> float:
-        return len(self._azimuth) / self.height
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
         X, Y, Z = points[..., 2], -points[..., 0], -points[..., 1]

@@ -111,46 +111,6 @@ class Imu:
         turn = Pose.from_angles((0, 0, 0), self.yaw_deg, self.pitch_deg, self.roll_deg).rotation
         return Pose(np.array(self.position), R_LEVEL.T @ turn @ R_LEVEL.T)
 
-    def times(self, path: Trajectory) -> Array:
-        """Return (N,) the times of the samples along timed poses, from the first to the last, seconds.
-
-        Raises:
-            ArgumentError: poses without times, or too many samples.
-        """
-        if path.times is None:
-            raise ArgumentError("imu: expected poses with times, got poses without")
-        span = (path.times[-1] - path.times[0]) * self.rate
-        if span >= _MOST:
-            raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
-        return path.times[0] + np.arange(int(span + 1e-6) + 1) / self.rate
-
-    def samples(self, path: Trajectory) -> ImuSamples:
-        """Return the measurements along the spline through a rig's timed poses.
-
-        Raises:
-            ArgumentError: fewer than two poses, or poses without times.
-        """
-        times, mounted = self.times(path), self.pose
-        at = path.motions(times)
-        rotations, lever = at.rotations @ mounted.rotation, mounted.position
-        # of the point that is mounted there: it moves and accelerates by the rig's turning, too
-        turning = np.cross(at.rates, lever)
-        across = np.cross(at.rate_changes, lever) + np.cross(at.rates, turning)
-        accelerations_w = at.accelerations_w + np.einsum("nij,nj->ni", at.rotations, across)
-        force = np.einsum("nji,nj->ni", rotations, accelerations_w - self.gravity)
-        gyro_bias, gyro_white = self.gyroscope.errors(self.seed, "gyroscope", self.rate, len(times))
-        accel_bias, accel_white = self.accelerometer.errors(self.seed, "accelerometer", self.rate, len(times))
-        return ImuSamples(
-            times,
-            at.rates @ mounted.rotation + gyro_bias + gyro_white,
-            force + accel_bias + accel_white,
-            at.positions_w + at.rotations @ lever,
-            at.velocities_w + np.einsum("nij,nj->ni", at.rotations, turning),
-            rotations,
-            gyro_bias,
-            accel_bias,
-        )
-
 
 def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     """Return what an IMU measures on a rig that moves along the spline through timed poses.
@@ -160,9 +120,32 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
         imu: the sensor; an ideal one at 200 Hz if not given.
 
     Raises:
-        ArgumentError: fewer than two poses, or poses without times.
+        ArgumentError: fewer than two poses, poses without times, or too many samples.
     """
-    return (imu or Imu()).samples(replace(path, curve="spline"))
+    imu, path = imu or Imu(), replace(path, curve="spline")
+    first, last = (path.times or (0.0,))[0], (path.times or (0.0,))[-1]
+    span = (last - first) * imu.rate
+    if span >= _MOST:
+        raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
+    times = first + np.arange(int(span + 1e-6) + 1) / imu.rate
+    at, mounted = path.motions(times), imu.pose
+    rotations, lever = at.rotations @ mounted.rotation, mounted.position
+    # The point that it is mounted at moves and accelerates by the rig's turning, too.
+    turning = np.cross(at.rates, lever)
+    across = np.cross(at.rate_changes, lever) + np.cross(at.rates, turning)
+    falling_w = at.accelerations_w + np.einsum("nij,nj->ni", at.rotations, across) - imu.gravity
+    gyro_bias, gyro_white = imu.gyroscope.errors(imu.seed, "gyroscope", imu.rate, len(times))
+    accel_bias, accel_white = imu.accelerometer.errors(imu.seed, "accelerometer", imu.rate, len(times))
+    return ImuSamples(
+        times,
+        at.rates @ mounted.rotation + gyro_bias + gyro_white,
+        np.einsum("nji,nj->ni", rotations, falling_w) + accel_bias + accel_white,
+        at.positions_w + at.rotations @ lever,
+        at.velocities_w + np.einsum("nij,nj->ni", at.rotations, turning),
+        rotations,
+        gyro_bias,
+        accel_bias,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,11 +162,12 @@ class ImuTrack:
 
     def samples(self) -> ImuSamples:
         """Return the measurements."""
-        return self.imu.samples(self.path)
+        return measure(self.path, self.imu)
 
-    def camera_on_body(self, pose: Pose, time: float) -> Pose:
-        """Return ``T_body_cam`` of a camera with a pose in the world at a time."""
-        return (self.path.at(time, steps_beyond=1) @ self.imu.pose).inverse() @ pose
+    def on_body(self, frame: Any) -> Pose:
+        """Return ``T_body_cam`` of the camera of a frame with a time."""
+        pose: Pose = frame.pose
+        return (self.path.at(frame.time, steps_beyond=1) @ self.imu.pose).inverse() @ pose
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: the sensor's, and lines ``time x y z qx qy qz qw``."""
