@@ -17,11 +17,13 @@ from omniscv.sources.base import Capture
 
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
+CELL_PX = 8
 CAPTURED, NEAREST = 0, 1
 """The two ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
 _ROUNDING = 1e-9
+_ROUNDED = 1e-6  # relative, of float32
 
 
 class DepthShell(NamedTuple):
@@ -37,6 +39,8 @@ class DepthShell(NamedTuple):
             is looked up; px. Of several views that hold a direction, the first is looked up: the finest.
         slot: (6,) int64, index of each face of a world-aligned cube among the views; -1 if not captured.
         by_face: whether the face of the cube that a direction hits is looked up, which is faster.
+        clear: (V, R, C) float32 metres from the centre, by view and cell of ``CELL_PX``: nothing is nearer
+            within a cell of it; 0 at a view's edge. Of faces of a cube only; else (V, 0, 0).
         everywhere: whether the views together show all directions that are ever looked up.
         focal: px, of the coarsest view.
         least, most: of the finite distances, metres.
@@ -48,6 +52,7 @@ class DepthShell(NamedTuple):
     lenses: Array
     slot: Ints
     by_face: bool
+    clear: Floats
     everywhere: bool
     focal: float
     least: float
@@ -122,12 +127,28 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
         lenses,
         slot=slot,
         by_face=cube,
+        clear=_clear(captures, pictures) if cube else np.zeros((len(captures), 0, 0), np.float32),
         everywhere=cube,
         focal=captures[0].view.focal_px,
         least=min(least),
         most=max(most),
         precision=codecs.precision(captures[0].encoding),
     )
+
+
+def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
+    """Return what :class:`DepthShell` has as ``clear``, of views of one size."""
+    view = captures[0].view
+    x, y = (np.arange(size) + 0.5 - size / 2 for size in (view.width, view.height))
+    slant = (1 - _ROUNDED) * np.sqrt(1 + (x**2 + y[:, None] ** 2) / view.focal_px**2)
+    rows, columns = (size // CELL_PX for size in slant.shape)
+    whole = (slice(None), slice(rows * CELL_PX), slice(columns * CELL_PX))
+    away = (pictures[NEAREST].reshape(-1, *slant.shape) * slant)[whole]
+    cells = away.reshape(-1, rows, CELL_PX, columns, CELL_PX).min(axis=(2, 4))
+    clear = np.zeros((len(captures), rows + 1, columns + 1), np.float32)  # a cell may be cut
+    for each, least in zip(clear, cells, strict=True):
+        each[1 : rows - 1, 1 : columns - 1] = cv2.erode(least, np.ones((3, 3), np.uint8))[1:-1, 1:-1]
+    return clear
 
 
 def _with_nearest(face: Floats) -> Floats:

@@ -25,6 +25,7 @@ from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.geometry.surfaces import plane_of
 from omniscv.planning.depth_shell import (
     CAPTURED,
+    CELL_PX,
     NEAREST,
     DepthShell,
     look_up,
@@ -35,6 +36,7 @@ from omniscv.planning.depth_shell import (
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
+_IN_A_CELL = 0.75  # of a cell: how far a ray goes at once where nothing is near
 _REFINEMENTS = 12  # steps, at most, to find where a ray meets a surface
 _MET = 1e-6  # of the distance: ends them; the plane through the surface gives the reach
 _ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres and relative (half floats)
@@ -282,6 +284,16 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
             step = _STEP_PX / shell.lenses[k, 9]
+            if shell.by_face and was_free:
+                # Of what is farther than all that is near there, each step would find the same.
+                steps = int(_IN_A_CELL * CELL_PX * along * along)  # a view's px are narrower off its axis
+                farthest = h / min(np.sin(psi), np.sin(max(psi - steps * step, end)))
+                clear_m = shell.clear[k, int(v) // CELL_PX, int(u) // CELL_PX]
+                if farthest < clear_m and psi - steps * step > end:
+                    for _ in range(steps):  # to the bit
+                        psi -= step
+                    was_free, first, last_step, ahead = True, False, step, clear_m
+                    continue
             planar = h / np.sin(psi) * along
             captured = pixel_depth(shell, CAPTURED, k, u, v)
             if planar < captured:
