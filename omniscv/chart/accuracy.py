@@ -34,7 +34,7 @@ _Ways = dict[str, list[tuple[str, int | None, float]]]
 _CENTRAL: _Ways = {PAPER: [("cube", None, 1)], EXACT: [("exact", None, size) for size in _SIZES]}
 _NONCENTRAL: _Ways = {
     PAPER: [("cube", None, 1)],
-    EXACT: [("exact", count, 1) for count in (4, 16, 64)] + [("exact", None, size) for size in (1, 2)],
+    EXACT: [("exact", count, 1) for count in (16, 64)] + [("exact", None, size) for size in (1, 2)],
 }
 _LEAST_NONCENTRAL = 0.001
 """The least aim of cameras with several centres: smaller ones are not reached here."""

@@ -154,7 +154,18 @@ def _axes(points: Array) -> Array:
     return np.stack([normals, across, np.cross(normals, across)], axis=1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
+def _turns(a: float, b: float) -> float:
+    """Return the azimuth of (a, b) in turns, 0 to 1, to 0.001: windows start at multiples of 0.006."""
+    steep = abs(b) > abs(a)
+    ratio = a / b if steep else b / a
+    eighth = ratio * (0.125 + 0.0434 * (1.0 - abs(ratio)))
+    if steep:
+        return (0.25 if b > 0.0 else 0.75) - eighth
+    return 0.5 + eighth if a < 0.0 else (1.0 + eighth) % 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _best_windows(
     points: Array, worth: Array, axes: Array, heights: Array, prices: Array, lengths: Ints
 ) -> tuple[Array, Array]:
@@ -181,8 +192,10 @@ def _best_windows(
             if off <= heights[-1] and worth[i] > 0.0:
                 a = axes[k, 1, 0] * x + axes[k, 1, 1] * y + axes[k, 1, 2] * z
                 b = axes[k, 2, 0] * x + axes[k, 2, 1] * y + axes[k, 2, 2] * z
-                step = int((np.arctan2(b, a) / (2 * np.pi) + 1.0) * _STEPS) % _STEPS
-                by_step[np.searchsorted(heights, off), step] += worth[i]
+                h = 0
+                while off > heights[h]:
+                    h += 1
+                by_step[h, int(_turns(a, b) * _STEPS) % _STEPS] += worth[i]
         for h in range(len(heights)):
             if h > 0:
                 by_step[h] += by_step[h - 1]

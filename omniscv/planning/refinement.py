@@ -147,7 +147,7 @@ class Refinement(ABC):
                 yield Round((), AIM)
                 return
             stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
-            if stuck == _PATIENCE:
+            if stuck == _PATIENCE or len(doubt) == before:  # captured depth that has no end, for example
                 break
             self._resolve = _RESOLVE_LESS if stuck else 1.0
             before = len(doubt)
