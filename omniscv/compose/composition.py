@@ -20,8 +20,8 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
-from omniscv.planning.rounds import pixels_of
 from omniscv.planning.strategies import SAME_M
+from omniscv.planning.strategy import pixels_of
 from omniscv.progress import Progress, Report
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Color, ObjectTable, Source, View

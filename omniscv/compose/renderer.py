@@ -33,11 +33,11 @@ from omniscv.planning import (
     Task,
     drive,
     share_captures,
-    verify_still,
 )
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Capture, Request, Source, View, check_modes
+from omniscv.sources.stillness import verify_still
 
 DEFAULT_CACHE_BYTES = 2 << 30
 DEFAULT_TILE_BYTES = 1 << 28

@@ -34,6 +34,7 @@ from omniscv.sources.brackets import exposures_of
 from omniscv.sources.recording.rows import view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
+from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
 
 _PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
@@ -180,7 +181,7 @@ def capture(
                     capture_plans = partial(
                         _capture_plans, plans=plans, modes=modes, before=needed, report=report
                     )
-                    needed |= planning.verify_still(renderer_then.source, modes, capture_plans)
+                    needed |= verify_still(renderer_then.source, modes, capture_plans)
     return sum(len(exposures_of(request, job.brackets)) if job.brackets else 1 for request in needed)
 
 

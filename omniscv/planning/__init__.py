@@ -4,16 +4,6 @@ from omniscv.planning.plans import Plan, rounds, share_captures
 from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.recorded_views import RecordedViews
-from omniscv.planning.rounds import (
-    Kept,
-    Round,
-    Rounds,
-    Viewpoint,
-    captured,
-    captured_progress,
-    drive,
-)
-from omniscv.planning.stillness import verify_still
 from omniscv.planning.strategies import (
     Auto,
     Cube,
@@ -21,7 +11,20 @@ from omniscv.planning.strategies import (
     cheapest_viewpoints,
     face_viewpoints,
 )
-from omniscv.planning.strategy import Strategy, Task, get, names, register
+from omniscv.planning.strategy import (
+    Kept,
+    Round,
+    Rounds,
+    Strategy,
+    Task,
+    Viewpoint,
+    captured,
+    captured_progress,
+    drive,
+    get,
+    names,
+    register,
+)
 from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
 
 for _strategy in (Auto, Exact, Cube):
@@ -53,5 +56,4 @@ __all__ = [
     "register",
     "rounds",
     "share_captures",
-    "verify_still",
 ]

@@ -16,10 +16,9 @@ from omniscv.geometry import Pose
 from omniscv.planning import strategy
 from omniscv.planning.recorded_views import sees
 from omniscv.planning.refinement import OneCenter, Refinement
-from omniscv.planning.rounds import Round, Rounds, pixels_of
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategies import SAME_M
-from omniscv.planning.strategy import Task
+from omniscv.planning.strategy import Round, Rounds, Task, pixels_of
 from omniscv.planning.strips import PIXELS_PER_REQUEST
 from omniscv.render_options import Price
 from omniscv.sources.base import Request

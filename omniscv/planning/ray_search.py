@@ -22,8 +22,7 @@ from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups
-from omniscv.planning.rounds import Viewpoint
-from omniscv.planning.strategy import Task
+from omniscv.planning.strategy import Task, Viewpoint
 from omniscv.sources.base import Capture, View
 
 INITIAL_VIEWPOINTS = 8

@@ -24,8 +24,7 @@ from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.recorded_views import RecordedViews
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
-from omniscv.planning.strategy import Task
+from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
 

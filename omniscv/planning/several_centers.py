@@ -31,9 +31,8 @@ from omniscv.planning.refinement import (
     Refinement,
     first_view,
 )
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
-from omniscv.planning.strategy import Task
+from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
 from omniscv.sources.base import View
 
 _NONE = np.zeros(0, np.int64)

@@ -24,8 +24,7 @@ from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import RecordedViews, finest, sees
-from omniscv.planning.rounds import Kept, Round, Rounds, Viewpoint
-from omniscv.planning.strategy import Strategy, Task
+from omniscv.planning.strategy import Kept, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View

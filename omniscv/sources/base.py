@@ -52,7 +52,7 @@ class Capabilities:
         dialect: the server's dialect; of other sources, what they are, such as ``recording``.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
         moves: whether the world may change between two captures; captures that must show one instant are
-            then checked for motion (:mod:`omniscv.planning.stillness`).
+            then checked for motion (:mod:`omniscv.sources.stillness`).
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))

@@ -13,9 +13,9 @@ from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import TornSetError
 from omniscv.geometry.instant import Instant
-from omniscv.planning.stillness import TRIES
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.scene import SceneSource
+from omniscv.sources.stillness import TRIES
 
 MODES = ("lit", "object_mask", "depth")
 LAYERS = ("lit", "labels", "depth")
