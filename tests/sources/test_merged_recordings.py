@@ -173,7 +173,10 @@ def test_wrong_arguments(whole, tmp_path):
 
 
 def test_each_place_replays_alone(whole, tmp_path):
+    left = tmp_path / "places" / f".split-{'0' * 16}"  # by a process that was killed
+    left.mkdir(parents=True)
     made = split(whole, tmp_path / "places")
+    assert not left.exists()
     names = [name for name, _ in made]
     assert names == ["room.0.000,0.000,1.500.sqlite", "room.1.500,0.200,1.400.sqlite"]
     assert [count for _, count in made] == [18, 12]

@@ -268,8 +268,10 @@ def test_what_is_right_in_another_form_is_taken(kind, make, form, expected, tmp_
     np.testing.assert_array_equal(read_picture(file, kind, form).pixels, np.asarray(expected, np.float32))
 
 
-def test_negative_light_is_clipped_when_asked(tmp_path):
+def test_negative_light_is_clipped_when_asked(tmp_path, capsys):
     exr(tmp_path / "n.exr", BAD)
+    assert run(tmp_path / "n.exr", tmp_path / "a.sqlite", "--clip") == 0
+    assert "128 negative or NaN values taken as 0" in capsys.readouterr().out
     picture = read_picture(tmp_path / "n.exr", clip=True)
     assert picture.clipped == 128
     np.testing.assert_array_equal(picture.pixels[0, 0], [1, 0, 1])

@@ -80,10 +80,10 @@ def import_pictures(
         RecordingError: the recording cannot be written, or is of another scene.
     """
     missing = tuple(number("missing", value) for value in missing)
-    form = DepthForm.parse(depth, missing) if depth else DepthForm(missing=missing) if missing else None
+    form = DepthForm.parse(depth) if depth else None
     center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
     pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
-    options = Options(form, None if position is yaw_deg is None else pose, poses, mirrored, clip)
+    options = Options(form, None if position is yaw_deg is None else pose, poses, missing, mirrored, clip, {})
     pictures = Path(pictures)
     with within(pictures):
         if not layout.endswith((".yaml", ".yml")):
@@ -102,7 +102,10 @@ def import_pictures(
                 view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
                 held.append(sequences.capture_of(picture, mode, view, provenance, ray))
             captures = partial(iter, held)
-        idle_if = {"depth": form and "depth" not in modes, "names": names and "object_mask" not in modes}
+        idle_if = {
+            "depth": (form or missing) and "depth" not in modes,
+            "names": names and "object_mask" not in modes,
+        }
         idle_if["poses"] = poses and not sequence
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"
@@ -110,6 +113,8 @@ def import_pictures(
         known = sequences.objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
+        if clipped := sum(options.clipped.values()):
+            masks.lines.append(f"{clipped} negative or NaN values taken as 0")
         if replaced := masks.captures // 2 - count:  # they were read twice
             masks.lines.append(
                 f"{replaced} captures of a view that a later one shows, too: the last one stays"
@@ -190,7 +195,7 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
             got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
             expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
             raise ArgumentError(f"expected {expected}; got {got}")
-        read = [read_as(file, mode, options) for file in files[mode]]
+        read = [read_as(file, mode, options, options.depth or DepthForm()) for file in files[mode]]
         edges = {picture.pixels.shape[:2] for picture in read}
         if len(edges) > 1 or len(set(*edges)) > 1:
             raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
@@ -206,7 +211,7 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
 def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in one picture, and what was decided."""
     mode, _ = mode_of(file, file)
-    picture = read_as(file, mode, options)
+    picture = read_as(file, mode, options, options.depth or DepthForm())
     cuts = ((layout, cut(picture.pixels, layout)) for layout in _tried(name) if layout.cells)
     readings = [(layout, pictures) for layout, pictures in cuts if pictures]
     if not readings:

@@ -106,8 +106,10 @@ class Options(NamedTuple):
     depth: DepthForm | None = None
     pose: Pose | None = None
     poses: Path | None = None
+    missing: tuple[float, ...] = ()
     mirrored: bool = False
     clip: bool = False
+    clipped: dict[str, int] = {}  # noqa: RUF012 - given anew for each import
 
 
 class Pinhole(NamedTuple):
@@ -275,7 +277,7 @@ class Sequence:
                     raise ArgumentError(f"{file.name}: expected a picture, got no file")
                 holds = frame.holds.get(mode, Files())
                 form = self.options.depth or holds.form
-                picture = read_as(file, mode, self.options._replace(depth=form))
+                picture = read_as(file, mode, self.options, form)
                 with within(file.name):
                     picture = _of_ids(picture, holds) if mode == "object_mask" else picture
                     lens = lens and (lens if lens.width else lens.scaled(*picture.pixels.shape[1::-1]))
@@ -306,9 +308,11 @@ class Sequence:
         yield lens.view(pose), picture
 
 
-def read_as(file: Path, mode: str, options: Options) -> Picture:
-    """Return a picture, mirrored back where the user says that it is mirrored."""
-    picture = read_picture(file, mode, options.depth, options.clip)
+def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:
+    """Return a picture as the user says that it is; what is clipped is counted."""
+    missing = form.missing + options.missing
+    picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
+    options.clipped[str(file)] = picture.clipped
     return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
 
 
@@ -434,9 +438,8 @@ def _share_places(frames: list[Frame]) -> None:
 def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = False) -> Sequence:
     """Return the frames of a layout that is data; ``strict``: each mode must have files."""
     lens = Pinhole(1, 1, 1, 1, 2, 2) if layout.pictures == "faces" else layout.intrinsics
-    if (lens is None) != (layout.pictures == "latlong") or bool(layout.poses) == (
-        layout.position is not None
-    ):
+    is_posed = bool(layout.poses) != (layout.position is not None)
+    if not is_posed or (lens is None) != (layout.pictures == "latlong"):
         expected = "expected poses or a position, and intrinsics of pinhole pictures only"
         raise ArgumentError(f"{expected}; got none, or too many")
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
@@ -614,9 +617,7 @@ def _nerfstudio(folder: Path, options: Options) -> Sequence:
             lit = _inside(folder, values["file_path"])
             depth = values.get("depth_file_path") or values.get("depth_path")
             paths = {
-                "lit": lit
-                if lit.suffix.lower() in pictures.SUFFIXES
-                else folder / f"{values['file_path']}.png"
+                "lit": lit if lit.suffix.lower() in pictures.SUFFIXES else lit.with_name(lit.name + ".png")
             }
             paths |= {"depth": _inside(folder, depth)} if depth else {}
             lens = _nerfstudio_lens(values, paths["lit"])
@@ -652,17 +653,20 @@ def _nerfstudio_lens(values: dict[str, Any], lit: Path) -> Pinhole | None:
 
 def _tum(folder: Path, options: Options) -> Sequence:
     """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps."""
-    truth = _stamped(folder / "groundtruth.txt", 7)
-    colors, depths = (_stamped(folder / f"{name}.txt", 1) for name in ("rgb", "depth"))
+    truth, poses = _stamped(folder / "groundtruth.txt", 7)
+    depth_times, depths = _stamped(folder / "depth.txt", 1)
+    times, colors = _stamped(folder / "rgb.txt", 1)
     word = next((word for word in _TUM if word and word in str(folder.absolute())), "")
     fx, fy, cx, cy, *bent = _TUM[word]
     lens, frames = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent)), []
-    for time, name in colors:
-        pose, depth = (min(rows, key=lambda row: abs(row[0] - time)) for rows in (truth, depths))
-        if abs(pose[0] - time) <= _LATEST_S:
+    for time, (name,) in zip(times, colors, strict=True):
+        i, j = np.abs(truth - time).argmin(), np.abs(depth_times - time).argmin()
+        if abs(truth[i] - time) <= _LATEST_S:
             paths = {"lit": _inside(folder, name)}
-            paths |= {"depth": _inside(folder, depth[1])} if abs(depth[0] - time) <= _LATEST_S else {}
-            x, y, z, *quaternion = (number("pose", word) for word in pose[1:])
+            paths |= (
+                {"depth": _inside(folder, depths[j][0])} if abs(depth_times[j] - time) <= _LATEST_S else {}
+            )
+            x, y, z, *quaternion = (number("pose", word) for word in poses[i])
             holds = {"depth": Files(unit="1/5000")}
             frames.append(Frame(paths, Pose.from_quaternion((x, y, z), quaternion), lens, holds))
     says = [f"lens of {word or 'ROS, as the folder is not named after freiburg1, 2 or 3'}"]
@@ -671,14 +675,14 @@ def _tum(folder: Path, options: Options) -> Sequence:
     return Sequence(frames, says=tuple(says))
 
 
-def _stamped(file: Path, count: int) -> list[Any]:
-    """Return the rows of a list of the TUM benchmark: seconds, and so many words."""
+def _stamped(file: Path, count: int) -> tuple[Array, list[list[str]]]:
+    """Return the times, seconds, and so many words of each row of a list of the TUM benchmark."""
     with within(file.name):
         lines = read_bytes(file, MOST_JSON_BYTES).decode("utf-8", "replace").splitlines()
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
         if not rows or {*map(len, rows)} != {1 + count}:
             raise ArgumentError(f"expected lines of a time and {count} more, got others or none")
-        return [(number("time", time), *words) for time, *words in rows]
+        return np.array([number("time", time) for time, *_ in rows]), [words for _, *words in rows]
 
 
 def pictures_in(path: Path) -> list[Path]:
@@ -704,7 +708,7 @@ def _is_panoramas(path: Path) -> bool:
     """Return whether the first picture of colours or masks is twice as wide as high."""
     for file in pictures_in(path):
         if (mode := mode_of(file, path)[0]) in ("lit", "object_mask"):
-            height, width = read_picture(file, mode).pixels.shape[:2]
+            height, width = read_picture(file, mode, clip=True).pixels.shape[:2]
             return bool(width == 2 * height)
     return False
 
