@@ -146,9 +146,9 @@ class DepthForm(NamedTuple):
         if text in PACKED:
             return cls(False, 1.0, PACKED[text], missing)
         (kind, _, unit), (above, _, below) = text.partition("-"), text.partition("-")[2].partition("/")
-        per_m = PER_M.get(unit) or (
-            number("depth", below, above=0) / number("depth", above, above=0) if below else 0
-        )
+        per_m = PER_M.get(unit, 0.0)
+        if below:
+            per_m = number("depth", below, above=0) / number("depth", above, above=0)
         if kind not in ("planar", "ray") or not per_m:
             known = f"planar or ray with a unit, as planar-mm, ray-m or ray-1/512; {', '.join(PACKED)}"
             raise ArgumentError(f"depth: expected one of {known}; got {shown(text)}")
@@ -201,12 +201,10 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
         if kind == "lit":
             return _colors(pixels, payload, clip)
         if pixels.shape[2] == 1:
-            return Picture(
-                _fitting(pixels[..., 0], np.uint16, "whole numbers"), payload, "png ids" if payload else ""
-            )
-        return Picture(
-            _fitting(pixels, np.uint8, "grey ids, or 8-bit colours"), payload, "png" if payload else ""
-        )
+            ids = _fitting(pixels[..., 0], np.uint16, "whole numbers")
+            return Picture(ids, payload, "png ids" if payload else "")
+        colors = _fitting(pixels, np.uint8, "grey ids, or 8-bit colours")
+        return Picture(colors, payload, "png" if payload else "")
 
 
 def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
@@ -214,17 +212,14 @@ def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     if pixels.dtype.kind == "f":
         low, wrong = ~(pixels >= 0), np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
         if wrong and not (clip and (pixels[~low] <= _MOST_LIGHT).all()):
-            advice = "--clip takes negative and NaN as 0"
-            raise ArgumentError(
-                f"expected light of 0 to {_MOST_LIGHT:g}, got {wrong} of {pixels.size} other values; {advice}"
-            )
+            got = f"{wrong} of {pixels.size} other values; --clip takes negative and NaN as 0"
+            raise ArgumentError(f"expected light of 0 to {_MOST_LIGHT:g}, got {got}")
         pixels, clipped = (np.where(low, np.float32(0), pixels), int(wrong)) if wrong else (pixels, 0)
     elif pixels.dtype != np.uint16:
         pixels = _fitting(pixels, np.uint8, "uint8, uint16 or floats")
     encoding = "png" if payload and pixels.dtype == np.uint8 else ""
-    return Picture(
-        np.repeat(pixels, 3, axis=-1) if pixels.shape[2] == 1 else pixels, payload, encoding, 0.0, clipped
-    )
+    colors = np.repeat(pixels, 3, axis=-1) if pixels.shape[2] == 1 else pixels
+    return Picture(colors, payload, encoding, clipped=clipped)
 
 
 def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
@@ -234,15 +229,13 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
     if form.encoding:
         return Picture(stored, payload, form.encoding)
     if (pixels != pixels[..., :1]).any() or stored.dtype == np.uint8:
-        raise ArgumentError(
-            f"expected floats or 16 bits a pixel, got {pixels.dtype} colours, which are no metres"
-        )
+        got = f"{pixels.dtype} colours, which are no metres"
+        raise ArgumentError(f"expected floats or 16 bits a pixel, got {got}")
     if whole and not form.per_m:
         raise ArgumentError("expected the unit of whole numbers, such as --depth planar-mm, got none")
     stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored
-    none = np.isin(stored, np.array(form.missing, np.float32)) | (
-        stored == 0 if whole else ~np.isfinite(stored)
-    )
+    none = stored == 0 if whole else ~np.isfinite(stored)
+    none |= np.isin(stored, np.array(form.missing, np.float32))
     metres = np.asarray(stored / per_m if whole else stored * (1 / per_m), np.float32)
     wrong = ((metres < 0) | (metres > _MOST_M)) & ~none
     if count := np.count_nonzero(wrong):
@@ -279,10 +272,8 @@ def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
         return _npy(payload), b""
     try:
         if kind == "depth" and form.encoding:
-            size = codecs.picture_size(payload or head)
-            return codecs.decode(payload, form.encoding, kind, View(Pose.from_angles((0, 0, 0)), 90, *size))[
-                ..., None
-            ], payload
+            view = View(Pose.from_angles((0, 0, 0)), 90, *codecs.picture_size(payload or head))
+            return codecs.decode(payload, form.encoding, kind, view)[..., None], payload
         if payload:
             width, height, channels, bits, interlaced = png.header(payload)
             _check_size(width, height)
@@ -290,7 +281,8 @@ def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
                 raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
             if bits >= 8 and not interlaced and b"eXIf" not in payload:
                 pixels = png.decode(payload, bits)
-                return pixels[..., : 3 if channels >= 3 else 1], payload if channels % 2 else b""
+                is_kept = channels != 2 or kind == "lit"  # no codec of ids or depth decodes grey with alpha
+                return pixels[..., : 3 if channels >= 3 else 1], payload if is_kept else b""
             png.check(payload)
     except BadReplyError as cause:
         raise ArgumentError(str(cause)) from cause
@@ -317,9 +309,8 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
         parts, name = [source.spec()], source.format_name()
         while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
             parts.append(source.spec())
-        fitting = {
-            i: channels for i, spec in enumerate(parts) if (channels := _channels(spec.channelnames, kind))
-        }
+        by_part = enumerate(_channels(spec.channelnames, kind) for spec in parts)
+        fitting = {i: channels for i, channels in by_part if channels}
         if len(fitting) != 1:
             names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
             wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
@@ -354,6 +345,7 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
     is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
     bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
+    is_odd = str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64)
     lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
     cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
     for is_wrong, expected, got in (
@@ -361,11 +353,7 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
         (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
         (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
         (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
-        (
-            str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64),
-            "8 or 16 bits, or floats",
-            f"{bits} bits",
-        ),
+        (is_odd, "8 or 16 bits, or floats", f"{bits} bits"),
         (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),
     ):
         if is_wrong:
@@ -387,9 +375,8 @@ def _npy(payload: bytes) -> Pixels:
     _check_size(shape[1], shape[0])
     if (size := math.prod(shape) * dtype.itemsize) != len(payload) - stream.tell():
         raise ArgumentError(f"expected {size} bytes of numbers, got {len(payload) - stream.tell()}")
-    pixels = np.frombuffer(payload, dtype, offset=stream.tell()).reshape(
-        shape, order="F" if by_columns else "C"
-    )
+    pixels = np.frombuffer(payload, dtype, offset=stream.tell())
+    pixels = pixels.reshape(shape, order="F" if by_columns else "C")
     pixels = np.ascontiguousarray(pixels.reshape(*shape[:2], -1)[..., :3], dtype.newbyteorder("="))
     with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
         return pixels.astype(np.float32) if dtype.kind == "f" else pixels
@@ -417,11 +404,9 @@ def to_faces(
     height, width = picture.shape[:2]
     edge = width // 2
     layers = [picture, panorama_error(picture, step_m)] if mode == "depth" else [picture]
-    del picture
-    layers = [
-        np.pad(layers.pop(0), ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="wrap") for layer in [*layers]
-    ]
-    for wrapped in layers:
+
+    for i, layer in enumerate(layers):
+        layers[i] = wrapped = np.pad(layer, ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="wrap")
         wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
     filter_ = cv2.INTER_LINEAR if mode == "lit" else cv2.INTER_NEAREST
     for _, R_w_c in cube_rotations():
@@ -454,13 +439,8 @@ def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
-        rows = np.concatenate(
-            [
-                np.roll(inverse[:1], inverse.shape[1] // 2, 1),
-                inverse,
-                np.roll(inverse[-1:], inverse.shape[1] // 2, 1),
-            ]
-        )
+        across = np.roll(inverse[[0, -1]], inverse.shape[1] // 2, 1)  # beyond the poles
+        rows = np.concatenate([across[:1], inverse, across[1:]])
         neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
         change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
         allowed = (_SAME_M * inverse + _SAME_RELATIVE + 2 * step_m * inverse) * inverse

@@ -292,9 +292,8 @@ class Sequence:
         if lens is None:
             if width != 2 * height:
                 raise ArgumentError(f"expected a panorama twice as wide as high, got {width} x {height}")
-            for pixels, R, fov_deg in pictures.to_faces(
-                picture.pixels, mode, self.of_openexr, picture.step_m
-            ):
+            step_m = picture.step_m
+            for pixels, R, fov_deg in pictures.to_faces(picture.pixels, mode, self.of_openexr, step_m):
                 face = Pose(pose.position, pose.R_w_c @ _FRONT.T @ R)
                 yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
             return
@@ -365,27 +364,20 @@ def capture_of(
 
 
 @cache
-def _finders() -> dict[str, tuple[Callable[[Path], bool], Callable[[Path, Options], Sequence]]]:
-    """Return, by layout, whether a path is of it, and its reader."""
+def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
+    """Return, by layout, the pattern of a file by which it is found, and its reader."""
     rows = {name: read(Layout, data, name) for name, data in parse_yaml(PRESETS).items()}
     rows["tartanair"] = replace(rows["tartanground"], found="image_?cam_front")
-    finders: dict[str, Any] = {}
-    for name, row in rows.items():
-        finders[name] = partial(_holds, found=row.found), partial(_of_layout, layout=row)
-    finders["nerfstudio"] = partial(_holds, found="transforms*.json"), _nerfstudio
-    finders["tum"] = partial(_holds, found="rgb.txt"), _tum
-    finders["latlong"] = _is_panoramas, _panoramas
-    finders["openexr-latlong"] = (lambda path: False), partial(_panoramas, of_openexr=1)
-    return finders
+    finders: dict[str, Any] = {
+        name: (row.found, partial(_of_layout, layout=row)) for name, row in rows.items()
+    }
+    finders |= {"nerfstudio": ("transforms*.json", _nerfstudio), "tum": ("rgb.txt", _tum)}
+    return finders | {"latlong": ("", _panoramas), "openexr-latlong": ("", partial(_panoramas, of_openexr=1))}
 
 
 def sequences() -> tuple[str, ...]:
     """Return the names of layouts of frames with poses, and of panoramas."""
     return tuple(_finders())
-
-
-def _holds(path: Path, found: str) -> bool:
-    return any(path.glob(found))
 
 
 def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
@@ -406,7 +398,8 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
             find = partial(_of_layout, layout=read(Layout, parse_yaml(data)), strict=True)
         layout = Path(layout).stem
     elif layout == "auto":
-        layout = next((name for name, (is_of, _) in _finders().items() if is_of(path)), "")
+        named = (name for name, (found, _) in _finders().items() if found and any(path.glob(found)))
+        layout = next(named, "latlong" if _is_panoramas(path) else "")
     if find is None and layout not in _finders():
         return None
     try:
@@ -595,7 +588,7 @@ def objects_of(file: Path) -> ObjectTable:
                 data = {name: int(i) for i, name in data.items()}
             if all(isinstance(value, list) for value in data.values()):
                 return ObjectTable(
-                    {text("name", name): (int(r), int(g), int(b)) for name, (r, g, b) in data.items()}
+                    {text("name", key): (int(r), int(g), int(b)) for key, (r, g, b) in data.items()}
                 )
             return ObjectTable({}, 0, {text("name", name): int(i) for name, i in data.items()})
         except (TypeError, ValueError) as cause:
@@ -626,9 +619,7 @@ def _nerfstudio(folder: Path, options: Options) -> Sequence:
             frames.append(Frame(paths, Pose(matrix[:, 3], _rigid(matrix[:, :3]) @ _GL), lens, holds))
             ignored += "mask_path" in values
     says = [f"masks of {ignored} frames are not taken: all pixels of captures count"] if ignored else []
-    says += [
-        f"{key} stays in the world" for key in ("applied_transform", "applied_scale") if key in of_file[0]
-    ]
+    says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in of_file[0]]
     return Sequence(frames, says=tuple(says))
 
 
@@ -719,9 +710,7 @@ def _panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     for file in pictures_in(path):
         mode, words = mode_of(file, path)
         if (other := places.setdefault(words, {}).setdefault(mode, file)) != file:
-            raise ArgumentError(
-                f"expected one picture of {mode} at a place, got {other.name} and {file.name}"
-            )
+            raise ArgumentError(f"expected one of {mode} at a place, got {other.name} and {file.name}")
     if options.depth and not options.depth.ray:
         raise ArgumentError("depth: expected ray-UNIT of panoramas, which have no optical axis, got planar")
     if len(places) > 1 and not options.poses:
