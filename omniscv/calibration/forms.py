@@ -478,6 +478,7 @@ class Form:
                 if row.written and row.model == model:
                     held = intrinsics.held(row.names, ours, camera.width, camera.height, self.shift)
                     if held is not None:
+                        intrinsics.refuse_limit(camera)
                         return row, held
         known = ", ".join(dict.fromkeys(row.model for row in self.rows if row.written))
         raise ArgumentError(f"{self.name}: expected {known} whose numbers the form has, got {camera.name}")

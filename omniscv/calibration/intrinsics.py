@@ -118,8 +118,7 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
 
     The image circle of lenses such as ``fisheye-equidistant`` is not among these numbers.
 
-    Raises:
-        ArgumentError: a camera with a limit ``fov_deg``, which no format holds.
+    The limit ``fov_deg`` is not among them either: see :func:`refuse_limit`.
     """
     u_0, v_0 = camera.center.tolist()
     focal = getattr(camera, "focal", None)
@@ -133,7 +132,6 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
         return []
     if camera.name == "equirectangular":
         return [Intrinsics("equirectangular", {"cx": u_0, "cy": v_0})]
-    refuse_limit(camera)
     if camera.name in ("scaramuzza", "ftheta"):
         return _polynomial(camera, {"cx": u_0, "cy": v_0})
     for argument, names in _ARGUMENTS[camera.name].items():

@@ -27,7 +27,7 @@ from omniscv.cameras import Camera
 from omniscv.cameras.rig import RigCamera
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.formats.kalibr import Kalibr
-from omniscv.dataset.pictures import write_color
+from omniscv.dataset.pictures import without_limit, write_color
 from omniscv.dataset.sequences import by_camera, timed
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
@@ -63,7 +63,7 @@ class Euroc(Format):
     needs = ("lit", "imu")
 
     def refuses(self, camera: Camera) -> str | None:
-        return Kalibr().refuses(camera)
+        return Kalibr().refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
         track, root, written, names = track_of(frames), out / "mav0", list[Path](), ""
@@ -96,7 +96,7 @@ class Euroc(Format):
 
 
 def _camera(frames: Sequence[Frame]) -> dict[str, Any]:
-    entry = yaml.safe_load(KALIBR.write({"cam0": RigCamera(frames[0].camera)}))["cam0"]
+    entry = yaml.safe_load(KALIBR.write({"cam0": RigCamera(without_limit(frames[0].camera))}))["cam0"]
     entry["distortion_coefficients"] = entry.pop("distortion_coeffs")
     if entry["distortion_model"] == "radtan":
         entry["distortion_model"] = "radial-tangential"
