@@ -12,6 +12,7 @@ from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
+from omniscv.compose.relief import depth_relief
 from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
@@ -176,6 +177,10 @@ class Composition:
         seen = None
         if viewpoint.check is None or offsets_w is None:
             depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
+            relief = self._once("relief", captures, lambda: depth_relief(captures))
+            if relief is not None:
+                off = sampler.sample("nearest", relief)
+                depth = depth._replace(error=np.maximum(depth.error, off))
         else:
             depth = sampler.sample_depth(self._filter, faces, precision, None)
             rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)

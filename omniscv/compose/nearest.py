@@ -8,6 +8,7 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.compose.ray_lookup import RayLookup
+from omniscv.compose.relief import label_relief
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
 from omniscv.geometry.surfaces import nearest_pixel
@@ -87,7 +88,7 @@ def label_edges(
 
 
 def _boundary(face: Pixels) -> Mask:
-    """Return (h, w) whether one of a pixel's four neighbours has another value."""
+    """Return (h, w) whether one of a pixel's four neighbours has another value, or labels are relief."""
     values = face.reshape(*face.shape[:2], -1)
     if face.dtype == np.uint8 and values.shape[2] == 3:  # as one number a pixel: five times as fast
         values = cv2.cvtColor(values, cv2.COLOR_RGB2RGBA).view(np.uint32)
@@ -99,7 +100,8 @@ def _boundary(face: Pixels) -> Mask:
     beside[:, :-1] |= across[..., 0]
     beside[1:] |= down[..., 0]
     beside[:-1] |= down[..., 0]
-    return beside
+    relief = label_relief(across[..., 0], down[..., 0], face.shape[:2])
+    return beside if relief is None else beside | relief
 
 
 @njit(cache=True, nogil=True)

@@ -34,9 +34,9 @@ CONTINUED_M = 0.01
 CONTINUED_RELATIVE = 0.002
 """How far a surface is continued in depth beyond the last pixel that shows it: it may end there."""
 _FLOAT32 = 2.0**-24  # relative rounding error
-_COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
+COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
-_LEAST_M = 1e-6  # a server may send a depth of 0
+LEAST_M = 1e-6  # a server may send a depth of 0
 
 
 class Precision(NamedTuple):
@@ -190,7 +190,7 @@ def interpolated(cell: Cell, a: float, b: float, length: float, size: int, preci
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def inverse_depth(z: float) -> float:
     """Return 1 / z, 0 where there is no surface."""
-    return float(1.0 / max(z, _LEAST_M))
+    return float(1.0 / max(z, LEAST_M))
 
 
 @njit(cache=True, nogil=True)
@@ -237,7 +237,7 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     # 2^floor(log2(stored)). math.frexp is a call, which keeps loops from being vectorized: 3 times slower.
     power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)
     step = precision.unit_m / np.float64(np.int64(1) << precision.digits) * power
-    return float(step / length + _COMPUTED * _FLOAT32 * z)
+    return float(step / length + COMPUTED * _FLOAT32 * z)
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -248,10 +248,18 @@ def _bend(before: float, a: float, b: float, after: float, at: float, noise: flo
     times what a curve is off in the middle, so a quarter of them bounds it, more what rounding hides. Where
     one is unknown, because the surface ends there, the curve may go on from the other side as far as it
     likes. Where both are, the surface is as narrow as the step.
+
+    Second differences of opposite signs, both beyond rounding, are a step, which may lie anywhere between a
+    and b. Both of one sign, they are a cusp, as between touching cylinders, whose slopes grow toward it.
     """
-    left = abs(2.0 * a - b - before) if before > 0.0 else 0.0
-    right = abs(2.0 * b - a - after) if after > 0.0 else 0.0
+    turn_left, turn_right = 2.0 * a - b - before, 2.0 * b - a - after
+    left = abs(turn_left) if before > 0.0 else 0.0
+    right = abs(turn_right) if after > 0.0 else 0.0
     both = at * (1.0 - at) * max(left + right - noise, 0.25 * (left + right + noise))
+    step, cusp = max(at * left, (1.0 - at) * right), at * (1.0 - at) * (3.0 * (left + right) - noise)
+    least, opposite = min(left, right), turn_left * turn_right < 0.0
+    both = max(both, step if opposite and least > noise else 0.0)
+    both = max(both, cusp if not opposite and least > 2.0 * noise else 0.0)
     one = at * left + (1.0 - at) * right + noise
     near = max(a, b)
     none = (CONTINUED_M * near + CONTINUED_RELATIVE) * near
@@ -270,7 +278,7 @@ def continued(
     """
     r, c = nearest_pixel(shape, x, y)
     dx, dy = x - 0.5 - c, y - 0.5 - r
-    z = max(_at(depth, first, shape, r, c), _LEAST_M)
+    z = max(_at(depth, first, shape, r, c), LEAST_M)
     jump = _jump(depth, first, shape, r, c)
     if not z < np.inf:
         return Point(0.0, 0.0, 0.0, 0.0, jump)

@@ -1,0 +1,193 @@
+"""Relief that is finer than a picture's pixels show: there a surface between the pixels may be anywhere that
+its neighbourhood reaches.
+
+Second differences of inverse depth are 0 on a plane. Three patterns of them, beyond what rounding makes, are
+signs of relief, each seen in whole pictures before anything is sampled:
+
+- their sign changes again and again along a row or a column: bars, teeth, leaves;
+- many pixels stand out alone from their row or column: slits and wires that only some pixels meet;
+- equal steps follow each other: stairs that are sampled at nearly the same phase.
+
+Labels are relief where they change again and again.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.compiled import njit
+from omniscv.geometry.arrays import Floats, Mask
+from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, stored_length
+from omniscv.parallel import side_by_side
+from omniscv.sources import codecs
+from omniscv.sources.base import Capture
+
+WINDOW_PX = 16
+"""Along a row or a column, in which changes are counted."""
+TURNS, CHANGES = 8, 6
+"""Of the sign of second differences, and of labels, from which on they are relief."""
+_LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
+"""Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
+_STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
+"""px within which three steps are a pattern, if the least is so large a part of the largest; and by what part
+the two second differences of a step may differ."""
+_NOISE = 3.0
+"""Rounding errors that a second difference exceeds: 1.5 steps."""
+_DEPTH_PX, _LABEL_PX = 3, 4
+"""How far relief goes on beyond what was counted."""
+_NEAR_PX = 8
+"""On every side, the neighbourhood that bounds depth."""
+
+Marks = NDArray[np.uint8]
+
+
+def depth_relief(captures: Sequence[Capture]) -> list[Floats] | None:
+    """Return, for pictures of depth, (h, w) float32 metres that depth along the ray may be off by relief.
+
+    0 where there is none; None where no picture has any.
+    """
+    off = side_by_side(_depth_off, list(captures))
+    return (
+        None
+        if all(each is None for each in off)
+        else [
+            np.zeros(capture.pixels.shape, np.float32) if each is None else each
+            for each, capture in zip(off, captures, strict=True)
+        ]
+    )
+
+
+def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | None:
+    """Return (h, w) where labels change too often to be followed from pixel to pixel; None for nowhere.
+
+    Args:
+        across, down: (h, w - 1) and (h - 1, w), whether neighbouring pixels differ.
+        shape: h and w.
+    """
+    fired = np.zeros(shape, np.uint8)
+    for changes, into, length in (
+        (across, fired[:, :-1], (WINDOW_PX, 1)),
+        (down, fired[:-1], (1, WINDOW_PX)),
+    ):
+        into |= _windows(changes.view(np.uint8), length, CHANGES)
+    return _grown(fired, _LABEL_PX) if fired.any() else None
+
+
+def _depth_off(capture: Capture) -> Floats | None:
+    depth, view = capture.pixels, capture.view
+    fired = np.zeros(depth.shape, np.uint8)
+    alone = np.zeros((2, *depth.shape), np.uint8)
+    counts = _patterns(depth, view.focal_px, codecs.precision(capture.encoding), fired, alone)
+    least = int(_LONE_SHARE * _LONE_BOX_PX[0] * _LONE_BOX_PX[1])
+    for of_axis, count, box in zip(alone, counts, (_LONE_BOX_PX, _LONE_BOX_PX[::-1]), strict=True):
+        if count >= least:
+            fired |= _windows(of_axis, box, least)
+    if not fired.any():
+        return None
+    near = np.ones((2 * _NEAR_PX + 1, 2 * _NEAR_PX + 1), np.uint8)
+    most, farthest = cv2.dilate(_bent(depth), near), cv2.dilate(depth, near)
+    off = most * depth * depth
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(most * depth < 1, off / (1 - most * depth), np.inf)
+        off = np.maximum(off, np.minimum(reach, farthest - depth))
+    lengths = view.ray_lengths()
+    return np.where(_grown(fired, _DEPTH_PX) & np.isfinite(depth), off * lengths, 0).astype(np.float32)
+
+
+def _bent(depth: Floats) -> Floats:
+    """Return (h, w) the larger of the second differences of 1/z across and down."""
+    inverse = np.pad(1 / np.maximum(depth.astype(np.float64), LEAST_M), 1, "edge")
+    across = inverse[1:-1, :-2] + inverse[1:-1, 2:] - 2 * inverse[1:-1, 1:-1]
+    down = inverse[:-2, 1:-1] + inverse[2:, 1:-1] - 2 * inverse[1:-1, 1:-1]
+    return np.maximum(np.abs(across), np.abs(down)).astype(np.float32)
+
+
+def _windows(marks: Marks, length: tuple[int, int], least: int) -> Marks:
+    """Return the pixels of all windows that hold so many marks or more."""
+    counts = cv2.boxFilter(marks, cv2.CV_8U, length, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    full = (counts >= least).view(np.uint8)
+    if not full.any():
+        return full
+    last = length[0] - 1 - length[0] // 2, length[1] - 1 - length[1] // 2  # the window is not symmetric
+    return np.asarray(cv2.dilate(full, np.ones(length[::-1], np.uint8), anchor=last))
+
+
+def _grown(marks: Marks, px: int) -> Mask:
+    return np.asarray(cv2.dilate(marks, np.ones((2 * px + 1, 2 * px + 1), np.uint8)) > 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _patterns(
+    depth: Floats, focal: float, precision: Precision, fired: Marks, alone: Marks
+) -> tuple[int, int]:
+    """Mark patterns of second differences of 1/z; return how many pixels stand out alone, across and down.
+
+    Args:
+        depth: (h, w) planar metres.
+        focal, precision: of the picture.
+        fired: (h, w), pixels from the first to the last of many turns, or of three equal steps.
+        alone: (2, h, w), pixels that stand out from their row, or their column.
+    """
+    height, width = depth.shape
+    rows = np.zeros((3, width), np.float32)  # 1/z above, here and below
+    x, y = np.zeros(width, np.float32), np.zeros((2, width), np.float32)
+    per_unit, computed = np.float32(1.0 / precision.unit_m), np.float32(_NOISE * COMPUTED * 2.0**-24)
+    step_m = np.float32(_NOISE * precision.unit_m / np.float64(np.int64(1) << precision.digits))
+    turns = np.zeros((2, width), np.uint8)
+    # Of the row in the last place, and of each column: where the sign turned last, and the last two steps.
+    at, number = np.zeros((width + 1, TURNS), np.int64), np.zeros(width + 1, np.int64)
+    step_at, step = np.zeros((width + 1, 2), np.int64), np.zeros((width + 1, 2))
+    counts = np.zeros(2, np.int64)
+    for r in range(-1, height - 1):
+        step[width] = 0.0
+        above, here, below = rows[r % 3], rows[(r + 1) % 3], rows[(r + 2) % 3]
+        for c in range(width):
+            below[c] = np.float32(1) / max(depth[r + 1, c], np.float32(LEAST_M))
+        if r < 1:
+            continue
+        last, down = y[r % 2], y[(r + 1) % 2]
+        for c in range(1, width - 1):  # vectorized
+            bend_across = here[c - 1] + here[c + 1] - np.float32(2) * here[c]
+            bend_down = above[c] + below[c] - np.float32(2) * here[c]
+            # As surfaces.rounding, in float32, whose own errors of 1/z are well below it.
+            z, length = depth[r, c], np.float32(stored_length(r, c, (height, width), focal, precision))
+            stored = np.float32(z * length * per_unit)
+            power = np.int32(stored.view(np.int32) & 0x7F800000)
+            noise = (power.view(np.float32) * step_m / length + computed * z) * here[c] * here[c]
+            noise = noise if z < np.inf else np.float32(0)
+            x[c] = bend_across if abs(bend_across) > noise else np.float32(0)
+            down[c] = bend_down if abs(bend_down) > noise else np.float32(0)
+        turned = 0
+        for c in range(1, width - 1):
+            turns[0, c], turns[1, c] = x[c] * x[c - 1] < np.float32(0), down[c] * last[c] < np.float32(0)
+            turned += turns[0, c] + turns[1, c]
+        number[width] = 0
+        for c in range(1, width - 1 if turned else 1):
+            for axis in range(2):
+                if turns[axis, c] == 0:
+                    continue
+                k, here_at = (width, c) if axis == 0 else (c, r)
+                previous, value = (x[c - 1], x[c]) if axis == 0 else (last[c], down[c])
+                count = number[k]
+                first = here_at
+                if count >= TURNS - 1 and here_at - at[k, (count + 1) % TURNS] < WINDOW_PX:
+                    first = at[k, (count + 1) % TURNS]
+                if count and at[k, (count - 1) % TURNS] == here_at - 1:
+                    alone[axis, r, c] = 1
+                    counts[axis] += 1
+                at[k, count % TURNS], number[k] = here_at, count + 1
+                if abs(value + previous) <= _AGAINST * max(abs(value), abs(previous)):
+                    a, b = step[k]
+                    least, most = min(abs(value), min(abs(a), abs(b))), max(abs(value), max(abs(a), abs(b)))
+                    alike = least >= _ALIKE * most and a * value > 0.0 and b * value > 0.0
+                    if alike and here_at - step_at[k, 0] <= _STEPS:
+                        first = min(first, step_at[k, 0])
+                    step_at[k, 0], step[k, 0] = step_at[k, 1], step[k, 1]
+                    step_at[k, 1], step[k, 1] = here_at, value
+                if axis == 0:
+                    fired[r, first:c] = 1
+                else:
+                    fired[first:r, c] = 1
+    return counts[0], counts[1]

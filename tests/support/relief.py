@@ -1,0 +1,358 @@
+"""A lab of fine relief: structures of many kinds by seed, and a float64 tracer that shares no other's code.
+
+The camera stands at the origin and looks along z (x right, y down); the structure lies about ``AWAY`` metres
+ahead, before a wall. Its features are so many captured pixels large. One picture of it is captured, an image
+is composed of that picture, and what it claims is compared with the tracer. As a program it prints a table.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+import omniscv
+from omniscv.geometry import Pose
+from omniscv.sources.base import Capture, ObjectTable, Request, View
+from omniscv.sources.pictures import PictureSource
+
+AWAY, BEHIND = 3.0, 4.5
+EDGE_PX = 384
+HALF_M = 2.4
+"""Of the structures' width: beyond what the images see."""
+MODES = ("object_mask", "depth")
+
+
+class World(NamedTuple):
+    """Parallelograms (corner, two edges), balls (centre, radius), rods (two ends, radius); labels of each."""
+
+    quads: np.ndarray
+    balls: np.ndarray
+    rods: np.ndarray
+    labels: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    def trace(self, directions):
+        """Return distances and labels (N,) along unit rays (N, 3) from the origin; inf and 0 for none."""
+        distance, label = np.full(len(directions), np.inf), np.zeros(len(directions), np.int64)
+        _quads(directions, self.quads, self.labels[0], distance, label)
+        _balls(directions, self.balls, self.labels[1], distance, label)
+        _rods(directions, self.rods, self.labels[2], distance, label)
+        return distance, label
+
+
+@numba.njit(cache=True)
+def _quads(rays, quads, labels, distance, label):
+    for k in range(len(quads)):
+        p, u, v = quads[k, :3], quads[k, 3:6], quads[k, 6:]
+        n0, n1, n2 = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        above = n0 * p[0] + n1 * p[1] + n2 * p[2]
+        uu, uv, vv = (u * u).sum(), (u * v).sum(), (v * v).sum()
+        area = uu * vv - uv * uv
+        for i in range(len(rays)):
+            d0, d1, d2 = rays[i, 0], rays[i, 1], rays[i, 2]
+            t = above / (n0 * d0 + n1 * d1 + n2 * d2)
+            if not 0 < t < distance[i]:
+                continue
+            x, y, z = t * d0 - p[0], t * d1 - p[1], t * d2 - p[2]
+            of_u, of_v = x * u[0] + y * u[1] + z * u[2], x * v[0] + y * v[1] + z * v[2]
+            a, b = (vv * of_u - uv * of_v) / area, (uu * of_v - uv * of_u) / area
+            if 0 <= a <= 1 and 0 <= b <= 1:
+                distance[i], label[i] = t, labels[k]
+
+
+@numba.njit(cache=True)
+def _balls(rays, balls, labels, distance, label):
+    for k in range(len(balls)):
+        x, y, z, r = balls[k]
+        for i in range(len(rays)):
+            along = x * rays[i, 0] + y * rays[i, 1] + z * rays[i, 2]
+            left = along * along - (x * x + y * y + z * z - r * r)
+            if left >= 0:
+                t = along - np.sqrt(left)
+                if 0 < t < distance[i]:
+                    distance[i], label[i] = t, labels[k]
+
+
+@numba.njit(cache=True)
+def _rods(rays, rods, labels, distance, label):
+    for k in range(len(rods)):
+        p, axis, r = rods[k, :3], rods[k, 3:6] - rods[k, :3], rods[k, 6]
+        length = np.sqrt((axis * axis).sum())
+        axis = axis / length
+        pa = (p * axis).sum()
+        for i in range(len(rays)):
+            da = rays[i, 0] * axis[0] + rays[i, 1] * axis[1] + rays[i, 2] * axis[2]
+            a = 1.0 - da * da
+            b = rays[i, 0] * p[0] + rays[i, 1] * p[1] + rays[i, 2] * p[2] - da * pa
+            left = b * b - a * ((p * p).sum() - pa * pa - r * r)
+            if left >= 0 and a > 0:
+                t = (b - np.sqrt(left)) / a
+                if 0 < t < distance[i] and 0 <= t * da - pa <= length:
+                    distance[i], label[i] = t, labels[k]
+
+
+def _turned(rng, parts, most_deg=12.0, about=(0.0, 0.0, AWAY)):
+    """Yield parts of a structure, turned together by a random small rotation."""
+    angle, axis = np.radians(rng.uniform(-most_deg, most_deg)), rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    K = np.cross(np.eye(3), axis)
+    R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    about = np.asarray(about)
+    return [
+        (kind, np.concatenate([R @ (part[:3] - about) + about, *(R @ part[k : k + 3] for k in (3, 6))]))
+        if kind == "quad"
+        else (kind, np.concatenate([R @ (part[:3] - about) + about, part[3:]]))
+        if kind == "ball"
+        else (kind, np.concatenate([*(R @ (part[k : k + 3] - about) + about for k in (0, 3)), part[6:]]))
+        for kind, part in parts
+    ]
+
+
+def quad(p, u, v):
+    return "quad", np.concatenate([p, u, v]).astype(np.float64)
+
+
+def rod(p, q, r):
+    return "rod", np.array([*p, *q, r], np.float64)
+
+
+def ball(p, r):
+    return "ball", np.array([*p, r], np.float64)
+
+
+def box(low, high):
+    """The three faces of a box that the camera may see, and the two others."""
+    low, high = np.asarray(low, float), np.asarray(high, float)
+    x, y, z = np.diag(high - low)
+    return [quad(low, x, y), quad(low, y, z), quad(low + x, y, z), quad(low, x, z), quad(low + y, x, z)]
+
+
+def extruded(profile):
+    """Walls along y through the corners (x, z) of a profile."""
+    tall = np.array([0.0, 2 * HALF_M, 0.0])
+    for (x, z), (x1, z1) in pairwise(profile):
+        yield quad((x, -HALF_M, z), (x1 - x, 0, z1 - z), tall)
+
+
+def across(pitch):
+    return np.arange(-HALF_M, HALF_M, pitch)
+
+
+def logs(rng, p):
+    return [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 2) for x in across(p)]
+
+
+def saw(degrees):
+    def make(rng, p):
+        high = p / 2 * np.tan(np.radians(degrees))
+        xs = np.arange(-HALF_M, HALF_M, p / 2)
+        return list(extruded([(x, AWAY + high * (k % 2)) for k, x in enumerate(xs)]))
+
+    return make
+
+
+def panels(rng, p):
+    """Panels that differ by 3 mm."""
+    return [
+        quad((x, -HALF_M, AWAY + 0.003 * rng.integers(2)), (p, 0, 0), (0, 2 * HALF_M, 0)) for x in across(p)
+    ]
+
+
+def stairs(rng, p, ahead=(-HALF_M, AWAY - 0.5)):
+    x, z = ahead
+    corners = [(x, z)]
+    while x < HALF_M:
+        corners += [(x + p, z), (x + p, z + p * 0.6)]
+        x, z = corners[-1]
+    return list(extruded(corners))
+
+
+def grazing(rng, p):
+    """Stairs away along the line of sight, below it."""
+    parts = []
+    for k, z in enumerate(np.arange(1.0, BEHIND, p * 4)):
+        y = 0.9 - k * p * 0.5
+        parts += [quad((-HALF_M, y, z), (2 * HALF_M, 0, 0), (0, 0, p * 4))]
+        parts += [quad((-HALF_M, y, z), (2 * HALF_M, 0, 0), (0, p * 0.5, 0))]
+    return parts
+
+
+def boards(rng, p):
+    """A floor of boards with slits of a tenth, seen at a grazing angle, and the ground below."""
+    parts = [quad((-HALF_M, 0.75, 0.8), (2 * HALF_M, 0, 0), (0, 0, BEHIND))]
+    for x in across(p):
+        parts += box((x, 0.7, 0.8), (x + 0.9 * p, 0.75, BEHIND))
+    return parts
+
+
+def books(rng, p):
+    parts, x = [], -HALF_M
+    while x < HALF_M:
+        width, z = p * rng.uniform(0.6, 1.4), AWAY + rng.uniform(-0.08, 0.08)
+        parts += box((x, -HALF_M, z), (x + width, HALF_M, z + 0.3))
+        x += width + rng.choice([0.0, 0.0, 0.15 * p])
+    return parts
+
+
+def louver(rng, p):
+    return [quad((-HALF_M, y, AWAY), (2 * HALF_M, 0, 0), (0, 0.9 * p, 0.7 * p)) for y in across(p)]
+
+
+def packed(rng, p):
+    return [
+        ball((x, y, AWAY), p / 2) for x in across(p)[::1] for y in across(p) if max(abs(x), abs(y)) < 40 * p
+    ]
+
+
+def gravel(rng, p):
+    spread = min(HALF_M, 15 * p)
+    return [
+        ball((*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-p, p)), p * rng.uniform(0.3, 0.7))
+        for _ in range(900)
+    ]
+
+
+def bars(rng, p):
+    """Two layers of bars, one turned against the other."""
+    first = [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 4) for x in across(p)]
+    return first + [rod((x, -HALF_M, AWAY + 0.3), (x + 0.4, HALF_M, AWAY + 0.3), p / 4) for x in across(p)]
+
+
+def mesh(rng, p):
+    wires = [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 8) for x in across(p)]
+    return wires + [rod((-HALF_M, y, AWAY + p / 8), (HALF_M, y, AWAY + p / 8), p / 8) for y in across(p)]
+
+
+def leaves(rng, p):
+    spread, parts = min(HALF_M, 15 * p), []
+    for _ in range(900):
+        u, v = rng.normal(size=(2, 3))
+        v -= u * (u @ v) / (u @ u)
+        u, v = p * u / np.linalg.norm(u), 0.7 * p * v / np.linalg.norm(v)
+        parts.append(quad((*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-0.3, 0.3)), u, v))
+    return parts
+
+
+def fence(rng, p):
+    parts = []
+    for x in across(p):
+        parts += box((x, -HALF_M, AWAY), (x + 0.6 * p, HALF_M, AWAY + 0.02))
+    return parts
+
+
+def cables(rng, p):
+    ends = rng.uniform(-HALF_M, HALF_M, (60, 2))
+    return [
+        rod((a, -HALF_M, AWAY + 0.01 * k), (b, HALF_M, AWAY - 0.01 * k), p / 2)
+        for k, (a, b) in enumerate(ends)
+    ]
+
+
+def bricks(rng, p):
+    parts = [quad((-HALF_M, -HALF_M, AWAY + 0.005), (2 * HALF_M, 0, 0), (0, 2 * HALF_M, 0))]
+    reach = min(HALF_M, 22 * p)
+    for k, y in enumerate(np.arange(-reach, reach, p)):
+        for x in np.arange(-reach - (k % 2) * p, reach, 2 * p):
+            parts += [quad((x, y, AWAY), (1.8 * p, 0, 0), (0, 0.8 * p, 0))]
+    return parts
+
+
+def waves(rng, p):
+    xs = np.arange(-HALF_M, HALF_M, p / 12)
+    return list(extruded(np.stack([xs, AWAY + p / 4 * np.sin(2 * np.pi * xs / p)], axis=1)))
+
+
+def rungs(rng, p):
+    """Ladders of bars across, at several depths."""
+    return [rod((-HALF_M, y, z), (HALF_M, y, z), p / 5) for z in (2.6, 3.1, 3.7) for y in across(p)]
+
+
+KINDS: dict[str, Callable[..., list]] = {
+    "logs": logs, "saw 45": saw(45), "saw 20": saw(20), "panels 3 mm": panels, "stairs": stairs,
+    "stairs, grazing": grazing, "boards, grazing": boards, "books": books, "louver": louver, "balls": packed,
+    "gravel": gravel, "bars": bars, "mesh": mesh, "leaves": leaves, "fence": fence, "cables": cables,
+    "bricks": bricks, "waves": waves, "rungs": rungs, "saw 70": saw(70),
+}  # fmt: skip
+
+
+def world(kind, px, seed, turn_deg=12.0):
+    """Return a structure whose features are ``px`` captured pixels large at its middle."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    parts = _turned(rng, KINDS[kind](rng, px * AWAY / (EDGE_PX / 2)), turn_deg)
+    wall = quad((-9, -9, BEHIND), (18, 0, 0), (0, 18, 0))
+    every = [(*wall, 1), *((*part, 2 + k % 200) for k, part in enumerate(parts))]
+    of = {
+        name: [(part, label) for each, part, label in every if each == name]
+        for name in ("quad", "ball", "rod")
+    }
+    arrays = [np.array([part for part, _ in of[name]]).reshape(-1, size) for name, size in
+              (("quad", 9), ("ball", 4), ("rod", 7))]  # fmt: skip
+    return World(*arrays, tuple(np.array([label for _, label in of[name]], np.int64) for name in of))
+
+
+def capture(scene, half_floats=False, edge=EDGE_PX, fov_deg=90.0):
+    """Return a source of one picture of a structure."""
+    view = View(Pose(np.zeros(3), np.eye(3)), fov_deg, edge, edge)
+    focal = view.focal_px
+    at = (np.arange(edge) + 0.5 - edge / 2) / focal
+    rays = np.stack([*np.broadcast_arrays(at[None], at[:, None], 1.0)], axis=-1).reshape(-1, 3)
+    lengths = np.linalg.norm(rays, axis=1)
+    distance, label = scene.trace(rays / lengths[:, None])
+    depth = (distance / lengths).reshape(edge, edge)
+    encoding = "npy"
+    if half_floats:  # as plugin 1.x sends them: centimetres
+        depth, encoding = (depth * 100).astype(np.float16).astype(np.float64) / 100, "npy planar cm"
+    colors = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
+    mask = np.array([(0, 0, 0), *colors.values()], np.uint8)[label.reshape(edge, edge)]
+    captures = [
+        Capture(Request(view, "depth"), view, depth.astype(np.float32), encoding=encoding),
+        Capture(Request(view, "object_mask"), view, mask),
+    ]
+    return PictureSource(captures, ObjectTable(colors))
+
+
+class Judged(NamedTuple):
+    """Shares of the pixels that look at the structure; of all pixels: marked at edges, and the mean bound in
+    metres of pixels that are sure."""
+
+    depth: float
+    labels: float
+    edges: float
+    unsure: float
+    bound: float
+
+
+def judge(kind, px, seed, half_floats=False, camera_px=300, **options):
+    """Return how an image of a structure errs without saying so."""
+    scene = world(kind, px, seed)
+    camera = omniscv.cameras.create("fisheye-equidistant", camera_px, camera_px, fov_deg=70)
+    turn = Pose.from_angles((0, 0, 0), yaw_deg=0.7, pitch_deg=0.4, roll_deg=11.3)
+    pose = Pose(np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ turn.R_w_c)
+    image = omniscv.render(camera, pose, capture(scene, half_floats), MODES, **options)
+    rays = camera.unproject().directions[image.valid] @ pose.R_w_c.T
+    distance, label = scene.trace(rays)
+    on = label > 1
+    depth, bound = image.depth[image.valid].astype(float), image.depth_error[image.valid].astype(float)
+    unsure, edge = image.unsure[image.valid], image.label_edge[image.valid]
+    off = ~(np.abs(depth - distance) <= bound * (1 + 1e-6) + 1e-6 * distance) & ~unsure
+    other = (image.labels[image.valid] != label) & ~edge & ~unsure
+    sure = np.isfinite(bound) & ~unsure
+    return Judged(off[on].mean(), other[on].mean(), edge.mean(), unsure.mean(), float(bound[sure].mean()))
+
+
+def table(kinds=tuple(KINDS), sizes=(1.4, 2.0, 3.0, 4.5, 8.0), seeds=(0,), **options) -> Iterator[str]:
+    """Yield rows of Markdown: percent of the pixels on a structure that are wrong and not marked."""
+    yield f"| kind | {' | '.join(f'{px:g} px' for px in sizes)} |"
+    for kind in kinds:
+        cells = []
+        for px in sizes:
+            each = [judge(kind, px, seed, **options) for seed in seeds]
+            depth, labels = (100 * np.mean([e[field] for e in each]) for field in range(2))
+            cells.append(f"{depth:.2f} ({labels:.2f})")
+        yield f"| {kind} | {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    for row in table():
+        print(row, flush=True)
