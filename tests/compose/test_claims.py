@@ -125,7 +125,7 @@ def test_the_bound_of_depth_is_near_its_error(rooms):
             image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=96, **way)
             errors.append(Errors(image, scene).depth_m[image.valid])
             bounds.append(image.depth_error[image.valid])
-    # 3 of the surface's own bound, and what rounding adds: 1/32 of it and the last of six binary digits.
+    # 3.2 of the surface's own bound, and what rounding adds: 1/32 of it and the last of six binary digits.
     assert np.median(np.concatenate(bounds)) <= 3 * (1 + 1 / 32) * (1 + 1 / 32) * np.median(
         np.concatenate(errors)
     )
