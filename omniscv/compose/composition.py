@@ -178,7 +178,7 @@ class Composition:
         if viewpoint.check is None or offsets_w is None:
             depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
             relief = self._once("relief", captures, lambda: depth_relief(captures))
-            if relief is not None:
+            if relief.size:
                 off = sampler.sample("nearest", relief)
                 depth = depth._replace(error=np.maximum(depth.error, off))
         else:

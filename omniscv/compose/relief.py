@@ -43,20 +43,14 @@ _NEAR_PX = 8
 Marks = NDArray[np.uint8]
 
 
-def depth_relief(captures: Sequence[Capture]) -> list[Floats] | None:
-    """Return, for pictures of depth, (h, w) float32 metres that depth along the ray may be off by relief.
-
-    0 where there is none; None where no picture has any.
-    """
+def depth_relief(captures: Sequence[Capture]) -> Floats:
+    """Return (V, h, w) float32 metres that depth along the ray may be off by relief in V pictures of depth; 0
+    where there is none, and an empty array where no picture has any."""
     off = side_by_side(_depth_off, list(captures))
-    return (
-        None
-        if all(each is None for each in off)
-        else [
-            np.zeros(capture.pixels.shape, np.float32) if each is None else each
-            for each, capture in zip(off, captures, strict=True)
-        ]
-    )
+    if all(each is None for each in off):
+        return np.empty(0, np.float32)
+    none = np.zeros(captures[0].pixels.shape, np.float32)
+    return np.stack([none if each is None else each for each in off])
 
 
 def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | None:
@@ -109,9 +103,9 @@ def _windows(marks: Marks, length: tuple[int, int], least: int) -> Marks:
     counts = cv2.boxFilter(marks, cv2.CV_8U, length, normalize=False, borderType=cv2.BORDER_CONSTANT)
     full = (counts >= least).view(np.uint8)
     if not full.any():
-        return full
+        return np.asarray(full)
     last = length[0] - 1 - length[0] // 2, length[1] - 1 - length[1] // 2  # the window is not symmetric
-    return np.asarray(cv2.dilate(full, np.ones(length[::-1], np.uint8), anchor=last))
+    return np.asarray(cv2.dilate(full, np.ones(length[::-1], np.uint8), anchor=last), np.uint8)
 
 
 def _grown(marks: Marks, px: int) -> Mask:
