@@ -243,7 +243,8 @@ def _mark_view_dependent(examined: Examined, beside: Examined, findings: Finding
         count, differ = compared.sum(), (beyond[compared] > _LEVELS).sum()
         if count >= _LEAST_PX and differ >= max(_DIFFER_PX, _SHARE * count):
             label = image["labels"] == image["labels"][at][0]
-            findings.mark("view_dependent", label & image.valid, name, f"{differ / count:.0%} of its pixels")
+            share = f"{differ / count:.0%} of its pixels; strategy exact takes them from their own centres"
+            findings.mark("view_dependent", label & image.valid, name, share)
 
 
 def _as_bright(lit: NDArray[Any], other: NDArray[Any], agree: Mask, transfer: str) -> NDArray[np.float32]:

@@ -26,8 +26,8 @@ _POINTS = 1000  # rays among which views are chosen
 _CIRCLES = 400  # great circles that are tried
 _NEARLY = 0.97  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
-_STEPS = 180  # of a circle, at which windows start
-_LENGTHS = np.array((2, 3, 6, 10, 15, 23, 30, 40, 50))  # of windows, steps
+_STEPS = 720  # of a circle, at which windows start
+_LENGTHS = np.array((6, 12, 24, 40, 60, 90, 120, 160, 200))  # of windows, steps
 _SPANS = 2 * np.pi / _STEPS * _LENGTHS
 _HIGHEST = np.radians(50.0)  # half the height of a view
 _NOTHING = 1e-9  # worth at a price, ms: rounding
@@ -156,7 +156,7 @@ def _axes(points: Array) -> Array:
 
 @njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
 def _turns(a: float, b: float) -> float:
-    """Return the azimuth of (a, b) in turns, 0 to 1, to 0.001: windows start at multiples of 0.006."""
+    """Return the azimuth of (a, b) in turns, 0 to 1, to 0.0007: half of a step."""
     steep = abs(b) > abs(a)
     ratio = a / b if steep else b / a
     eighth = ratio * (0.125 + 0.0434 * (1.0 - abs(ratio)))

@@ -138,7 +138,7 @@ class Refinement(ABC):
 
     def finer(self, kept: Kept) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
-        before, stuck = np.inf, 0
+        before, stuck, served = np.inf, 0, False
         for _ in range(_MOST_ROUNDS):
             assert kept.doubt is not None
             doubt = np.flatnonzero(kept.doubt())
@@ -146,7 +146,7 @@ class Refinement(ABC):
                 yield Round((), AIM)
                 return
             stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
-            if stuck == _PATIENCE or len(doubt) == before:  # captured depth that has no end, for example
+            if stuck == _PATIENCE or (served and len(doubt) == before):  # of depth without end, for example
                 break
             self._resolve = _RESOLVE_LESS if stuck else 1.0
             before = len(doubt)
@@ -156,7 +156,7 @@ class Refinement(ABC):
                 return
             sent = yield from self.capture(choice)
             assert sent is not None
-            kept = sent
+            served, kept = sent is not kept, sent
         yield Round((), SPENT if self._limited else STUCK if self.task.recorded is None else RECORDED)
 
     def choice(self, pixels: Ints) -> Choice | str:
