@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -79,10 +80,13 @@ class Refinement(ABC):
         price: of captures.
         truth, colors: its modes.
         aim: how many pixels may be doubtful.
+        serves: whether all that is captured is composed at once.
         reserved: requests and pixels that budgets must allow later.
         expected_ms: of patches, in a furnished room.
         focal_px: (H W,) of the ground truth that each pixel shows.
     """
+
+    serves: ClassVar[bool] = True
 
     def __init__(self, task: Task) -> None:
         self.task, options = task, task.options
@@ -138,7 +142,7 @@ class Refinement(ABC):
 
     def finer(self, kept: Kept) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
-        before, stuck, served = np.inf, 0, False
+        before, stuck = np.inf, 0
         for _ in range(_MOST_ROUNDS):
             assert kept.doubt is not None
             doubt = np.flatnonzero(kept.doubt())
@@ -146,7 +150,7 @@ class Refinement(ABC):
                 yield Round((), AIM)
                 return
             stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
-            if stuck == _PATIENCE or (served and len(doubt) == before):  # of depth without end, for example
+            if stuck == _PATIENCE or (len(doubt) == before and self.serves):  # depth without end, for example
                 break
             self._resolve = _RESOLVE_LESS if stuck else 1.0
             before = len(doubt)
@@ -156,7 +160,7 @@ class Refinement(ABC):
                 return
             sent = yield from self.capture(choice)
             assert sent is not None
-            served, kept = sent is not kept, sent
+            kept = sent
         yield Round((), SPENT if self._limited else STUCK if self.task.recorded is None else RECORDED)
 
     def choice(self, pixels: Ints) -> Choice | str:

@@ -57,6 +57,8 @@ _Sent = Generator[Round, Kept | None, Kept | None]
 class SeveralCenters(Refinement):
     """The captures of an image whose rays start at several optical centres."""
 
+    serves = False  # masks wait until depth is known
+
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self._search: Search
