@@ -36,6 +36,9 @@ def make(
         bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
     ] = False,
     shard: Shard = None,
+    limit: Annotated[
+        int | None, Option(min=1, help="So many frames only, spread over worlds and poses by a hash.")
+    ] = None,
     cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None,
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
     progress: StyleOption = None,
@@ -50,8 +53,8 @@ def make(
     if cluster is not None and job.file is not None:  # workers may be in another folder
         job = replace(job, file=job.file.absolute())
     loaded = job.load()
-    if cluster is not None and (shard is not None or workers != 1 or keep_going or overwrite):
-        others = "--shard, --workers, --keep-going and --overwrite"
+    if cluster is not None and (shard or limit or workers != 1 or keep_going or overwrite):
+        others = "--shard, --limit, --workers, --keep-going and --overwrite"
         raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
     part = None
     if shard is not None:
@@ -75,6 +78,7 @@ def make(
             overwrite=overwrite,
             keep_going=keep_going,
             shard=part,
+            limit=limit,
             workers=workers,
             progress=show,
             warn=console.error,
@@ -82,7 +86,7 @@ def make(
     state = f"{result.missing} frames are missing: finish with --resume" if result.missing else "complete"
     failed = f", {result.failed} failed: try them again with --resume" if result.failed else ""
     console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept{failed}; {state}")
-    raise Exit(1 if result.failed else 0)
+    raise Exit(1 if result.failed and keep_going else 0)
 
 
 @app.command(

@@ -63,6 +63,9 @@ def make(
         OmniscvError: as :func:`omniscv.make.make`.
     """
     check_dataset(job)
+    if job.worlds:
+        wanted = "expected a job with one source for workers that keep it open"
+        raise ArgumentError(f"worlds: {wanted}, got {len(job.worlds)}; run parts with --shard I/N instead")
     with workers.client(job.sources) as client:
         if note:
             note(f"dashboard: {client.dashboard_link}")

@@ -43,9 +43,9 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     try:
         whole = manifest.read(folder)
         frames = manifest.read_frames(folder, whole)
+        faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
     except DatasetError as damaged:
         return [str(damaged)]
-    faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
     exports = [Export.from_dict(export) for export in whole.settings["exports"]]
@@ -79,9 +79,17 @@ def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
             wanted = split_of[frame.place]
             yield f"{frame.key}: expected the split {wanted!r} of its place, got {frame.split!r}"
     known = {frame.key for frame in frames}
+    failed = {line["key"] for line in manifest.read_failed(folder)}
+    for key in sorted(failed & known):
+        yield f"{manifest.FAILED}: expected frames that are not in {manifest.FRAMES}, got {key}"
     for name in folder.names():
         stem, dot, suffix = name.partition(".")
-        if dot + suffix == ".json" and "/" not in name and stem not in known and name != manifest.DATASET:
+        if (
+            dot + suffix == ".json"
+            and "/" not in name
+            and stem not in known | failed
+            and name != manifest.DATASET
+        ):
             yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
@@ -261,10 +269,13 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
             sizes[kind] += file.bytes
             missing[kind] += file.path not in there
     classes = whole.classes
+    failed = manifest.read_failed(folder)
     objects = Counter() if classes is None else Counter(classes.of_object.values())
     return {
         "complete": complete,
         "frames": len(frames),
+        **({"failed": len(failed)} if failed else {}),
+        **({"varied": varied} if (varied := _ranges(frames)) else {}),
         "cameras": dict(Counter(frame.camera_name for frame in frames)),
         "splits": dict(sorted(Counter(frame.split for frame in frames if frame.split).items())),
         "places": len({frame.place for frame in frames if frame.place}),
@@ -276,3 +287,15 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
         "missing": {kind: count for kind, count in sorted(missing.items()) if count},
         "versions": dict(whole.versions),
     }
+
+
+def _ranges(frames: list[Frame]) -> dict[str, str]:
+    """Return by setting of all objects, lights and materials the least and the greatest value drawn."""
+    values: dict[str, list[float]] = {}
+    for frame in frames:
+        for kind, by_name in frame.varied.items():
+            for settings in by_name.values():
+                for setting, value in settings.items():
+                    if not isinstance(value, str):
+                        values.setdefault(f"{kind}.{setting}", []).extend(np.ravel(value).tolist())
+    return {name: f"{min(drawn):.4g} to {max(drawn):.4g}" for name, drawn in sorted(values.items())}

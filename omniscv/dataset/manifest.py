@@ -31,6 +31,8 @@ from omniscv.truth import registry as truths
 from omniscv.truth.classes import ClassRules, ClassTable
 
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
+FAILED = "failed.jsonl"
+"""The frames that failed and were left out: key, world, what was drawn, and the error, a line each."""
 FORMAT = 1
 CONVENTIONS = {
     "units": "metre",
@@ -48,7 +50,7 @@ MOST_IDS = (1 << 16) - 1
 
 _MOST_FRAMES_BYTES = 1 << 30
 """Of ``frames.jsonl``: more than half a million frames."""
-_OWN = (DATASET, FRAMES, "exports", "parts")
+_OWN = (DATASET, FRAMES, FAILED, "exports", "parts")
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,25 @@ def write_frames(out: str | Path | Folder, frames: Iterable[Frame]) -> None:
     ordered = sorted(frames, key=lambda frame: frame.key)
     lines = [json.dumps(frame.to_dict(), allow_nan=False) for frame in ordered]
     storage.folder(out).put(FRAMES, "".join(f"{line}\n" for line in lines).encode())
+
+
+def read_failed(out: str | Path | Folder) -> list[dict[str, Any]]:
+    """Return the lines of ``failed.jsonl``; none without the file. DatasetError: it is damaged."""
+    folder = storage.folder(out)
+    if not folder.exists(FAILED):
+        return []
+    with _damage(f"{folder}/{FAILED}"):
+        lines = [parse_json(line) for line in folder.read(FAILED, _MOST_FRAMES_BYTES).splitlines()]
+        return [{**line, "key": stem("key", line["key"]), "error": str(line["error"])} for line in lines]
+
+
+def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
+    """Write ``failed.jsonl`` in the order of keys; remove it if nothing has failed."""
+    ordered = sorted(lines, key=lambda line: str(line["key"]))
+    if ordered:
+        folder.put(FAILED, "".join(f"{json.dumps(line)}\n" for line in ordered).encode())
+    elif folder.exists(FAILED):
+        folder.remove(FAILED)
 
 
 def open(out: str | Path | Folder) -> tuple[Frame, ...]:

@@ -31,6 +31,7 @@ from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
 from omniscv.frame.files import FileEntry, FrameFiles, read_entries, relative
 from omniscv.geometry import Pose
+from omniscv.records import mapping
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
@@ -56,6 +57,7 @@ class Frame:
         split: ``train``, ``val``, ``test``, ...; empty without splits.
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+        varied: what was drawn for it (:mod:`omniscv.job.vary`), by kind, name and setting.
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
     """
@@ -72,6 +74,7 @@ class Frame:
     split: str = ""
     scene: str = ""
     state: str = ""
+    varied: Mapping[str, Any] = field(default_factory=dict)
     blank: tuple[str, ...] = ()
     imu: ImuTrack | None = None
 
@@ -167,6 +170,7 @@ class Frame:
             "split": self.split,
             "scene": self.scene,
             **({"state": self.state} if self.state else {}),
+            **({"varied": self.varied} if self.varied else {}),
             "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
             **({"blank": sorted(self.blank)} if self.blank else {}),
         }
@@ -215,6 +219,7 @@ class Frame:
                 split=data["split"] and stem("split", data["split"]),
                 scene=_text("scene", data["scene"]),
                 state=_text("state", data.get("state", "")),
+                varied=mapping("varied", data.get("varied", {})),
             )
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, Self
 
+import numpy as np
+
 from omniscv.arguments import optional_number, text, texts
-from omniscv.geometry.pose import Pose
+from omniscv.geometry.pose import Array, Pose
 from omniscv.records import checked, named, nested, read, record
 
 _DECIMALS = 7
@@ -33,7 +36,8 @@ class Instant:
             an object that is turned as the engine's axes are (X forward, Y left, Z up in our frame).
         hidden: names of objects that are not shown.
         time: seconds on the scene's own clock; None if it is unknown or nothing depends on it.
-        name: of a state that neither poses nor time describe, such as a light's.
+        name: of a state that neither poses nor time describe, such as a light's; of a world that is varied,
+            what was drawn, as JSON.
     """
 
     poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
@@ -58,6 +62,44 @@ class Instant:
         fields = [poses, sorted(self.hidden), None if self.time is None else round(self.time, 9), self.name]
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
+    @classmethod
+    def drawn(
+        cls, varied: Mapping[str, Any], poses: Mapping[str, Pose] | None = None, time: float | None = None
+    ) -> Self:
+        """Return the instant of draws: settings by kind (``objects``, ``lights``, ``materials``) and name."""
+        name = json.dumps(varied, separators=(",", ":"), sort_keys=True) if varied else ""
+        return cls(poses or {}, time=time, name=name)
+
+    @cached_property
+    def varied(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
+        """The draws that :meth:`drawn` was given; empty if there are none."""
+        with suppress(ValueError):
+            if isinstance(content := json.loads(self.name or "{}"), dict):
+                return content
+        return {}
+
+    def placed(
+        self, at_rest: Callable[[Collection[str]], Mapping[str, Pose]]
+    ) -> tuple[dict[str, Pose], frozenset[str]]:
+        """Return the poses of objects that draws move, and the names of those that they hide.
+
+        Args:
+            at_rest: returns the poses of objects (``R_w_o`` and position) in the world as it is. An object is
+                turned about its position and world Z by ``turn_deg``, left +, then moved by ``shift``, (3,)
+                metres.
+        """
+        objects = self.varied.get("objects", {})
+        moved = [name for name, of in objects.items() if "shift" in of or "turn_deg" in of]
+        rest = at_rest(moved) if moved else {}
+        poses = {
+            name: Pose(
+                rest[name].position + np.asarray(objects[name].get("shift", (0, 0, 0))),
+                turn_about_z(objects[name].get("turn_deg", 0.0)) @ rest[name].rotation,
+            )
+            for name in moved
+        }
+        return poses, frozenset(name for name, of in objects.items() if not of.get("shown", True))
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         poses = {name: self.poses[name].to_dict() for name in sorted(self.poses)}
@@ -67,3 +109,9 @@ class Instant:
     def from_dict(cls, data: object) -> Self:
         """Return the instant that :meth:`to_dict` described; ArgumentError for anything else."""
         return read(cls, data)
+
+
+def turn_about_z(degrees: float) -> Array:
+    """Return the rotation (3, 3) about world Z, to the left +."""
+    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -14,12 +14,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, texts, whole_number, within
+from omniscv.arguments import (
+    Reader,
+    flag,
+    number,
+    numbers,
+    one_of,
+    shown,
+    stem,
+    text,
+    texts,
+    whole_number,
+    within,
+)
 from omniscv.calibration import load as load_cameras
 from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
@@ -32,6 +44,7 @@ from omniscv.job.job import Exposure, Job
 from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, read_poses, read_times
 from omniscv.job.recipe import Media, Recipe, SplitOptions
 from omniscv.job.sampling import KINDS
+from omniscv.job.vary import Vary, read_vary
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, help_of, key_of, mapping, nested, optional, record
@@ -88,16 +101,16 @@ def _cameras(name: str, value: object) -> dict[str, Camera]:
         wanted = "expected a mapping from file stem to model and parameters, or to a calibration file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
     cameras: dict[str, Camera] = {}
-    for stem, description in value.items():
-        if stem != Path(text(f"{name}: stem", stem)).name or stem.startswith("."):
-            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(stem)}")
-        with within(f"{name}.{stem}"):
+    for camera, description in value.items():
+        if camera != Path(text(f"{name}: stem", camera)).name or camera.startswith("."):
+            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(camera)}")
+        with within(f"{name}.{camera}"):
             if isinstance(description, str):
                 description = {"file": description}
             if isinstance(description, Mapping) and "file" in description:
-                cameras[stem] = read_record(_CameraFile, description).load()
+                cameras[camera] = read_record(_CameraFile, description).load()
             else:
-                cameras[stem] = from_dict(description)
+                cameras[camera] = from_dict(description)
     return cameras
 
 
@@ -154,6 +167,15 @@ _OPTION_READERS: dict[object, Reader] = {
 
 
 @record
+class Failures:
+    """What happens to frames that fail."""
+
+    skip: float = checked(
+        number, least=0, most=1, default=0.0, help="share of frames that may fail, and are left out"
+    )
+
+
+@record
 class _Keys:
     """The keys of a job's file, but for those of :class:`omniscv.RenderOptions` and :class:`Recipe`."""
 
@@ -200,6 +222,15 @@ class _Keys:
     imu: Imu | None = checked(
         optional(nested(Imu)), default=None, help="an IMU on the rig; cameras then move on a spline"
     )
+    vary: Vary | None = checked(
+        optional(read_vary), default=None, help="what is drawn for each frame, place or world"
+    )
+    worlds: Any = checked(
+        optional(mapping), default=None, help="by name, in place of source: each with a source, poses, split"
+    )
+    failures: Failures = checked(
+        nested(Failures), default=Failures(), help="how many frames of a dataset may fail"
+    )
 
 
 _RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
@@ -212,6 +243,8 @@ _BELOW: dict[str, type[Any]] = {
     "imu": Imu,
     "imu.gyroscope": ImuNoise,
     "imu.accelerometer": ImuNoise,
+    "vary": Vary,
+    "failures": Failures,
     "split": SplitOptions,
     "media": Media,
     "layout": LayoutKey,
@@ -321,6 +354,45 @@ def _replaced(old: object, path: Sequence[str], new: object, name: str) -> Any:
     return changed
 
 
+_OF_WORLDS = ("source", "source_options", "record", "poses", "times", "motions", "split")
+
+
+def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: Path) -> Job:
+    """Return the job of several worlds; each has its keys, and those of the job that it does not give."""
+    if not worlds or "source" in shared:
+        wanted = "expected worlds by name, in place of source"
+        raise ArgumentError(f"worlds: {wanted}, got {'both' if worlds else 'none'}")
+    jobs = []
+    for name, keys in worlds.items():
+        own = mapping(f"worlds.{stem('worlds', name)}", keys, _OF_WORLDS)
+        split = own.pop("split", "")
+        with within(f"worlds.{name}"):
+            job = _read_one({**shared, **own}, folder, name)
+            jobs.append(replace(job, world_split=split and stem("split", split)))
+    cameras: dict[str, Camera] = {}
+    for job in jobs:
+        cameras = {**job.cameras, **cameras}
+    return replace(jobs[0], cameras=cameras, worlds=tuple(jobs))
+
+
+def _draw_cameras(values: dict[str, Any], world: str) -> dict[str, Any]:
+    """Return the keys of a job with the cameras that are drawn for a world, which are named after it."""
+    vary = read_vary("vary", values.get("vary") or {})
+    if not vary.cameras:
+        return values
+    cameras = mapping("cameras", values.get("cameras", {}))
+    for name in vary.cameras:
+        one_of("vary.cameras", name, cameras)
+    start = f"{world}-" if world else ""
+    return {
+        **values,
+        "cameras": {
+            f"{start}{name}" if name in vary.cameras else name: vary.camera(name, camera, world)
+            for name, camera in cameras.items()
+        },
+    }
+
+
 def read(description: object, folder: Path) -> Job:
     """Return the job that a mapping describes; its paths are relative to a folder.
 
@@ -328,8 +400,20 @@ def read(description: object, folder: Path) -> Job:
         ArgumentError: a key is unknown, missing or wrong.
     """
     values = mapping("", description, _FIELDS)
+    worlds = values.pop("worlds", None)
+    if worlds is not None:
+        return _read_worlds(mapping("worlds", worlds), values, folder)
+    job = _read_one(values, folder)
+    if job.recipe.split is not None and job.recipe.split.by == "world":
+        raise ArgumentError("split.by: expected place in a job without 'worlds', got world")
+    return job
+
+
+def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
+    """Return the job of one world."""
     for path in _FILES:
         values = _located(values, path.split("."), folder)
+    values = _draw_cameras(values, world)
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     keys = read_record(_Keys, values)
@@ -359,6 +443,9 @@ def read(description: object, folder: Path) -> Job:
         brackets=keys.brackets,
         sensor=keys.sensor,
         imu=track,
+        vary=keys.vary,
+        failures=keys.failures.skip,
+        world=world,
     )
 
 

@@ -16,6 +16,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion
 from omniscv.job.recipe import Recipe
 from omniscv.job.sampling import SampledPoses
+from omniscv.job.vary import Draws, Vary
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, record
 from omniscv.sensor import Sensor
@@ -115,6 +116,12 @@ class Job:
         brackets: stops of the exposures that colours are merged from, to light; empty for one exposure.
         imu: what the rig carries, and the timed poses whose spline its cameras move on; None without one.
         sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
+        vary: what is drawn anew for each frame, place or world; None for a world as it is.
+        draws: the same with the names of an open source.
+        failures: the share of the frames that may fail and be left out.
+        world: its name among several; keys of frames start with it.
+        world_split: the split of all its frames, in place of that of ``recipe``; empty for none.
+        worlds: a job for each world; this job then has the cameras of all, and otherwise equals the first.
 
     Raises:
         ArgumentError: an unknown mode, a rig that does not fit the rest, or times that are missing, or fewer
@@ -144,6 +151,12 @@ class Job:
     store: str = "files"
     imu: ImuTrack | None = None
     depth_format: str = "exr"
+    vary: Vary | None = None
+    draws: Draws | None = None
+    failures: float = 0.0
+    world: str = ""
+    world_split: str = ""
+    worlds: tuple[Job, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
@@ -179,6 +192,11 @@ class Job:
         return (self.source,) if isinstance(self.source, str) else self.source
 
     @property
+    def each(self) -> tuple[Job, ...]:
+        """The jobs of its worlds; itself if it has one source."""
+        return self.worlds or (self,)
+
+    @property
     def captured(self) -> tuple[str, ...]:
         """The modalities that are captured: ``modes``, and ``lit`` for a sensor."""
         return self.modes if self.sensor is None or "lit" in self.modes else ("lit", *self.modes)
@@ -187,6 +205,11 @@ class Job:
     def moves(self) -> bool:
         """Whether images show the world at their times."""
         return self.clock or bool(self.motions)
+
+    @property
+    def changes(self) -> bool:
+        """Whether images show the world in several states."""
+        return self.moves or (self.vary is not None and bool(self.vary.rules))
 
     def _check_times(self) -> None:
         """Refuse times that do not fit the poses, the motions or the rig."""

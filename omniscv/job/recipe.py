@@ -35,11 +35,13 @@ class Split:
         distance_m: poses within this distance of each other, directly or by a chain of poses, are of one
             place. Poses with a ``place`` of their own are of that place.
         seed: of the hash.
+        by: what is divided: places, or whole worlds.
     """
 
     shares: Mapping[str, float]
     distance_m: float = 0.5
     seed: int = 0
+    by: str = "place"
 
     def of(self, place: str) -> str:
         """Return the split of a place."""
@@ -68,7 +70,7 @@ class Split:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values that :func:`read_split` reads."""
-        return {**self.shares, "by": "place", "distance_m": self.distance_m, "seed": self.seed}
+        return {**self.shares, "by": self.by, "distance_m": self.distance_m, "seed": self.seed}
 
 
 @record
@@ -77,7 +79,9 @@ class SplitOptions:
 
     distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
     seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
-    by: str = checked(one_of, words=("place",), default="place", help="places are divided, not frames")
+    by: str = checked(
+        one_of, words=("place", "world"), default="place", help="what is divided: places, or whole worlds"
+    )
 
 
 def read_split(name: str, value: object) -> Split:
@@ -100,7 +104,7 @@ def read_split(name: str, value: object) -> Split:
         wanted = "expected shares whose sum is 1, such as train: 0.8, val: 0.2"
         raise ArgumentError(f"{name}: {wanted}; got {shown(shares)}")
     known = read(SplitOptions, options, name)
-    return Split(shares, known.distance_m, known.seed)
+    return Split(shares, known.distance_m, known.seed, known.by)
 
 
 def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:

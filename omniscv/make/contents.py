@@ -152,7 +152,7 @@ class Contents:
         recipe = job.recipe
         given = mapping("truth", recipe.truth or {}, (*truths.names(), "tolerance"))
         truth = {name: dict(given[name]) for name in truths.names() if name in given}
-        if job.moves:
+        if job.moves or (job.vary is not None and job.vary.objects):
             truth.setdefault("poses", {})
         cameras = {
             name: texts(f"truth.{name}.cameras", options.pop("cameras"))
@@ -208,6 +208,10 @@ class Contents:
             options["sensor"] = job.sensor.to_dict()
         if job.imu is not None:
             options["imu"] = job.imu.to_dict()
+        if job.worlds:
+            options["worlds"] = {world.world: world.world_split for world in job.worlds}
+        if job.vary is not None:
+            options["vary"] = asdict(job.vary)
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
         options["truth"] = {name: {**truth, **named.get(name, {})} for name, truth in self.truth.items()}
         options["media"] = dict(job.recipe.media or {})

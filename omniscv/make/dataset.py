@@ -11,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import Any
@@ -23,14 +24,21 @@ from omniscv.arguments import whole_number
 from omniscv.dataset import exporting, manifest
 from omniscv.dataset.manifest import Manifest, lock, make_room
 from omniscv.dataset.writer import Writer, tidy
-from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
+from omniscv.errors import (
+    ArgumentError,
+    DamagedFileError,
+    DatasetError,
+    MissingFileError,
+    RecordingError,
+    SourceError,
+)
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check_dataset, check_source
-from omniscv.make.frames import FrameMaker
-from omniscv.make.moments import moments
-from omniscv.make.source import opened
+from omniscv.make.frames import Failures, FrameMaker
+from omniscv.make.moments import keys_of, moments
+from omniscv.make.source import open_source, opened
 from omniscv.progress import Report
 from omniscv.sources.base import Source
 from omniscv.sources.recording import part_file
@@ -117,6 +125,7 @@ def make(
     overwrite: bool = False,
     keep_going: bool = False,
     shard: tuple[int, int] | None = None,
+    limit: int | None = None,
     workers: int = 1,
     progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
@@ -131,6 +140,7 @@ def make(
         shard: (i, n): only part i of n (:class:`Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
+        limit: only so many frames: those whose keys have the least SHA-256, which are spread evenly.
         workers: images that are composed at a time.
         progress: called as frames progress.
         warn: called with lines about doubtful pixels and empty splits.
@@ -147,17 +157,37 @@ def make(
         raise ArgumentError("overwrite: expected it without resume and shard, got several of them")
     if not (resume or shard or overwrite):
         make_room(folder)
+    if keep_going:
+        job = replace(job, failures=1.0)
+    chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
-    made, job, frames = _run(job, part, workers, progress, warn, keep_going, overwrite)
+    made, worlds, frames = _run(job, part, workers, progress, warn, overwrite, chosen=chosen)
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
             _remove_markers(folder, [part.marker])
             return Made(0, made.kept)
-    missing = sum(len(other.poses(job.poses)) for other in _unfinished(folder, part.count)) * len(job.cameras)
+    unfinished = _unfinished(folder, part.count)
+    missing = sum(len(_keys(world, other, chosen)) for other in unfinished for world in worlds)
+    if chosen is not None and unfinished:
+        missing = max(1, missing)  # a part without chosen frames has a marker, too
     if not missing:
         finish(job, part.count, warn)
     return replace(made, missing=missing)
+
+
+def _least(job: Job, count: int) -> frozenset[str]:
+    """Return so many keys of a job's frames: those whose SHA-256 is least."""
+    keys: list[str] = []
+    for world in job.each:
+        with nullcontext((world, None)) if world.sampling is None else opened(world) as (known, _):
+            keys += keys_of(known)
+    return frozenset(sorted(keys, key=lambda key: hashlib.sha256(key.encode()).digest())[:count])
+
+
+def _keys(job: Job, part: Part, chosen: Collection[str] | None) -> list[str]:
+    """Return the keys of a part's frames, of those that are chosen."""
+    return [key for key in keys_of(job, part.poses(job.poses)) if chosen is None or key in chosen]
 
 
 def run_part(
@@ -186,45 +216,77 @@ def _run(
     workers: int = 1,
     progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
-    keep_going: bool = False,
     overwrite: bool = False,
     source: Source | None = None,
-) -> tuple[Made, Job, list[Frame]]:
-    """Make a part, as :func:`run_part`; return the counts, the job with its poses, and the part's frames."""
-    contents = check_dataset(job)
-    with opened(part.of(job), source) as (job, live):
-        scene = "/".join(name for name in astuple(live.scene_identity) if name)
-        planned = list(moments(job, part.poses(job.poses), scene))
-        frames = [frame for moment in planned for frame in moment.frames]
-        check_source(job, contents, live, planned)
-        if overwrite:
-            make_room(storage.folder(job.out), overwrite)
-        labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
-        names = live.objects().names() if labelled else ()  # those that the source has now
-        ids = {name: i for i, name in enumerate(names, start=1)}
-        begun = Manifest(job.cameras, ids, contents.classes, contents.settings(job))
-        writer = Writer(
-            job.out,
-            resume=True,
-            image_format=job.image_format,
-            store=job.store,
-            depth_format=job.depth_format,
-            begun=begun,
-            closed=part.count > 1,
-            media=job.recipe.media or {},
-        )
-        folder = storage.folder(job.out)
-        writer.keep_marked(_read_marker(folder, writer.manifest, part) or ())
-        missing = writer.missing(frames)
-        maker = FrameMaker(job, contents, live, writer, workers, warn, keep_going)
-        maker.run(planned, missing, progress)
-        failed = set(maker.failed)
-        written = writer.frames(frame.key for frame in frames if frame.key not in failed)
-        lines = [frame.to_dict() for frame in written]
-        marker = json.dumps({"sha256": _checksum(lines), "frames": lines}, allow_nan=False)
-        folder.put(part.marker, marker.encode())
-    kept = len(frames) - len(missing)
-    return Made(len(missing) - len(failed), kept, failed=len(failed)), job, written
+    chosen: Collection[str] | None = None,
+) -> tuple[Made, list[Job], list[Frame]]:
+    """Make a part, as :func:`run_part`; return the counts, the worlds with their poses, and the frames.
+
+    Worlds are opened one after the other.
+    """
+    contents = [check_dataset(world) for world in job.each]
+    folder, settings = storage.folder(job.out), contents[0].settings(job)
+    failures = Failures(job.failures * sum(map(_count, job.each)), warn or (lambda line: None))
+    labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
+    ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
+    worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
+    for at, world in enumerate(job.each):
+        try:
+            with opened(part.of(world), source) as (world, live):
+                worlds[at] = world
+                scene = "/".join(name for name in astuple(live.scene_identity) if name)
+                planned = list(moments(world, part.poses(world.poses), scene))
+                frames = [frame for moment in planned for frame in moment.frames]
+                frames = [frame for frame in frames if chosen is None or frame.key in chosen]
+                check_source(world, contents[at], live, planned)
+                if overwrite and at == 0:
+                    make_room(folder, overwrite)
+                names = live.objects().names() if labelled else ()  # those that the source has now
+                writer = Writer(
+                    job.out,
+                    resume=True,
+                    image_format=job.image_format,
+                    store=job.store,
+                    depth_format=job.depth_format,
+                    begun=Manifest(
+                        job.cameras, ids or manifest.with_names({}, names), contents[0].classes, settings
+                    ),
+                    closed=part.count > 1,
+                    media=job.recipe.media or {},
+                )
+                writer.keep_marked(_read_marker(folder, writer.manifest, part) or ())
+                missing = writer.missing(frames)
+                maker = FrameMaker(world, contents[at], live, writer, workers, warn, failures)
+                maker.run(planned, missing, progress)
+                written += writer.frames(frame.key for frame in frames if frame.key not in failures.lines)
+                kept += len(frames) - len(missing)
+                made += len(missing - failures.lines.keys())
+        except (SourceError, RecordingError) as cause:
+            if not job.worlds:
+                raise
+            known = {frame.key for frame in written}
+            lost = [key for key in _keys(world, part, chosen) if key not in known] or [world.world]
+            failures.add({key: {} for key in lost}, world.world, cause)
+    lines = [frame.to_dict() for frame in written]
+    content = {"sha256": _checksum(lines), "frames": lines}
+    if failures.lines:
+        content["failed"] = list(failures.lines.values())
+    folder.put(part.marker, json.dumps(content, allow_nan=False).encode())
+    return Made(made, kept, failed=len(failures.lines)), worlds, written
+
+
+def _count(world: Job) -> int:
+    """Return the number of a world's frames; of sampled poses, as far as it is known before."""
+    return len(world) or len(world.cameras) * getattr(world.sampling, "count", 0)
+
+
+def _all_names(job: Job) -> dict[str, int]:
+    """Return the ids of the objects of all worlds, as making one world after the other gives them."""
+    ids: dict[str, int] = {}
+    for world in job.worlds:
+        with suppress(SourceError, RecordingError), open_source(world) as source:
+            ids = manifest.with_names(ids, set(source.objects().names()) - ids.keys())
+    return ids
 
 
 def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
@@ -250,6 +312,12 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
         frames = {frame.key: frame for frame in _listed(folder)}  # also frames that are not of this job
         frames |= {frame.key: frame for frame in chain.from_iterable(of_part or () for of_part in marked)}
+        failed = {line["key"]: line for part in parts for line in _read_failed(folder, part)}
+        failed = {key: line for key, line in failed.items() if key not in frames}
+        manifest.write_failed(folder, failed.values())
+        if len(failed) > job.failures * (whole_count := len(frames) + len(failed)):
+            wanted = f"expected at most {job.failures:.3g} of {whole_count} frames to fail, got {len(failed)}"
+            raise DatasetError(f"failures: {wanted}; see {manifest.FAILED}; --resume tries them again")
         manifest.write_frames(folder, frames.values())
         if warn and job.recipe.split:
             shares = {split for split, share in job.recipe.split.shares.items() if share > 0}
@@ -285,6 +353,12 @@ def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> list[Frame] 
         return [manifest.frame(line, folder) for line in content["frames"]]
     except (MissingFileError, DamagedFileError, ValueError, TypeError, KeyError):
         return None
+
+
+def _read_failed(folder: Folder, part: Part) -> list[dict[str, Any]]:
+    """Return the lines of a finished part's frames that failed."""
+    content: dict[str, list[dict[str, Any]]] = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
+    return content.get("failed", [])
 
 
 def _markers(folder: Folder) -> list[str]:

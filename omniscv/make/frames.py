@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -16,6 +16,7 @@ from omniscv.arguments import within
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
 from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.frame import Frame
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Job
@@ -34,12 +35,41 @@ Composed = tuple[Observation, Instant]
 """A frame's image with the world that it shows, before it has the dataset's ids, and its instant."""
 
 
-class FrameMaker:
-    """Composes and writes frames: one is composed while truths of the one before are derived and written.
+class Failures:
+    """The frames that failed and were left out.
+
+    Args:
+        most: how many may fail; the next one's error is raised.
+        warn: called with a line for each.
 
     Attributes:
-        failed: keys of the frames that failed, and were left out.
+        lines: of ``failed.jsonl``, by key.
     """
+
+    def __init__(self, most: float, warn: Callable[[str], None]) -> None:
+        self.lines: dict[str, dict[str, Any]] = {}
+        self._most, self._warn = most, warn
+
+    @contextmanager
+    def leaving_out(self, frames: Sequence[Frame], world: str) -> Iterator[None]:
+        """Leave frames out if an error ends the context, as long as they are not too many."""
+        try:
+            yield
+        except OmniscvError as cause:
+            self.add({frame.key: frame.varied for frame in frames}, world, cause)
+
+    def add(self, keys: Mapping[str, Mapping[str, Any]], world: str, cause: OmniscvError) -> None:
+        """Leave frames out, by key with what was drawn for them; raise the cause if they are too many."""
+        if len(self.lines) + len(keys) > self._most:
+            raise cause
+        for key, varied in keys.items():
+            drawn = {"world": world, "varied": varied, "error": cause.message}
+            self.lines[key] = {"key": key, **{name: value for name, value in drawn.items() if value}}
+        self._warn(f"{', '.join(keys)}: {cause.message}; left out")
+
+
+class FrameMaker:
+    """Composes and writes frames: one is composed while truths of the one before are derived and written."""
 
     def __init__(
         self,
@@ -49,11 +79,10 @@ class FrameMaker:
         writer: Writer,
         workers: int,
         warn: Callable[[str], None] | None,
-        keep_going: bool = False,
+        failures: Failures,
     ) -> None:
-        self.failed: list[str] = []
         self._job, self._contents, self._writer = job, contents, writer
-        self._workers, self._keep_going, self._warn = workers, keep_going, warn or (lambda line: None)
+        self._workers, self._failures, self._warn = workers, failures, warn or (lambda line: None)
         self._skipped = set[tuple[str, str]]()
         # Shapes take a game one request per object: read them for truths and recordings only.
         self._shapes = bool(contents.truth) or job.record is not None
@@ -68,7 +97,7 @@ class FrameMaker:
             if truths.get(name).may_capture(self._geometry, options)
         }
         # Images of a world that moves take turns, too: the source shows one instant at a time.
-        self._capture_lock = Lock() if self._capturing or job.moves else nullcontext()
+        self._capture_lock = Lock() if self._capturing or job.changes else nullcontext()
 
     def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
         """Make the frames with some keys.
@@ -93,33 +122,22 @@ class FrameMaker:
         world: dict[str, Any] = {}
 
         def look(source: Source) -> None:
-            moved = self._job.moves and self._shapes
+            moved = self._job.changes and self._shapes
             world.update(
                 geometry=source.geometry() if moved else self._geometry, object_poses=source.object_poses()
             )
 
-        with self._capture_lock, self._leaving_out([frame.key for frame in frames]):
+        with self._capture_lock, self._failures.leaving_out(frames, self._job.world):
             report = meter.part()
             images = list(images_of(self._renderer, moment, self._job, only=only, progress=report, look=look))
             seen = zip(frames, images, strict=True)
             return [(Observation(frame, image, **world), moment.instant) for frame, image in seen]
         return []  # they were left out
 
-    @contextmanager
-    def _leaving_out(self, keys: Sequence[str]) -> Iterator[None]:
-        """Report an error of frames and leave them out, if the job keeps going."""
-        try:
-            yield
-        except OmniscvError as cause:
-            if not self._keep_going:
-                raise
-            self.failed += keys
-            self._warn(f"{', '.join(keys)}: {cause.message}; left out")
-
     def _save(self, composed: Composed) -> None:
         """Derive the truths of a frame, and write it."""
         observation, instant = composed
-        with self._leaving_out([observation.frame.key]):
+        with self._failures.leaving_out([observation.frame], self._job.world):
             frame, image = self._writer.with_ids(observation.frame, observation.image)
             for line in warnings_of(frame.key, image):
                 self._warn(line)
@@ -129,7 +147,10 @@ class FrameMaker:
                 with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
                     records = self._records(replace(observation, renderer=renderer), self._capturing)
             records |= self._records(observation, self._contents.truth.keys() - self._capturing)
-            self._writer.write(frame, image, file_contents(records))
+            contents = file_contents(records)
+            if frame.varied:
+                contents["truth"] = {**contents.get("truth", {}), "varied": frame.varied}
+            self._writer.write(frame, image, contents)
 
     def _records(self, observation: Observation, names: Collection[str]) -> dict[str, Record]:
         """Return the records of truths that an image can have, in the job's order.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +16,7 @@ from omniscv import light
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
+from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
@@ -55,10 +56,12 @@ class Moment:
     Attributes:
         frames: the images, without files.
         takes: what they are composed of; the first shows the instant of their ground truth.
+        fault: why they cannot be made; empty if nothing is known.
     """
 
     frames: tuple[Frame, ...]
     takes: tuple[Take, ...]
+    fault: str = ""
 
     @property
     def instant(self) -> Instant:
@@ -79,30 +82,56 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
     path = _path(job)
     split = job.recipe.split or Split({"": 1.0})
     places = split.places(np.array([pose.position for pose in job.poses]), job.places or ())
+    start = f"{job.world}/" if job.world else ""
     for i in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
+        place = f"{start}{places[i]}"
+        in_split = job.world_split or split.of(job.world if split.by == "world" else place)
+        varied, fault = _varied(job, i, place)
         for frame in _frames(job, path, i):
             rolling = job.moves and isinstance(frame.camera, RollingShutter)
-            instant = _instant(job, frame.time)
-            key = frame.key if rolling else f".{instant.state}"
-            place = places[i]
-            groups.setdefault(key, []).append(
-                replace(frame, place=place, split=split.of(place), scene=scene, state=instant.state)
-            )
+            state = _instant(job, replace(frame, varied=varied)).state
+            key = frame.key if rolling else f".{state}"
+            frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
+            groups.setdefault(key, []).append(frame)
         for frames in groups.values():
-            yield Moment(tuple(frames), tuple(_takes(job, path, i, frames)))
+            yield Moment(tuple(frames), tuple(_takes(job, path, i, frames)), fault)
+
+
+def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
+    """Return what is drawn for a pose, and why it cannot be drawn; all cameras of a pose see one world."""
+    if job.draws is None:
+        return {}, ""
+    keys = {"frame": pose_number(job, i), "place": place, "world": ""}
+    try:
+        return job.draws.of(keys[job.draws.vary.per]), ""
+    except ArgumentError as fault:
+        return {}, fault.message
+
+
+def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
+    """Yield the keys of the frames at some poses; at all if not given."""
+    path = _path(job)
+    for i in range(len(job.poses)) if indices is None else indices:
+        yield from (frame.key for frame in _frames(job, path, i))
+
+
+def pose_number(job: Job, i: int) -> str:
+    """Return the number of a pose, with as many digits as the last one has."""
+    return f"{i:0{len(str(max(0, len(job.poses) - 1)))}d}"
 
 
 def _frames(job: Job, path: Trajectory | None, i: int, delay_s: float = 0.0) -> Iterator[Frame]:
     """Yield the images at a pose, or some seconds later, along the poses as along a trajectory."""
-    digits = len(str(max(0, len(job.poses) - 1)))
     pose, time = job.poses[i], None if job.times is None else job.times[i] + delay_s
     if path is not None and time is not None and delay_s:
         pose = path.at(time, steps_beyond=1)
     mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
     offsets = {} if job.rig is None else {name: mount.time_offset for name, mount in job.rig.cameras.items()}
     for name, camera in job.cameras.items():
-        key = f"{name}-{i:0{digits}d}" if len(job.poses) > 1 else name
+        key = f"{name}-{pose_number(job, i)}" if len(job.poses) > 1 else name
+        if job.world and not name.startswith(f"{job.world}-"):  # as a camera that is drawn for it
+            key = f"{job.world}-{key}"
         at = None if time is None else time + offsets.get(name, 0.0)
         yield Frame(key, name, camera, mounted.get(name, pose), time=at)
 
@@ -112,17 +141,17 @@ def _takes(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) ->
     first, exposure = group[0], _chosen(job, path, i, group)
     if job.moves and isinstance(first.camera, RollingShutter):
         for seconds, lines in exposure.lines(first.camera):
-            yield Take(_instant(job, first.time, seconds), ((lines, first.pose),), job.captured)
+            yield Take(_instant(job, first, seconds), ((lines, first.pose),), job.captured)
         return
     views = tuple((frame.camera, frame.pose) for frame in group)
-    yield Take(_instant(job, first.time), views, job.captured)
-    yield from _lateral(job, _instant(job, first.time), views)
+    yield Take(_instant(job, first), views, job.captured)
+    yield from _lateral(job, _instant(job, first), views)
     keys = {frame.key for frame in group}
     for offset in exposure.offsets()[1:] if "lit" in job.captured else ():
         moved = _frames(job, path, i, offset if exposure.camera == "moves" else 0.0)
         views = tuple((frame.camera, frame.pose) for frame in moved if frame.key in keys)
-        yield Take(_instant(job, first.time, offset), views, ("lit",))
-        yield from _lateral(job, _instant(job, first.time, offset), views)
+        yield Take(_instant(job, first, offset), views, ("lit",))
+        yield from _lateral(job, _instant(job, first, offset), views)
 
 
 def _chosen(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Exposure:
@@ -154,12 +183,12 @@ def _lateral(job: Job, instant: Instant, views: Sequence[tuple[Camera, Pose]]) -
         yield Take(instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",))
 
 
-def _instant(job: Job, time: float | None, delay_s: float = 0.0) -> Instant:
-    """Return the instant of a time, or some seconds later."""
+def _instant(job: Job, frame: Frame, delay_s: float = 0.0) -> Instant:
+    """Return the instant that a frame shows, or some seconds later."""
     if not job.moves:
-        return Instant()
-    at = None if time is None else time + delay_s
-    return Instant({name: motion.at(at) for name, motion in job.motions.items()}, time=at)
+        return Instant.drawn(frame.varied)
+    at = None if frame.time is None else frame.time + delay_s
+    return Instant.drawn(frame.varied, {name: motion.at(at) for name, motion in job.motions.items()}, at)
 
 
 def _path(job: Job) -> Trajectory | None:
@@ -204,6 +233,8 @@ def images_of(
         progress: called as images progress.
         look: called once, with a source of the world at the moment's instant.
     """
+    if moment.fault:
+        raise ArgumentError(moment.fault)
     takes, count = moment.takes, len(moment.frames)
     chosen = sorted(range(count) if only is None else only)
     meter = Meter(len(chosen), progress)

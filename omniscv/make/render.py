@@ -276,7 +276,7 @@ def _tasks(job: Job) -> Iterator[_Planned]:
     """Yield the modes and tasks of a job, while its source is open if that is needed."""
     check(job)
     capabilities = known_capabilities(job.sources[0])
-    if capabilities is not None and job.sampling is None:
+    if capabilities is not None and job.sampling is None and job.vary is None:
         rays = cache(ImageRays)
         yield _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
         return

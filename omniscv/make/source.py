@@ -13,11 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from omniscv.arguments import number, numbers
 from omniscv.cameras import create
 from omniscv.compose.renderer import Renderer
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job import Job
 from omniscv.job.sampling import SampledPoses
+from omniscv.job.vary import COMMAND, Draws
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source, SourceView
 from omniscv.sources.brackets import bracketed
@@ -65,6 +67,9 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
     A game whose objects the job moves is paused from the first image to the last. So is a game that is frozen
     for a job without times: all its images show one instant.
     """
+    if job.worlds:
+        wanted = "expected one world here; 'omniscv dataset make' makes several"
+        raise ArgumentError(f"worlds: {wanted}, got {', '.join(world.world for world in job.worlds)}")
     frozen = job.source_options.get("freeze", "none") != "none" and not job.clock
     with (
         open_source(job, live) as source,
@@ -74,9 +79,38 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             sampled = sample_poses(job.sampling, still)
             times = sampled.times if job.times is None else job.times
             job = replace(job, poses=sampled.poses, times=times, sampling=None)
+        if job.vary is not None and job.vary.rules:
+            job = replace(job, draws=draws_of(job, still))
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
+
+
+def draws_of(job: Job, source: Source) -> Draws:
+    """Return the draws of a job in its open source.
+
+    Raises:
+        ArgumentError: the source cannot vary what the job varies, or has nothing of a name.
+    """
+    vary, can = job.vary, source.capabilities
+    assert vary is not None
+    for kind, rules in vary.rules.items():
+        for name, settings in rules.items():
+            need = "commands" if COMMAND in settings else kind
+            if need not in can.varies:
+                known = " and ".join(sorted(can.varies)) or "nothing"
+                got = (
+                    f"expected a source that varies {need}, got {can.dialect or 'one'}, which varies {known}"
+                )
+                raise ArgumentError(f"vary.{kind}.{name}: {got}")
+    near = [name for name, settings in vary.objects.items() if settings.get("clearance")]
+    boxes = source.geometry().boxes if near else {}
+    at_rest = source.rest_poses(list(boxes)) if near else {}
+    pivots = {name: pose.position for name, pose in at_rest.items()}
+    draws = Draws(vary, job.world, {kind: source.variable(kind) for kind in vary.rules}, boxes, pivots)
+    if both := sorted(draws.settings().get("objects", {}).keys() & job.motions.keys()):
+        raise ArgumentError(f"vary.objects: expected objects without motions, got {', '.join(both)}")
+    return draws
 
 
 def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
@@ -53,6 +53,8 @@ class Capabilities:
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
         moves: whether the world may change between two captures; captures that must show one instant are
             then checked for motion (:mod:`omniscv.sources.stillness`).
+        varies: what of ``objects``, ``lights``, ``materials`` can be varied (:mod:`omniscv.job.vary`);
+            ``commands``: what commands of the job set.
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -67,6 +69,7 @@ class Capabilities:
     dialect: str = ""
     transfer: Transfer = "unknown"
     moves: bool = False
+    varies: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,14 @@ class Source(ABC):
         """Return the known poses of moving objects at this source's instant: ``R_w_o`` and position."""
         return self.instant.poses
 
+    def variable(self, kind: str) -> Sequence[str]:
+        """Return the names of what can be varied: of ``objects``, ``lights`` or ``materials``."""
+        return self.objects().names() if kind == "objects" else ()
+
+    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+        """Return the poses of objects as they are now, ``R_w_o`` and position; of those that are known."""
+        return {}
+
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
 
@@ -306,6 +317,12 @@ class SourceWrapper(Source):
 
     def object_poses(self) -> Mapping[str, Pose]:
         return self._source.object_poses()
+
+    def variable(self, kind: str) -> Sequence[str]:
+        return self._source.variable(kind)
+
+    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+        return self._source.rest_poses(objects)
 
     def around(self, source: Source) -> Source:
         """Return a source of the same world, wrapped as this one's is; as it is, if not overridden."""

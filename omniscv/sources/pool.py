@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
@@ -16,6 +16,7 @@ from typing import Any, NoReturn, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -85,6 +86,15 @@ class SourcePool(Source):
         """What the first working replica knows."""
         self._check_working()
         return self._working[0].geometry()
+
+    def variable(self, kind: str) -> Sequence[str]:
+        return self._first.variable(kind)
+
+    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+        return self._first.rest_poses(objects)
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        return self._first.object_poses()
 
     def without(self, objects: Iterable[str]) -> Source:
         """A pool of the working replicas, each without the objects."""

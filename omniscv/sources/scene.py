@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -39,7 +39,10 @@ _START = Instant()
 _BLOCK_PX = 1 << 13
 """Pixels traced together: their arrays stay in a core's cache, and one thread traces at most as many."""
 _CAPABILITIES = Capabilities(
-    frozenset(("lit", "object_mask", "depth", "normals")), dialect="scene", transfer="linear"
+    frozenset(("lit", "object_mask", "depth", "normals")),
+    dialect="scene",
+    transfer="linear",
+    varies=frozenset(("objects",)),
 )
 
 
@@ -77,16 +80,19 @@ class SceneSource(Source):
         one_of("lit", lit, get_args(Lit))
         one_of("masks", masks, get_args(Masks))
         self.made, self._instant = 0, instant
+        named = {*instant.hidden, *hidden, *instant.poses, *instant.varied.get("objects", {})}
+        known_objects(named, scene.objects, f"scene {scene.name}")
+        try:
+            self.scene = scene if instant.time is None else scene.at(instant.time)
+            drawn, undrawn = instant.placed(self.rest_poses)
+            self._moved = {**instant.poses, **drawn}
+            if self._moved:
+                poses = {name: (pose.rotation, pose.position) for name, pose in self._moved.items()}
+                self.scene = self.scene.at(self.scene.time, poses)
+        except ValueError as wrong:
+            raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
         # Removed by without(); with those that the instant hides:
-        self._without, self._hidden = frozenset(hidden), instant.hidden.union(hidden)
-        known_objects(self._hidden.union(instant.poses), scene.objects, f"scene {scene.name}")
-        self.scene = scene
-        if instant.time is not None or instant.poses:
-            poses = {name: (pose.rotation, pose.position) for name, pose in instant.poses.items()}
-            try:
-                self.scene = scene.at(scene.time if instant.time is None else instant.time, poses)
-            except ValueError as wrong:
-                raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
+        self._without, self._hidden = frozenset(hidden), instant.hidden.union(hidden, undrawn)
         self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
@@ -129,8 +135,11 @@ class SceneSource(Source):
 
     def object_poses(self) -> dict[str, Pose]:
         """Return the poses of objects that move by themselves, and of those that the instant moves."""
-        poses = {name: self.scene.pose(name) for name in {*self.scene.moving, *self._instant.poses}}
-        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in sorted(poses.items())}
+        return self.rest_poses({*self.scene.moving, *self._moved})
+
+    def rest_poses(self, objects: Collection[str]) -> dict[str, Pose]:
+        poses = {name: self.scene.pose(name) for name in sorted(objects)}
+        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in poses.items()}
 
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""

@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -208,6 +208,7 @@ class RecordedSource(Source):
             can_set_exposure=bool(exposures),
             dialect="recording",
             transfer="linear" if exposures else _transfer_of(rows),
+            varies=frozenset(("objects", "lights", "materials", "commands")),
         )
 
     def __repr__(self) -> str:
@@ -265,6 +266,12 @@ class RecordedSource(Source):
     def object_poses(self) -> Mapping[str, Pose]:
         """As recorded with the state's first capture."""
         return self._world_state.object_poses()
+
+    def variable(self, kind: str) -> Sequence[str]:
+        """What was varied when it was recorded."""
+        instants = (state.instant for state in self._store.states().values() if state.instant)
+        varied = {name for instant in instants for name in instant.varied.get(kind, {})}
+        return super().variable(kind) if kind == "objects" else sorted(varied)
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""

@@ -39,10 +39,13 @@ Undo = tuple[str, ...] | Callable[[], None]
 Layer = dict[Key, tuple[Any, Undo]]
 """By key: the value before the layer's first change of it, and how to put it back."""
 
-_KNOWN = ("pose", "seen", "hidden", "left out", "time", "name")
+UNSEEN = ("hidden", "left out", "drawn out")
+"""Kinds of change that hide an object."""
+_KNOWN = ("pose", "seen", "time", "name", "drawn", *UNSEEN)
 """Kinds of change that an instant describes, or that belong to no state.
 
-``pose`` was set, ``seen`` is a pose that was read; objects ``left out`` of captures are in no state.
+``pose`` was set, ``seen`` is a pose that was read; objects ``left out`` of captures are in no state. Poses
+``drawn`` and objects ``drawn out`` are those of the draws that are the instant's name.
 """
 
 

@@ -89,7 +89,10 @@ class CameraTable:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
         exposes = EXPOSURE_METHOD in DIALECTS[dialect].commands
         modes, sized = frozenset(self.images), self.can_set_size
-        return Capabilities(modes, sized, can_set_tall=False, can_set_exposure=exposes, dialect=dialect)
+        varies = frozenset(("objects", "commands"))
+        return Capabilities(
+            modes, sized, can_set_tall=False, can_set_exposure=exposes, dialect=dialect, varies=varies
+        )
 
     @property
     def depth(self) -> tuple[str, str]:

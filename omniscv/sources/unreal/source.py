@@ -2,7 +2,7 @@
 
 import contextlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, groupby
@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from omniscv.errors import SceneChangedError, ServerRefusedError, SourceError
+from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -25,7 +26,7 @@ from omniscv.sources.base import (
 )
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
-from omniscv.sources.unreal.instants import Journal
+from omniscv.sources.unreal.instants import Journal, object_poses
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
 from omniscv.sources.unreal.objects import boxes, colors, object_table
@@ -100,6 +101,13 @@ class UnrealSource(Source):
         """As :meth:`Source.at`; the option ``freeze`` decides how the world is kept at the instant."""
         with self._journal.turn():
             return self._changed(lambda: self._world.set_instant(instant))
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        return {**self.instant.poses, **self._journal.named("drawn")}
+
+    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+        with self._journal.turn():
+            return object_poses(self._connection, objects)
 
     def command(self, text: str) -> str:
         """Send a command of the plugin, and return its reply; of a binary one, its size and format.

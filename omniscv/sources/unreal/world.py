@@ -16,6 +16,7 @@ from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import known_objects
 from omniscv.sources.unreal.driver import CameraDriver
 from omniscv.sources.unreal.instants import (
+    UNSEEN,
     Journal,
     Key,
     Layer,
@@ -139,7 +140,7 @@ class UnrealWorld(World):
         With ``pause`` it stays where it is: the poses of the instant's objects are read, or, if it has none,
         those of every movable object, and the time is not known.
         """
-        self.check({*instant.poses, *instant.hidden})
+        self.check({*instant.poses, *instant.hidden, *instant.varied.get("objects", {})})
         if self.freeze in ("puppet", "pause"):
             self._set_paused(True)
         if self.freeze == "pause":
@@ -152,20 +153,26 @@ class UnrealWorld(World):
                 self._journal.note("time", "", instant.time, ())
         if instant.name:
             self._journal.note("name", "", instant.name, ())
+        poses, undrawn = instant.placed(partial(object_poses, self._connection))
+        self._place(poses, "drawn")
+        self._connection.ask(_commands(instant))
         self.hide_all(sorted(instant.hidden))
+        self.hide_all(sorted(undrawn), "drawn out")
 
     def check(self, objects: Collection[str]) -> None:
         """Raise ArgumentError for a name that no object has; to be used within a turn."""
         if objects:
             known_objects(objects, object_names(self._connection), self._connection.address)
 
-    def hide_all(self, objects: Iterable[str], what: Literal["hidden", "left out"] = "hidden") -> None:
+    def hide_all(
+        self, objects: Iterable[str], what: Literal["hidden", "left out", "drawn out"] = "hidden"
+    ) -> None:
         """Hide objects in the world, or leave them out of its captures without a change of its state.
 
         To be used within a turn and an open layer of the journal.
         """
         new = [name for name in objects if not self._journal.value(what, name)]
-        invisible = {*self._journal.named("hidden"), *self._journal.named("left out")}
+        invisible = {name for kind in UNSEEN for name in self._journal.named(kind)}
         visible = [name for name in new if name not in invisible]
         back = {name: f"vset /object/{name}/show" for name in visible}
         with self._journal.unless_refused():
@@ -187,8 +194,9 @@ class UnrealWorld(World):
             self._journal.forget("seen")
             address = self._connection.address
             raise ServerRefusedError(f"{address}: expected objects where they were read, got them elsewhere")
-        self._connection.set(pose_commands(self._journal.named("pose")))
-        hidden = [*self._journal.named("hidden"), *self._journal.named("left out")]
+        self._connection.set(pose_commands({**self._journal.named("pose"), **self._journal.named("drawn")}))
+        self._connection.ask(_commands(self._journal.instant))
+        hidden = [name for kind in UNSEEN for name in self._journal.named(kind)]
         self._connection.set([f"vset /object/{name}/hide" for name in hidden])
 
     def put_back(self, layer: Layer) -> None:
@@ -246,14 +254,14 @@ class UnrealWorld(World):
         mobilities = self._connection.texts([f"vget /object/{name}/mobility" for name in objects])
         return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
 
-    def _place(self, poses: Mapping[str, Pose]) -> None:
+    def _place(self, poses: Mapping[str, Pose], what: Literal["pose", "drawn"] = "pose") -> None:
         """Move and turn objects; if one cannot be moved, restore all and raise ServerRefusedError."""
         texts = locations_and_rotations(self._connection, poses)
         before = dict(zip(poses, zip(texts[::2], texts[1::2], strict=True), strict=True))
         back = {name: set_commands(name, *values) for name, values in before.items()}
         with self._journal.unless_refused():
             for name, pose in poses.items():
-                self._journal.note("pose", name, pose, back[name])
+                self._journal.note(what, name, pose, back[name])
             try:
                 self._connection.set(pose_commands(poses))
                 self._check_placed(poses)
@@ -284,6 +292,15 @@ class UnrealWorld(World):
         dialect = self._connection.plugin.dialect
         plugin = f"{DIALECTS[dialect].plugin}, dialect {dialect}"
         return ServerRefusedError(f"expected a server that can {what}, got {plugin}")
+
+
+def _commands(instant: Instant) -> list[str]:
+    """Return the commands that draws consist of: they set absolute values, and no reply says what was before.
+
+    So they stay in force until the next draw.
+    """
+    kinds = (instant.varied.get(kind, {}) for kind in ("lights", "materials"))
+    return [settings["command"] for by_name in kinds for settings in by_name.values()]
 
 
 def _steps(layer: Layer) -> list[list[Key]]:

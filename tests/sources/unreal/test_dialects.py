@@ -22,6 +22,7 @@ FACES = face_requests(SIZE, MODES)
 def capabilities(dialect):
     """What the mock's dialects can do."""
     modern = {"modes": frozenset(MODES), "can_set_tall": False, "dialect": dialect}
+    modern["varies"] = frozenset({"objects", "commands"})
     modern["can_set_exposure"] = dialect in ("N2", "N3")
     legacy = {"can_set_size": False, "image_size": (SIZE, SIZE)} if dialect == "0.3.10" else {}
     return Capabilities(**modern, **legacy)
