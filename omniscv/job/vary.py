@@ -230,8 +230,8 @@ class Draws:
     vary: Vary
     world: str
     names: Mapping[str, Sequence[str]]
-    boxes: Mapping[str, ObjectBox] = field(default=None)
-    pivots_w: Mapping[str, Array] = field(default=None)
+    boxes: Mapping[str, ObjectBox] = field(default_factory=dict)
+    pivots_w: Mapping[str, Array] = field(default_factory=dict)
 
     def settings(self) -> dict[str, dict[str, dict[str, Any]]]:
         """Return the values by kind and name; of two patterns that match, the later one's."""
