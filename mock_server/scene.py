@@ -211,6 +211,7 @@ class Scene:
     def _move(self, poses: Poses) -> None:
         """Move objects from their description to these poses, or to those of their motions at this time."""
         self.solids, self.room = self._described, self._whole_room
+        self._tree: solids.Tree | None = None  # made when rays are traced
         self._poses: dict[str, tuple[Array, Array]] = {}
         for name in self.moving:
             if name not in poses:
@@ -248,16 +249,16 @@ class Scene:
         o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         shape = np.broadcast_shapes(o.shape, d.shape)
         o, d = (np.array(np.broadcast_to(array, shape), order="C").reshape(-1, 3) for array in (o, d))
-        visible = np.flatnonzero(~np.isin(self._owner, list(hidden)))
-        rows, count = np.ascontiguousarray(self.solids[visible]), len(d)
+        shown, count = ~np.isin(self._owner, list(hidden)), len(d)
+        if self._tree is None:
+            self._tree = solids.tree(self.solids)
+        rows, tree = self.solids, self._tree
         distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
 
         def chunk(part: slice) -> None:
-            nearest_hits(o[part], d[part], rows, distance[part], row[part], normal[part])
+            nearest_hits(o[part], d[part], rows, tree, shown, distance[part], row[part], normal[part])
 
         _by_chunks(chunk, count)
-        if visible.size:
-            row = np.where(row < 0, -1, visible[row])
         outer = shape[:-1]
         starts = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
         paint = partial(self._paint, shape, starts, d, distance, row, normal)

@@ -72,7 +72,7 @@ def turned(turn_deg: float) -> Array:
 
 
 Pattern = Callable[[Array], Array]
-Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1"]
+Range = Literal["from -1e9 to 1e9", "from 1e-9 to 1e9", "from 0 to 1", "from 1 to 10000"]
 Motion = Steady | Swing | Waypoints
 Moving = tuple[Motion, tuple[float, ...] | None]
 """A motion, and X and Y of its vertical axis of rotation; None: through the centre of the box."""
@@ -82,6 +82,7 @@ _RANGES: Mapping[Range, tuple[float, float]] = {
     "from -1e9 to 1e9": (-1e9, 1e9),
     "from 1e-9 to 1e9": (1e-9, 1e9),
     "from 0 to 1": (0.0, 1.0),
+    "from 1 to 10000": (1.0, float(_MOST_SOLIDS)),
 }
 _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
     "box": (BOX, 3, lambda x, y, z: (x / 2, y / 2, z / 2)),
@@ -90,6 +91,7 @@ _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
 }
 """Kind for the kernel, how many numbers are the size, and the half sizes for the kernel."""
 
+_GOLDEN = 1.1347241384015194  # the root of x^6 = x + 1
 _STILL = (0.0, 0.0, 0.0)
 _MARGIN = 1 + 1e-9  # of bounding spheres, against rounding
 
@@ -295,7 +297,9 @@ def _rectangles(corners: Array) -> list[tuple[Array, Array]]:
 
 
 def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, where: str) -> None:
-    data = _mapping(value, where, "box", "sphere", "cylinder", "at", "turn_deg", "texture")
+    data = _mapping(
+        value, where, "box", "sphere", "cylinder", "at", "turn_deg", "tilt_deg", "texture", "copies"
+    )
     shapes = [shape for shape in _SHAPES if shape in data]
     if len(shapes) != 1:
         raise ValueError(f"{where}: expected one of {', '.join(_SHAPES)}; got {', '.join(shapes) or 'none'}")
@@ -304,6 +308,25 @@ def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, whe
     kind, count, half_of = _SHAPES[shapes[0]]
     half = half_of(*_numbers(data[shapes[0]], count, f"{where}: {shapes[0]}", "from 1e-9 to 1e9"))
     center = _numbers(data.get("at"), 3, f"{where}: at")
-    turn = math.radians(*_numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg"))
-    x, y = math.cos(turn), math.sin(turn)
-    scene.add(name, texture, kind, center, [[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]], half)
+    angles = [_numbers(data.get(key, 0.0), 1, f"{where}: {key}")[0] for key in ("turn_deg", "tilt_deg")]
+    for x, y, z, turn_deg, tilt_deg in _copies(data.get("copies"), np.array([*center, *angles]), where):
+        turn, tilt = math.radians(turn_deg), math.radians(tilt_deg)
+        c, s, ahead, up = math.cos(turn), math.sin(turn), math.cos(tilt), math.sin(tilt)
+        axes = [[ahead * c, ahead * s, 0.0 - up], [-s, c, 0.0], [up * c, up * s, ahead]]
+        scene.add(name, texture, kind, [x, y, z], axes, half)
+
+
+def _copies(value: object, first: Array, where: str) -> Array:
+    """Return centre, turn and tilt (N, 5) of a solid's copies: in a row, and spread about it.
+
+    They spread by an additive recurrence, even in each number (M. Roberts, R sequences, 2018): no seed.
+    """
+    if value is None:
+        return first[None]
+    where = f"{where}: copies"
+    data = _mapping(value, where, "count", "step", "spread")
+    (count,) = _numbers(data.get("count"), 1, f"{where}: count", "from 1 to 10000")
+    step, spread = (_numbers(data.get(key, (0.0,) * 5), 5, f"{where}: {key}") for key in ("step", "spread"))
+    index = np.arange(int(count))[:, None]
+    even = (0.5 + index * _GOLDEN ** -np.arange(1.0, 6.0)) % 1.0
+    return np.asarray(first + index * step + (2 * even - 1) * spread)

@@ -1,12 +1,14 @@
 """Solids as rows of numbers, which ``COLUMNS`` names: their extent, points and moves, and the tracing kernel.
 
-The kernel tests every ray against every solid, in float64. It runs without the GIL and without numba's
-thread pool, which two Python threads must not enter: callers distribute rays over threads. Functions that
-take arrays for each ray are inlined: counting references would take as long as testing a few solids.
+The kernel tests each ray, in float64, against the solids whose boxes it meets, found in a tree of boxes. It
+runs without the GIL and without numba's thread pool, which two Python threads must not enter: callers
+distribute rays over threads. Functions that take arrays for each ray are inlined: counting references would
+take as long as testing a few solids.
 """
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +32,14 @@ Hit = tuple[float, float, float, float]
 
 _MISS = (math.inf, 0.0, 0.0, 0.0)
 
-_BUNDLE = 128
-"""Rays that are culled together: neighbours in an image miss the same solids."""
+Tree = tuple[Floats, Ints, Ints]
+"""Boxes of the nodes (M, 6), least and greatest corner; links (M, 4): the second child (the first is the next
+node) and the axis that divides them, and, of a leaf, where its solids begin in the order, and how many (else
+0); the order of the solids (N,)."""
 
-_SLACK_RAD = 1e-6
-"""More than the rounding of an arc cosine near 1, which is 1.5e-8."""
+_LEAF = 2  # solids of a leaf
+_VISIT = 1.0  # cost of visiting a node, in tests of a solid
+_SLACK = 1e-9  # of boxes, against rounding; part of their size and coordinates
 
 _THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -125,86 +130,119 @@ def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
     return best
 
 
-@njit(cache=True, nogil=True)
-def nearest_hits(
-    origins: Floats, directions: Floats, solids: Floats, distance: Floats, index: Ints, normal: Floats
-) -> None:
-    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit.
+def tree(rows: Floats) -> Tree:
+    """Return the tree of boxes around solids that :func:`nearest_hits` descends.
 
-    ``directions`` of any length become unit vectors.
+    In NumPy: a kernel that sorts takes longer to compile than this does for thousands of solids.
     """
-    # Arrays are read by element below: a view of a row takes longer than testing a solid.
-    near = np.empty(solids.shape[0], dtype=np.int64)
-    for start in range(0, origins.shape[0], _BUNDLE):
-        stop = min(start + _BUNDLE, origins.shape[0])
-        _normalise(directions, start, stop)
-        number = _cull(origins, directions, start, stop, solids, near)
-        for i in range(start, stop):
-            o = (origins[i, 0], origins[i, 1], origins[i, 2])
-            d = (directions[i, 0], directions[i, 1], directions[i, 2])
-            distance[i], index[i], n = _first(o, d, solids, near, number)
-            normal[i, 0], normal[i, 1], normal[i, 2] = n
+    low, high = extents(rows, np.eye(3))
+    slack = _SLACK * np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0)[:, None]
+    low, high = low - slack, high + slack
+    boxes: list[Floats] = []
+    links: list[list[int]] = []
+    order: list[int] = []
+    parts = [(np.arange(len(rows)), -1)] if len(rows) else []
+    while parts:
+        part, parent = parts.pop()
+        if parent >= 0:
+            links[parent][0] = len(boxes)
+        ranked, cut, axis = _divided(part, low[part], high[part])
+        if cut:
+            parts += [(ranked[cut:], len(boxes)), (ranked[:cut], -1)]
+        links.append([0, axis, len(order), 0 if cut else len(part)])
+        boxes.append(np.concatenate([low[part].min(axis=0), high[part].max(axis=0)]))
+        order += [] if cut else part.tolist()
+    return np.array(boxes).reshape(-1, 6), np.array(links, np.int64).reshape(-1, 4), np.array(order, np.int64)
+
+
+def _divided(part: Ints, low: Floats, high: Floats) -> tuple[Ints, int, int]:
+    """Return the solids of a node in their order along an axis, how many the first child has, and the axis.
+
+    It has 0 in a leaf. The surface area heuristic (MacDonald and Booth, 1990) decides.
+    """
+    axis = int(np.ptp(low + high, axis=0).argmax())
+    ranks = np.argsort(low[:, axis] + high[:, axis], kind="stable")
+    low, high, count = low[ranks], high[ranks], np.arange(1, len(part))
+    first = np.maximum.accumulate(high) - np.minimum.accumulate(low)
+    last = (np.maximum.accumulate(high[::-1]) - np.minimum.accumulate(low[::-1]))[::-1]
+    areas = [(size * np.roll(size, 1, axis=1)).sum(axis=1) for size in (first[:-1], last[1:], first[-1:])]
+    cost = areas[0] * count + areas[1] * count[::-1]
+    if len(part) <= _LEAF or not cost.min() < (len(part) - _VISIT) * areas[2][0]:
+        return part, 0, 0
+    return part[ranks], int(count[cost.argmin()]), axis
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _normalise(directions: Floats, start: int, stop: int) -> None:
-    """Make vectors unit vectors; NaN where they are zero."""
-    for i in range(start, stop):
+def nearest_hits(
+    origins: Floats,
+    directions: Floats,
+    solids: Floats,
+    tree: Tree,
+    shown: NDArray[np.bool_],
+    distance: Floats,
+    index: Ints,
+    normal: Floats,
+) -> None:
+    """Fill distance, index (row of ``solids``, -1 for none) and outward normal of each ray's first hit.
+
+    ``directions`` of any length become unit vectors. Only solids that are ``shown`` are hit; of hits at one
+    distance, the solid of the least index counts.
+    """
+    # Arrays are read by element below: a view of a row takes longer than testing a solid.
+    boxes, links, order = tree
+    stack = np.empty(len(boxes) + 1, dtype=np.int64)
+    for i in range(origins.shape[0]):
+        o = (origins[i, 0], origins[i, 1], origins[i, 2])
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         length = math.sqrt(x * x + y * y + z * z)
-        directions[i, 0], directions[i, 1], directions[i, 2] = x / length, y / length, z / length
+        d = (x / length, y / length, z / length)  # NaN for a vector of zeros
+        directions[i, 0], directions[i, 1], directions[i, 2] = d
+        distance[i], index[i], n = _first(o, d, solids, boxes, links, order, shown, stack)
+        normal[i, 0], normal[i, 1], normal[i, 2] = n
 
 
-@njit(cache=True, nogil=True)
-def _cull(origins: Floats, directions: Floats, start: int, stop: int, solids: Floats, near: Ints) -> int:
-    """Put into ``near`` the solids whose bounding spheres a bundle may hit, and return their number."""
-    # The bundle lies in a cone about its mean direction, widened by the spread of its origins. Comparisons
-    # with NaN, of a ray or of a mean of length 0, are false, so that no solid is skipped.
-    count = stop - start
-    o0 = o1 = o2 = a0 = a1 = a2 = 0.0
-    for i in range(start, stop):
-        o0, o1, o2 = o0 + origins[i, 0], o1 + origins[i, 1], o2 + origins[i, 2]
-        a0, a1, a2 = a0 + directions[i, 0], a1 + directions[i, 1], a2 + directions[i, 2]
-    o0, o1, o2 = o0 / count, o1 / count, o2 / count
-    length = math.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
-    if length == 0.0:
-        length = math.nan
-    a0, a1, a2 = a0 / length, a1 / length, a2 / length
-    least, spread = 1.0, 0.0
-    for i in range(start, stop):
-        cosine = a0 * directions[i, 0] + a1 * directions[i, 1] + a2 * directions[i, 2]
-        x, y, z = origins[i, 0] - o0, origins[i, 1] - o1, origins[i, 2] - o2
-        least = least if least <= cosine else cosine
-        spread = max(spread, math.sqrt(x * x + y * y + z * z))
-    half_angle = math.acos(max(-1.0, least)) + _SLACK_RAD
-    number = 0
-    for s in range(solids.shape[0]):
-        x, y, z = solids[s, 2] - o0, solids[s, 3] - o1, solids[s, 4] - o2
-        distance, radius = math.sqrt(x * x + y * y + z * z), solids[s, 17] + spread
-        if distance > radius:
-            cosine = (a0 * x + a1 * y + a2 * z) / distance
-            if math.acos(min(1.0, max(-1.0, cosine))) > half_angle + math.asin(radius / distance):
-                continue
-        near[number] = s
-        number += 1
-    return number
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _first(o: Vector, d: Vector, solids: Floats, near: Ints, number: int) -> tuple[float, int, Vector]:
-    """Return distance, row and normal of one ray's first hit among the first ``number`` solids near."""
+@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+def _first(
+    o: Vector, d: Vector, solids: Floats, boxes: Floats, links: Ints, order: Ints, shown: Any, stack: Ints
+) -> tuple[float, int, Vector]:
+    """Return distance, row and normal of one ray's first hit: nodes on its side come first."""
     best, which, normal = math.inf, -1, (0.0, 0.0, 0.0)
-    for k in range(number):
-        s = near[k]
-        v = (o[0] - solids[s, 2], o[1] - solids[s, 3], o[2] - solids[s, 4])
-        # Skip it unless the ray enters its bounding sphere before the nearest hit so far.
-        toward, radius = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2]), solids[s, 17]
-        beside = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - toward * toward
-        if toward < -radius or toward - radius > best or beside > radius * radius:
+    inverse = (1.0 / d[0], 1.0 / d[1], 1.0 / d[2])
+    x, y, z = inverse[0] < 0.0, inverse[1] < 0.0, inverse[2] < 0.0
+    sides = (
+        (0, 3 if x else 0, 0 if x else 3),
+        (1, 4 if y else 1, 1 if y else 4),
+        (2, 5 if z else 2, 2 if z else 5),
+    )  # columns of each axis, the entered side first
+    stack[0], size = 0, min(1, boxes.shape[0])
+    while size:
+        size -= 1
+        node = stack[size]
+        # Comparisons with NaN, of 0 times infinity, are false, so that no box is skipped.
+        near, far = 0.0, best
+        for k, low, high in sides:
+            t0, t1 = (boxes[node, low] - o[k]) * inverse[k], (boxes[node, high] - o[k]) * inverse[k]
+            near = t0 if t0 > near else near
+            far = t1 if t1 < far else far
+        if near > far:
             continue
-        hit = _hit(solids, s, _local(solids, s, v), _local(solids, s, d))
-        if hit[0] < best:
-            best, which, normal = hit[0], s, _world(solids, s, (hit[1], hit[2], hit[3]))
+        if not links[node, 3]:
+            backward = d[links[node, 1]] < 0.0
+            stack[size] = node + 1 if backward else links[node, 0]
+            stack[size + 1] = links[node, 0] if backward else node + 1
+            size += 2
+            continue
+        for j in range(links[node, 2], links[node, 2] + links[node, 3]):
+            s = order[j]
+            v = (o[0] - solids[s, 2], o[1] - solids[s, 3], o[2] - solids[s, 4])
+            # Skip it unless the ray enters its bounding sphere before the nearest hit so far.
+            toward, radius = -(d[0] * v[0] + d[1] * v[1] + d[2] * v[2]), solids[s, 17]
+            beside = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - toward * toward
+            if not shown[s] or toward < -radius or toward - radius > best or beside > radius * radius:
+                continue
+            hit = _hit(solids, s, _local(solids, s, v), _local(solids, s, d))
+            if hit[0] < best or (hit[0] == best and s < which):
+                best, which, normal = hit[0], s, _world(solids, s, (hit[1], hit[2], hit[3]))
     return best, which, normal
 
 
@@ -246,15 +284,21 @@ def _world(solids: Floats, s: int, v: Vector) -> Vector:
     )
 
 
-def extent(rows: Floats, frame: Floats) -> tuple[Floats, Floats]:
-    """Return the least and the greatest coordinates of solids along the rows of ``frame``."""
+def extents(rows: Floats, frame: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the greatest coordinates (N, 3) of each solid along the rows of ``frame``."""
     kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3) @ frame.T, rows[:, 14:17]
     reach = np.abs(axes * half[:, :, None]).sum(axis=1)
     disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
     reach[kind == CYLINDER] = disc[kind == CYLINDER]
     reach[kind == SPHERE] = half[kind == SPHERE, :1]
     centers = rows[:, 2:5] @ frame.T
-    return (centers - reach).min(axis=0), (centers + reach).max(axis=0)
+    return centers - reach, centers + reach
+
+
+def extent(rows: Floats, frame: Floats) -> tuple[Floats, Floats]:
+    """Return the least and the greatest coordinates of solids along the rows of ``frame``."""
+    low, high = extents(rows, frame)
+    return low.min(axis=0), high.max(axis=0)
 
 
 def center(rows: Floats) -> Floats:

@@ -55,6 +55,8 @@ TEXTURE = ("objects", "It", "texture")
         (("objects", "Red chair"), {}, f"objects: {NAMES}, got 'Red chair'"),
         (("objects", 7), {}, f"objects: {NAMES}, got 7"),
         (("objects", "It", "solids"), [], "It: solids: expected a list of at least 1, got []"),
+        ((*SOLID, "copies"), {"count": 0}, "It: copies: count: expected 1 number (from 1 to 10000), got 0"),
+        ((*SOLID, "copies"), {"count": 2, "step": [1]}, "It: copies: step: expected 5 numbers (from -1e9"),
         ((*SOLID, "sphere"), None, "It: expected one of box, sphere, cylinder; got none"),
         ((*SOLID, "box"), [1, 1, 1], "It: expected one of box, sphere, cylinder; got box, sphere"),
         ((*TEXTURE, "kind"), "marble", "It: texture: kind: expected one of plain, checker"),
