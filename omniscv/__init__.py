@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from omniscv.sources.recording import record
     from omniscv.sources.registry import open_source
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "Instant": "omniscv.geometry.instant:Instant",
