@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from mock_server.faults import KINDS
-from mock_server.settings import DEPTHS, DIALECTS, PLATFORMS, SHARED_MEMORY, scene_names
+from mock_server.settings import DEPTHS, DIALECTS, FILES, PLATFORMS, SHARED_MEMORY, scene_names
 from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
@@ -84,6 +84,11 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--shared-memory", help=f"one of {', '.join(SHARED_MEMORY)} (default unlisted)")
     add("--latency-ms", type=float, help="delay of every reply, ms")
     add("--folder", type=Path, help="where file commands write (default a temporary one)")
+    add("--files", help=f"one of {', '.join(FILES)}: whether names may lead out of it (default folder)")
+    eye = "dialect 0.3.10 has camera 1, 40 cm to the right"
+    add("--right-eye", action="store_true", help=eye)
+    level = "the level holds a CameraActor: the window of 0.3.10 follows the field of view"
+    add("--camera-actor", action="store_true", help=level)
     add = parser.add_argument_group("images").add_argument
     add("--size", type=_size, help="of images, px (default 640x480)")
     add("--window", type=_size, help="of the game's window, px (default as --size)")

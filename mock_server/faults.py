@@ -31,7 +31,11 @@ KINDS = {
     "missing": Kind("the reply is never sent"),
     "wrong-id": Kind("the reply carries the next id"),
     "no-id": Kind("the reply comes without its id"),
-    "clicked": Kind("'clicked', without an id, comes before the reply: a click in the game's window"),
+    "clicked": Kind(
+        "'clicked', without an id, comes each VALUE seconds, or before each reply: a click in the window",
+        0.0,
+        3600.0,
+    ),
     "cut": Kind("only the share VALUE of the payload is sent; the next frame follows at once", 0.5, 1.0),
     "bad-magic": Kind("the frame starts with a wrong magic number"),
     "zero-size": Kind("the frame has a size of 0, and no payload"),

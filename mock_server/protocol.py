@@ -82,7 +82,7 @@ class Transport:
         """
         if delay := self._faults.strike("delay"):
             self._pause(delay.amount())
-        if self._faults.strike("clicked"):
+        if (click := self._faults.strike("clicked")) and not click.amount():
             self._connection.sendall(frame(b"clicked"))
         if self._faults.strike("reset"):
             self._connection.sendall(frame(payload)[: (8 + len(payload)) // 2])

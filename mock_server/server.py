@@ -112,7 +112,7 @@ class Server:
         self.fault = ""
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self.host, self.port = self._tcp.getsockname()[:2]
-        self._files = OutputFolder(settings.folder)
+        self._files = OutputFolder(settings.folder, settings.files == "anywhere")
         self._dialect = BY_NAME[settings.dialect](self.world, settings, self.port, self._files)
         self.regions: dict[str, bytearray] = getattr(self._dialect, "regions", {})
         self._stopping = threading.Event()
@@ -231,7 +231,7 @@ def replies(
     """
     pending: deque[tuple[int, float, int, Later]] = deque()  # frame, request's time, id, reply
     batch: list[Request] = []
-    dialect.held = 0
+    dialect.held, clicked = 0, time.monotonic()
     for frame in itertools.takewhile(lambda _: not stopping.is_set(), itertools.count()):
         for request in _received(dialect, requests):
             if request is None:
@@ -249,6 +249,11 @@ def replies(
                     yield received, reply
             batch.clear()
         dialect.tick()
+        if (
+            pushed := dialect.world.faults.get("clicked")
+        ) and 0 < pushed.amount() <= time.monotonic() - clicked:
+            clicked = time.monotonic()
+            yield clicked, b"clicked"
         while pending and pending[0][0] <= frame:
             _, received, identity, reply = pending.popleft()
             yield received, _payload(identity, reply.make())

@@ -15,12 +15,14 @@ Depth = Literal["half", "float32"]
 Platform = Literal["windows", "linux"]
 Panorama = Literal["fork", "centred"]
 SharedMemory = Literal["unlisted", "refusing", "serving"]
+Files = Literal["folder", "anywhere"]
 
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
 DEPTHS: tuple[Depth, ...] = get_args(Depth)
 PLATFORMS: tuple[Platform, ...] = get_args(Platform)
 PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
 SHARED_MEMORY: tuple[SharedMemory, ...] = get_args(SharedMemory)
+FILES: tuple[Files, ...] = get_args(Files)
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -33,6 +35,7 @@ _RANGES = {
 }
 _WHOLE = ("port", "seed")
 _MOST_PX = 1 << 15
+_LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 def scene_names() -> list[str]:
@@ -63,6 +66,10 @@ class Settings:
         frames_per_s: the frame rate while no request comes.
         time_step_s: seconds that the scene's clock advances in a frame.
         folder: where file commands write; None for a temporary folder, removed at the end.
+        files: ``folder``: names that lead out of it are not written; ``anywhere``: they are, as by an engine;
+            local addresses only.
+        right_eye: ``EnableRightEye`` of unrealcv.ini: dialect 0.3.10 has camera 1, 40 cm to the right.
+        camera_actor: the level holds a CameraActor: the window of 0.3.10 follows the field of view.
         faults: faults to inject, such as ``("delay=0.2@0.05", "vignette")``: see ``mock_server.faults``.
         seed: seed of the faults' random numbers.
 
@@ -84,6 +91,9 @@ class Settings:
     frames_per_s: float = 60.0
     time_step_s: float = 1 / 60
     folder: Path | None = None
+    files: Files = "folder"
+    right_eye: bool = False
+    camera_actor: bool = False
     faults: Iterable[str] = ()
     seed: int = 0
 
@@ -93,6 +103,7 @@ class Settings:
             ("depth", DEPTHS),
             ("platform", PLATFORMS),
             ("shared_memory", SHARED_MEMORY),
+            ("files", FILES if self.host in _LOCAL else FILES[:1]),
             ("panorama", PANORAMAS),
         ):
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")

@@ -30,6 +30,7 @@ _KEPT_PIXELS = 1 << 23  # of 80 bytes
 _MOST_PIXELS = 1 << 24
 _KEPT_MOMENTS = 64
 _SLOMO = re.compile(r"vrun slomo ([-+]?(?:\d*\.)?\d+)\s*", re.ASCII)
+_SETRES = re.compile(r"vrun (?:r\.)?setres (\d{1,5})x(\d{1,5})[wf]*\s*", re.ASCII | re.IGNORECASE)
 _SLOWEST, _FASTEST = 1e-4, 20.0  # of the engine's slow motion
 _STEEPEST_DEG = 89.9
 """The largest pitch and roll that the engine's controller accepts, degrees."""
@@ -118,7 +119,7 @@ class World:
         self.player = Player(_START_CM)
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
-        self.viewmode = "lit"
+        self.viewmode, self.window = "lit", settings.window_size
         self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
         self.placed_objects = Objects(scene)
         self._may_have_changed = True  # an object, since the last frame
@@ -156,6 +157,16 @@ class World:
     def placed(self) -> Scene:
         """Return the scene at this moment."""
         return self._present_moment().shown
+
+    def swept(self, goal: Triple) -> Triple:
+        """Return where the pawn ends, cm, on a straight line to ``goal``: at the first surface."""
+        start, end = np.array(self.player.location), np.array(goal)
+        length = float(np.linalg.norm(end - start))
+        if not length:
+            return goal
+        hits = self.placed().trace(MIRROR @ start / 100, MIRROR @ (end - start))
+        x, y, z = (start + min(1.0, 100 * float(hits.distance) / length) * (end - start)).tolist()
+        return x, y, z
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
@@ -215,10 +226,12 @@ class World:
         return self._moments[-1] if now == self._moments[-1] else now
 
     def on_command(self, text: str) -> None:
-        """Apply the effects of console commands: slow motion, and the end of some faults."""
+        """Apply the effects of console commands: slow motion, the window's size, the end of faults."""
         self._film.on_command(text)
         if slomo := _SLOMO.fullmatch(text):
             self._slomo = min(max(float(slomo[1]), _SLOWEST), _FASTEST)
+        if (setres := _SETRES.fullmatch(text)) and 0 < int(setres[1]) * int(setres[2]) <= _MOST_PIXELS:
+            self.window = int(setres[1]), int(setres[2])
 
     def capture(self, camera: Camera, late: int = 0) -> ViewHits:
         """Return a camera's view in every mode: of the objects now, or ``late`` frames before the last."""

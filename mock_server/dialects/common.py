@@ -1,8 +1,11 @@
 """The base of all dialects: command templates, help, status, and the commands that all have."""
 
 import contextlib
+import dataclasses
 import functools
 import itertools
+import logging
+import os
 import re
 import tempfile
 from abc import ABC, abstractmethod
@@ -11,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from mock_server.objects import SceneObject
+from mock_server import pixels
+from mock_server.objects import SceneObject, axes
 from mock_server.protocol import to_int32
 from mock_server.settings import Settings
 from mock_server.world import World
@@ -29,6 +33,15 @@ Reply = str | bytes | Later | None
 """None is sent as ``ok``, as empty text is."""
 Row = tuple[str, str, Callable[..., Reply]]
 """A template, its description, and its handler."""
+
+LOGGER = logging.getLogger("mock_server")
+
+_SHOTS = {"shot": "ScreenShot", "screenshot": "ScreenShot", "highresshot": "HighresScreenshot"}
+"""Console commands that write the window into a file, and how its name begins."""
+
+_KEYS = {"W": (1.0, 0), "S": (-1.0, 0), "D": (1.0, 1), "A": (-1.0, 1)}
+"""By key, the sign and the axis, forward or right, along which the pawn goes."""
+_SPEED = 1200.0  # cm a second, of the engine's flying pawn
 
 _LIMIT = 1e9
 """cm, or degrees: larger numbers are clipped to it, so that no arithmetic overflows."""
@@ -77,13 +90,13 @@ class Command:
 
 
 class OutputFolder:
-    """The folder that file commands write to, never outside of it.
+    """The folder that file commands write to; outside of it only if ``anywhere``.
 
     None is a temporary folder, removed by ``close``.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self._folder, self._numbers = folder, itertools.count(1)
+    def __init__(self, folder: Path | None = None, anywhere: bool = False) -> None:
+        self._folder, self._anywhere, self._numbers = folder, anywhere, itertools.count(1)
         self._opened = contextlib.ExitStack()
         self.close = self._opened.close
 
@@ -98,13 +111,20 @@ class OutputFolder:
         """Return a new name, for an image without one."""
         return f"{next(self._numbers):08d}.png"
 
+    def named(self, name: str) -> str:
+        """Return the path that a reply names."""
+        return os.path.join(self.path, name)
+
     def write(self, name: str, data: bytes) -> None:
-        """Write a file; ignore files that cannot be written, and names that lead out of the folder."""
+        """Write a file and make its folders; a file that cannot be written is missing, as with an engine."""
         folder = self.path.resolve()
         with contextlib.suppress(OSError, ValueError):  # ValueError: a name with a null byte
             target = (folder / name).resolve()
-            if target.is_relative_to(folder):
-                target.write_bytes(data)
+            if not self._anywhere and not target.is_relative_to(folder):
+                LOGGER.warning("not written, as it is outside the folder: %r; see --files anywhere", name)
+                return
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
 
 
 class Dialect(ABC):
@@ -205,20 +225,45 @@ class Dialect(ABC):
         templates = [f"{verb} {' '.join(['[str]'] * n)}" for n in range(least, most + 1)]
         return [(t, f"{verb} with {t.count('[')} words", act) for t in templates]
 
-    def run_function(self, actor: str, function: str, *_: str) -> Reply:
+    def console(self, command: str, *words: str) -> None:
+        """Run a console command: here those that write the window into a file; others act on the world."""
+        if stem := _SHOTS.get(command.lower()):
+            times = next((int(word) for word in words if re.fullmatch("[1-9]", word)), 1)
+            width, height = self.world.window
+            name = f"Saved/Screenshots/{stem}{self.files.next_name()[3:]}"
+            self.files.write(name, self.window_png((times * width, times * height)))
+
+    def window_png(self, size: tuple[int, int]) -> bytes:
+        """Return what the window shows, as PNG; empty if it is too large."""
+        camera = dataclasses.replace(self.world.cameras[0], size=size)
+        if not camera.has_pixels():
+            return b""
+        return pixels.png(self.world.image(self.world.capture(camera), self.world.viewmode, camera))
+
+    def press(self, key: str, seconds: float) -> None:
+        """Move the pawn as keys W, A, S and D do for so many seconds, at once; other keys do nothing."""
+        if key.upper() in _KEYS:
+            sign, axis = _KEYS[key.upper()]
+            player = self.world.player
+            step = sign * _SPEED * max(0.0, seconds) * axes(player.rotation)[:, axis]
+            x, y, z = (player.location + step).tolist()
+            player.location = self.world.swept((x, y, z))
+
+    def run_function(self, actor: str, function: str, *words: str) -> Reply:
         """Return the reply to the call of an actor's function; the mock's actors have no functions."""
         if actor in self.world.objects:
-            return f"error Fail to execute the function '{function}' of {actor}"
+            return f"error Fail to execute the function '{' '.join((function, *words))}' of {actor}"
         return f"error Can not find actor with id '{actor}'"
 
     def status(self) -> str:
         """Return the status. Clients look for captured files beside the config file that it names."""
         state = self.status_on_unix if self.on_unix else "Client Connected"
         width, height = self.settings.size
+        eye = str(self.settings.right_eye).lower()
         return (
             f"Is Listening\n{state}\n{self.port}\nConfiguration\n"
             f"Config file: {self.files.path.absolute()}/unrealcv.ini\nPort: {self.port}\nWidth: {width}\n"
-            f"Height: {height}\nFOV: {self.settings.fov_deg:f}\nEnableInput: true\nEnableRightEye: false\n"
+            f"Height: {height}\nFOV: {self.settings.fov_deg:f}\nEnableInput: true\nEnableRightEye: {eye}\n"
         )
 
     def _set_viewmode(self, mode: str) -> Reply:

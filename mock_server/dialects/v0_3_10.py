@@ -7,9 +7,22 @@ from typing import Any, Literal
 import numpy as np
 
 from mock_server import pixels
-from mock_server.dialects.common import THREE, Dialect, Later, Reply, Row, color, numbers, ok, paint, sets
-from mock_server.objects import MIRROR
-from mock_server.world import Camera
+from mock_server.dialects.common import (
+    THREE,
+    Dialect,
+    Later,
+    OutputFolder,
+    Reply,
+    Row,
+    color,
+    numbers,
+    ok,
+    paint,
+    sets,
+)
+from mock_server.objects import Triple, axes
+from mock_server.settings import Settings
+from mock_server.world import Camera, World
 
 _Form = Literal["png", "npy", "exr"]
 _CAPTURED = ("lit", "depth", "normal")
@@ -25,6 +38,12 @@ class Plugin0310(Dialect):
 
     lag = (1, 2)  # one frame is being rendered, and rotations take another
     follows_while_paused = True
+
+    def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
+        self._eyes_cm = 40
+        if settings.right_eye:
+            world.cameras.append(Camera("RightEye", world.player.location, size=settings.size))
+        super().__init__(world, settings, port, files)
 
     def rows(self) -> list[Row]:
         obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
@@ -50,7 +69,7 @@ class Plugin0310(Dialect):
             (f"{image}/object_mask", "The mask in the window, in a file", self._window_mask),
             (f"{image}/object_mask [str]", "The mask, as png or in a file", self._window_mask),
             (f"{image}/screenshot", "The window, in a file", lambda _: self._saved(self._window)),
-            (f"vget {cam}/location", "Location, cm", camera(lambda _: numbers(player.location))),
+            (f"vget {cam}/location", "Location, cm", camera(lambda c: numbers(self._location(c)))),
             (f"vget {cam}/rotation", "Pitch, yaw, roll", lambda _: numbers(player.rotation)),
             (f"vget {cam}/pose", "Both", lambda _: f"{numbers(player.location)} {numbers(player.rotation)}"),
             (f"vset {cam}/location {THREE}", "Moves the pawn", lambda _, *xyz: self._pose(xyz)),
@@ -58,7 +77,7 @@ class Plugin0310(Dialect):
             (f"vset {cam}/pose {THREE} {THREE}", "Both", lambda _, *p: self._pose(p[:3], p[3:])),
             (f"vget {cam}/horizontal_fieldofview", "Degrees", camera(lambda c: f"{c.fov:.3f}")),
             (f"vset {cam}/horizontal_fieldofview [float]", "Sets it", self._set_fov),
-            (f"vset {cam}/moveto {THREE}", "Moves the pawn up to what is in the way", self._move_to),
+            (f"vset {cam}/moveto {THREE}", "Moves it up to what is in the way", self._move_to),
             (f"vget {cam}/proj_matrix", "Projection", lambda _: "error Argument Invalid"),
             *self.viewmode_rows(),
             ("vget /actor/location", "Location of the pawn, cm", lambda: numbers(player.location)),
@@ -76,14 +95,17 @@ class Plugin0310(Dialect):
             ("vset /action/game/level [str]", "Opens a level", ok),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
-            ("vset /action/eyes_distance [float]", "Distance of two eyes, cm", ok),
-            ("vset /action/keyboard [str] [float]", "Presses a key", ok),
-            *self.console_rows("vrun", 1, 3, ok),
+            ("vset /action/eyes_distance [float]", "Distance of two eyes, cm", self._set_eyes),
+            ("vset /action/keyboard [str] [float]", "Presses a key", self.press),
+            *self.console_rows("vrun", 1, 3, self.console),
             *self.console_rows("vexec", 2, 5, self.run_function),
         ]
 
     def malformed(self, payload: bytes) -> bytes:
         return b"error: Malformat raw message '%b'" % payload.partition(b"\0")[0]
+
+    def _location(self, camera: Camera) -> Triple:
+        return self.world.player.location if camera is self.world.cameras[0] else camera.location
 
     def _pause(self) -> None:
         self.world.paused = not self.world.paused
@@ -93,14 +115,18 @@ class Plugin0310(Dialect):
         if not self.world.faults.strike("ignore-pose"):
             player.location, player.rotation = location or player.location, rotation or player.rotation
 
-    def _move_to(self, _: int, x: float, y: float, z: float) -> None:
-        """Move the pawn along a straight line, up to the first surface."""
-        start, goal = np.array(self.world.player.location), np.array([x, y, z])
-        length = float(np.linalg.norm(goal - start))
-        if length > 0:
-            hits = self.world.placed().trace(MIRROR @ start / 100, MIRROR @ (goal - start))
-            x, y, z = (start + min(1.0, 100 * float(hits.distance) / length) * (goal - start)).tolist()
-        self._pose((x, y, z))
+    def tick(self) -> None:
+        super().tick()
+        if self.settings.right_eye:
+            left, right = self.world.cameras
+            x, y, z = (left.location + self._eyes_cm * axes(left.rotation)[:, 1]).tolist()
+            right.location, right.rotation, right.fov = (x, y, z), left.rotation, left.fov
+
+    def _set_eyes(self, distance: float) -> None:
+        self._eyes_cm = int(distance)
+
+    def _move_to(self, _: int, *goal: Any) -> None:
+        self._pose(self.world.swept(goal))
 
     def _set_fov(self, index: int, fov: float) -> Reply:
         if index > 0:
@@ -111,11 +137,12 @@ class Plugin0310(Dialect):
     def _data(self, form: _Form, *modes: str) -> Callable[..., Reply]:
         """Return a handler that replies images of modes; no data, as of a missing camera, becomes ok."""
         missing = "error Invalid camera id {}" if form == "png" else "ok"
-        return self.with_camera(lambda _: b"".join(self._encoded(mode, form) for mode in modes), missing)
+        return self.with_camera(
+            lambda camera: b"".join(self._encoded(camera, mode, form) for mode in modes), missing
+        )
 
-    def _encoded(self, mode: str, form: _Form) -> bytes:
+    def _encoded(self, camera: Camera, mode: str, form: _Form) -> bytes:
         """Return an image's bytes; empty if the camera has no pixels."""
-        camera = self.world.cameras[0]
         if not camera.has_pixels():
             return b""
         view = self.world.capture(camera, _LATE)
@@ -134,13 +161,14 @@ class Plugin0310(Dialect):
         """Capture into a file, two frames from now."""
         if mode not in _CAPTURED:
             return f"error Unrecognized capture mode {mode}"
-        if index > 0:
+        if index >= len(self.world.cameras):
             return f"error Invalid camera id {index}"
         if mode == "lit":
             self.world.viewmode = "lit"
-        if name and not name.endswith((".png", ".exr")):
+        ending, camera = name.lower()[-4:], self.world.cameras[index]
+        if name and ending not in (".png", ".exr"):
             return self._saved(bytes, name)
-        return self._saved(lambda: self._encoded(mode, "exr" if name.endswith(".exr") else "png"), name)
+        return self._saved(lambda: self._encoded(camera, mode, "exr" if ending == ".exr" else "png"), name)
 
     def _window_mask(self, _: int, name: str = "") -> Reply:
         """Capture the mask from the window, as PNG; the window stays in that view mode."""
@@ -150,9 +178,10 @@ class Plugin0310(Dialect):
         return Later(_FILE_FRAMES, self._window) if name == "png" else self._saved(self._window, name)
 
     def _window(self) -> bytes:
-        """Return a PNG of the window, at its own size and initial field of view."""
-        pose, size = self.world.player.delayed(0, 0), self.settings.window_size
-        camera = Camera("viewport", *pose, self.settings.fov_deg, size)
+        """Return a PNG of the window, of its size; its field of view is the first, or a CameraActor's."""
+        pose, size = self.world.player.delayed(0, 0), self.world.window
+        fov = self.world.cameras[0].fov if self.settings.camera_actor else self.settings.fov_deg
+        camera = Camera("viewport", *pose, fov, size)
         shown = self.world.image(self.world.capture(camera), self.world.viewmode)
         return pixels.png(
             pixels.through_vertex_colors(shown) if self.world.viewmode == "object_mask" else shown
@@ -165,6 +194,6 @@ class Plugin0310(Dialect):
         def save() -> str:
             if data := make():
                 self.files.write(name, data)
-            return f"{self.files.path}/{name}"
+            return self.files.named(name)
 
         return Later(_FILE_FRAMES, save)

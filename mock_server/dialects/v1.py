@@ -1,8 +1,10 @@
 """The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 to 2026-04 (N2)."""
 
+import dataclasses
 import re
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from mock_server import pixels
 from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, numbers, ok, paint, sets
@@ -43,6 +45,7 @@ class Plugin1(Dialect):
     def rows(self) -> list[Row]:
         obj, at = self.with_object, "/object/[str]"
         camera, cam = self.with_camera, "/camera/[uint]"
+        script = "vget /persistent_level/level_script_actor/id"
         strict = partial(camera, missing=BAD_ARGUMENT)
         return [
             ("vrun [str]", "Runs an alias", ok),
@@ -76,10 +79,12 @@ class Plugin1(Dialect):
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
             ("vset /action/eyes_distance [float]", "Distance of two eyes", lambda _: "error Not Implemented"),
-            ("vset /action/keyboard [str] [float]", "Presses a key", ok),
-            *self.console_rows("vrun", 1, 6, ok),
-            *self.console_rows("vexec", 2, 7, self._run_in_silence),
-            *self.console_rows("vbp", 2, 11, self.run_function),
+            ("vset /action/keyboard [str] [float]", "Presses a key", self.press),
+            *self.console_rows("vrun", 1, 6, self.console),
+            *self.console_rows("vexec", 2, 7, self.run_function),
+            *self.console_rows("vbp", 2, 11, self._run_blueprint),
+            ("vget /persistent_level/id", "Name of the level", lambda: "PersistentLevel"),
+            (script, "Its script", lambda: f"{self.world.scene.name}_C_0"),
             ("vget /screenshot [str]", "What the window shows", self._screenshot),
             (
                 "vget /cameras",
@@ -116,10 +121,10 @@ class Plugin1(Dialect):
             is_player = camera is self.world.cameras[0]
             setattr(self.world.player if is_player else camera, attribute, values)
 
-    def _move_to(self, camera: Camera, *location: float) -> Reply:
+    def _move_to(self, camera: Camera, *location: Any) -> Reply:
         if camera is not self.world.cameras[0]:
             return "error MoveTo only supports the player camera with id 0"
-        self._set_pose("location", camera, *location)
+        self._set_pose("location", camera, *self.world.swept(location))
         return None
 
     def _rotation(self, camera: Camera) -> str:
@@ -127,12 +132,13 @@ class Plugin1(Dialect):
         return numbers(camera.rotation if is_player else through_quaternion(camera.rotation))
 
     def _screenshot(self, form: str) -> Reply:
-        return self._image("screenshot", self.world.cameras[0], form)
+        window = dataclasses.replace(self.world.cameras[0], size=self.world.window)
+        return self._image("screenshot", window, form)
 
     def _image(self, mode: str, camera: Camera, form: str) -> Reply:
         """Return an image as bytes (``form`` is a format), or write it to a file (a name with an ending)."""
         kinds = ("npy",) if mode == "depth" else ("png", "bmp")
-        kind = next((kind for kind in kinds if form.lower() == kind or form.endswith(f".{kind}")), "")
+        kind = next((kind for kind in kinds if form.lower() == kind or form.lower().endswith(f".{kind}")), "")
         if not kind:
             return f"error Invalid filename type, filename {form}"
         mode = "object_mask" if mode == "seg" else mode
@@ -175,9 +181,9 @@ class Plugin1(Dialect):
         self.world.placed_objects.rename(o, name)
         return None
 
-    def _run_in_silence(self, actor: str, function: str, *words: str) -> Reply:
-        """Reply to ``vexec``, which does not report a missing function."""
-        return None if actor in self.world.objects else self.run_function(actor, function, *words)
+    def _run_blueprint(self, actor: str, function: str, *words: str) -> Reply:
+        """Reply to ``vbp``, which takes a missing function for a wrong argument."""
+        return BAD_ARGUMENT if actor in self.world.objects else self.run_function(actor, function, *words)
 
     def _destroy(self, name: str) -> Reply:
         return None if self.world.destroy(name) else self.no_object.format(name)
@@ -196,10 +202,8 @@ class Branch422(Plugin1):
 
     def rows(self) -> list[Row]:
         # The plugin bound the getter of the size, which is last, to the setter: its arguments are missing.
-        rows, size = super().rows()[:-1], "vget /camera/[uint]/size"
-        size_row = (size, "Width and height, px", lambda _: BAD_ARGUMENT)
-        lacks = ("vget /level/name", "vset /camera/[uint]/ortho_width", "vset /camera/[uint]/projection_type")
-        return [*(row for row in rows if not row[0].startswith(lacks)), size_row]
+        size = "vget /camera/[uint]/size"
+        return [*super().rows()[:-1], (size, "Width and height, px", lambda _: BAD_ARGUMENT)]
 
 
 class Branch52(Plugin1):
@@ -226,11 +230,9 @@ class Branch52(Plugin1):
         rows[alias] = ("vrun [str]", "Runs an alias", "error Unrecognised alias '{}'".format)
         rows[one_word] = ("vcmd [str]", "Runs a console command of one word", ok)
         strict, at = partial(self.with_camera, missing=BAD_ARGUMENT), "vset /camera/[uint]"
-        flow, level = partial(self._image, "optical_flow"), "vget /persistent_level"
+        flow = partial(self._image, "optical_flow")
         return [
             *rows,
-            (f"{level}/id", "Name of the level", lambda: "PersistentLevel"),
-            (f"{level}/level_script_actor/id", "Its script", lambda: f"{self.world.scene.name}_C_0"),
             ("vget /camera/[uint]/optical_flow [str]", "An image: optical_flow", self.with_camera(flow)),
             *((f"{at}/{key} [str]", f"Sets the {c[0]}", strict(_choose(*c))) for key, c in _CHOICES.items()),
             (f"{at}/exposure_method [str]", "Sets the exposure method", strict(_set_method)),

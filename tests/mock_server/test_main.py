@@ -123,7 +123,10 @@ def test_handlers_are_restored():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nowhere"], "scene: expected one of direction, fence, four-wall, open, six-wall, waves, "),
+        (
+            ["nowhere"],
+            "scene: expected one of courtyard, direction, fence, four-wall, open, six-wall, waves, ",
+        ),
         (["--size", "big"], "expected a size such as 640x480, got 'big'"),
         (["--fault", f"delay={'9' * 9999}"], "fault delay: expected a number from 0 to 3600, got '9999"),
         (["--fault", "nofault"], "object-missing; got 'nofault'"),
