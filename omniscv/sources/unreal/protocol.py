@@ -203,12 +203,11 @@ class Dialect:
     commands: frozenset[str] = frozenset()
 
 
-_M = frozenset({BOUNDS, VERTICES, IS_PAUSED})
-_N1 = _M | {LEVEL}
+_N1 = frozenset({BOUNDS, VERTICES, IS_PAUSED, LEVEL})
 _N2 = _N1 | {EXPOSURE_METHOD}
 DIALECTS = {
     "0.3.10": Dialect("plugin 0.3.10 (L)", "Unreal 4.12 to 4.16"),
-    "M": Dialect("branches 4.22 to 4.27, which report 0.3.10", "Unreal 4.22 to 4.27", False, _M),
+    "M": Dialect("branches 4.22 to 4.27, which report 0.3.10", "Unreal 4.22 to 4.27", False, _N1),
     "N1": Dialect("plugin 1.0.1, before 2026-03", "Unreal 4.27 and 5", False, _N1),
     "N2": Dialect("plugin 1.0.1, branch 5.2 from 2026-03", "Unreal 5.2 and later", True, _N2),
     "N3": Dialect("plugin 1.1.0 and later", "Unreal 5.2 and later", True, _N2),
@@ -261,14 +260,15 @@ def _probed(connection: Asked) -> str:
     """Return the dialect of a server without a list.
 
     N2 has error texts of its own for unknown commands; only 0.3.10 knows the field of view by this name; M
-    does not know the level's name.
+    has the commands of N1, and the version of 0.3.10.
     """
     number = r"\d+\.\d+$"
     if _first_match(connection, "vget /omniscv", _UNKNOWN, _UNKNOWN_N2) == _UNKNOWN_N2:
         return "N2"
     if _first_match(connection, "vget /camera/0/horizontal_fieldofview", _UNKNOWN, number) == number:
         return "0.3.10"
-    return "M" if _first_match(connection, LEVEL, _UNKNOWN, "") == _UNKNOWN else "N1"
+    old = r"0\.3\.10$"
+    return "M" if _first_match(connection, VERSION, old, "") == old else "N1"
 
 
 def _first_match(connection: Asked, command: str, *patterns: str) -> str:
