@@ -13,7 +13,7 @@ from omniscv.sources.unreal.protocol import DIALECTS
 LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"
 METHOD, CINE = "vset /camera/[uint]/exposure_method [str]", "vget /camera/[uint]/cine/enabled"
 HAVE = {
-    "0.3.10": set(), "M": {BOUNDS}, "N1": {BOUNDS, LEVEL}, "N2": {BOUNDS, LEVEL, METHOD},
+    "0.3.10": set(), "M": {LEVEL, BOUNDS}, "N1": {BOUNDS, LEVEL}, "N2": {BOUNDS, LEVEL, METHOD},
     "N3": {BOUNDS, LEVEL, METHOD, CINE},
 }  # fmt: skip
 
