@@ -130,8 +130,12 @@ def patches(
             left[rows] = False
             alive[held(points, R_w_c, half)] = 0
             cost = modes * price.of(1, width * height)
-            points, alive = points[alive > 0], alive[alive > 0]
             yield Patch(view, doubt.center, doubt.pixels[rows], float(worth[rows].sum()), cost)
+        waiting = alive > 0
+        if waiting.all():  # azimuths are approximate: at worst none of the window's rays lies in it
+            queue = [entry for entry in queue if entry[1] != k]
+            heapq.heapify(queue)
+        points, alive = points[waiting], alive[waiting]
 
 
 def _axes(points: Array) -> Array:

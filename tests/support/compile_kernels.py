@@ -12,7 +12,8 @@ def main() -> None:
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
-            for strategy in ("auto",) if camera.central else ("auto", "exact"):
+            scattered = name == "lidar"  # nearly every pixel has a centre of its own
+            for strategy in ("auto",) if camera.central or scattered else ("auto", "exact"):
                 omniscv.render(camera, POSE, source, MODES, strategy=strategy, face_size=16)
         ring = omniscv.cameras.create("noncentral-panorama", width=16, height=8, radius=1.0)
         for camera in (omniscv.cameras.model("equirectangular").example(32), ring):
