@@ -228,7 +228,7 @@ class Branch52(Plugin1):
         rows = super().rows()
         alias, one_word = 0, [row[0] for row in rows].index("vrun [str]", 1)
         rows[alias] = ("vrun [str]", "Runs an alias", "error Unrecognised alias '{}'".format)
-        rows[one_word] = ("vcmd [str]", "Runs a console command of one word", ok)
+        rows[one_word] = ("vcmd [str]", "Runs a console command of one word", self.console)
         strict, at = partial(self.with_camera, missing=BAD_ARGUMENT), "vset /camera/[uint]"
         flow = partial(self._image, "optical_flow")
         return [

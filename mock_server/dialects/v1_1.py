@@ -17,7 +17,7 @@ import numpy as np
 
 from mock_server import cine as cine_model
 from mock_server import pixels
-from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, ok, sets, with_target
+from mock_server.dialects.common import THREE, OutputFolder, Reply, Row, sets, with_target
 from mock_server.dialects.v1 import BAD_ARGUMENT, MODES, Branch52
 from mock_server.objects import MIRROR, SceneObject, axes
 from mock_server.settings import Settings
@@ -50,7 +50,7 @@ class Plugin11(Branch52):
         spawn, cube = "vset /objects/spawn", partial(self._spawn, "CubeActor")
         rows: list[Row] = [
             *super().rows()[1:],
-            ("vrun [str]", "Runs a console command", ok),
+            ("vrun [str]", "Runs a console command", self.console),
             ("vget /unrealcv/commands", "Templates of all commands, one a line", self._list),
             (f"vset {cam}/fov [float]", "Sets it, within 1 to 179", strict(_set_fov)),
             (f"{spawn} [str] {THREE}", "Adds an object at a place", lambda c, *at: self._spawn(c, "", at)),
