@@ -1,6 +1,7 @@
 """Compiles most kernels into the cache on disk, once: else each worker of pytest compiles all of them."""
 
 import omniscv
+from omniscv.planning import ImageRays
 
 MODES = ("lit", "object_mask", "depth", "normals")
 POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
@@ -12,8 +13,8 @@ def main() -> None:
     with omniscv.open_source("scene://four-wall") as source:
         for name in omniscv.cameras.names():
             camera = omniscv.cameras.model(name).example(16)
-            scattered = name == "lidar"  # nearly every pixel has a centre of its own
-            for strategy in ("auto",) if camera.central or scattered else ("auto", "exact"):
+            one_way = camera.central or ImageRays(camera).scattered
+            for strategy in ("auto",) if one_way else ("auto", "exact"):
                 omniscv.render(camera, POSE, source, MODES, strategy=strategy, face_size=16)
         ring = omniscv.cameras.create("noncentral-panorama", width=16, height=8, radius=1.0)
         for camera in (omniscv.cameras.model("equirectangular").example(32), ring):
