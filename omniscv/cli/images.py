@@ -29,6 +29,8 @@ _OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube m
 def render(
     job: JobArguments,
     stem: Annotated[str | None, Option(help="Start of the file names; else the camera's name.")] = None,
+    listed: Annotated[bool, Option("--list", help="Print the files' names, not only their number.")] = False,
+    as_json: options.AsJson = False,
     progress: StyleOption = None,
 ) -> None:
     """Compose images and their ground truth."""
@@ -41,8 +43,11 @@ def render(
         loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
     with display("images", progress) as show:
         files = run(loaded, show, warn=console.error)
-    for path in dict.fromkeys(files):  # objects.json is one file for all images
-        console.line(path)
+    names = list(dict.fromkeys(map(str, files)))  # objects.json is one file for all images
+    if as_json:
+        console.as_json(names)
+    else:
+        console.document("\n".join(names) if listed else f"{len(names)} files in {loaded.out}/")
 
 
 # -- record ----------------------------------------------------------------------------------------------

@@ -106,9 +106,15 @@ def _field(job, path):
 
 
 def test_each_written_file_is_listed_once(job, capsys):
-    assert run(["render", str(job), "--set", "poses=[{position: [0, 0, 1.5]}, {position: [0, 0, 1.4]}]"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert sorted(lines) == sorted(map(str, (job.parent / "out").iterdir()))
+    command = ["render", str(job), "--set", "poses=[{position: [0, 0, 1.5]}, {position: [0, 0, 1.4]}]"]
+    out = job.parent / "out"
+    assert run([*command, "--list"]) == 0
+    files = sorted(map(str, out.iterdir()))
+    assert sorted(capsys.readouterr().out.splitlines()) == files
+    assert run([*command, "--json"]) == 0
+    assert sorted(json.loads(capsys.readouterr().out)) == files
+    assert run(command) == 0
+    assert capsys.readouterr().out == f"{len(files)} files in {out}/\n"
 
 
 def test_a_command_renders_what_options_make_of_a_job(job, capsys):

@@ -23,6 +23,7 @@ cameras:
 poses: [{position: [0, 0, 1.5]}, {position: [0.5, 0, 1.5]}]
 modes: [lit, depth]
 face_size: 16
+strategy: exact
 out: images
 """
 
