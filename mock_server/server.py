@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import queue
 import socket
+import sys
 import threading
 import time
 from collections import Counter, deque
@@ -180,14 +181,15 @@ class Server:
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 yield connection
                 # Plugin 1.0 on Linux never listens on TCP again: later TCP clients wait for ever.
-                if listener is self._tcp and self.settings.platform == "linux" and self._dialect.has_unix:
+                has_unix = self.settings.platform == "linux" and sys.platform != "win32"
+                if listener is self._tcp and has_unix and self._dialect.has_unix:
                     listener = opened.enter_context(self._unix_listener())
                     opened.callback(self.unix_path.unlink, missing_ok=True)
 
     def _unix_listener(self) -> socket.socket:
         bound = self.unix_path.with_suffix(".bound")
         bound.unlink(missing_ok=True)
-        listener = socket.socket(socket.AF_UNIX)
+        listener = socket.socket(socket.AF_UNIX)  # type: ignore[attr-defined,unused-ignore]
         try:
             listener.bind(str(bound))
             listener.listen(_BACKLOG)

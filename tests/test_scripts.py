@@ -127,3 +127,11 @@ def test_without_a_network(checkout):
     offline = {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": "", "UV_OFFLINE": "1"}
     assert "is there a network?" in failed(checkout, PYTHON=sys.executable, **offline)
     assert (checkout / ".venv" / "omniscv-stamp").read_text() == "unfinished\n"  # made anew the next time
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("platform", ["win32", "darwin"])
+def test_types_hold_on_other_systems(platform, tmp_path):
+    command = [sys.executable, "-m", "mypy", "--platform", platform, "--cache-dir", tmp_path]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

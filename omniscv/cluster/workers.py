@@ -239,7 +239,7 @@ class Slurm:
 
 def _check_job(script: str) -> None:
     """Raise ClusterError if SLURM would refuse a job: Dask submits in the background and reports nothing."""
-    with NamedTemporaryFile("w", prefix="omniscv-", suffix=".sh") as file:
+    with NamedTemporaryFile("w", encoding="utf-8", prefix="omniscv-", suffix=".sh") as file:
         file.write(script)
         file.flush()
         try:

@@ -20,10 +20,8 @@ from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, St
 from omniscv.storage.base import MOST_BYTES, Folder, checked_name
 from omniscv.storage.bounded import open_regular
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
+with suppress(ImportError):  # Windows
+    import fcntl  # noqa: TID251
 
 _TOKEN_BYTES = 8
 _TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
@@ -156,7 +154,7 @@ def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
         folder = parent / f"{prefix}{secrets.token_hex(_TOKEN_BYTES)}"
         folder.mkdir(parents=True)
         with _try_lock(folder) as is_locked:
-            if not is_locked and fcntl is not None:  # remove_scratch was faster than the lock
+            if not is_locked and sys.platform != "win32":  # remove_scratch was faster than the lock
                 continue
             try:
                 yield folder
@@ -187,7 +185,7 @@ def locked(folder: Path, timeout_s: float | None = None) -> Iterator[None]:
     Raises:
         TimeoutError: another process or thread held the lock all the time.
     """
-    if fcntl is None:
+    if sys.platform == "win32":
         yield
         return
     opened = os.open(folder, os.O_RDONLY)
@@ -215,7 +213,7 @@ def _try_lock(folder: Path) -> Iterator[bool]:
     """Lock a folder, and yield whether it exists and was free."""
     is_locked = False
     with ExitStack() as stack:
-        if fcntl is not None:
+        if sys.platform != "win32":
             with suppress(OSError):
                 opened = os.open(folder, os.O_RDONLY)
                 stack.callback(os.close, opened)

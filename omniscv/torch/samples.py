@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-import torch.multiprocessing  # shared tensors can be pickled for workers
+import torch.multiprocessing  # shared tensors can be pickled for workers  # noqa: F401
 from numpy.typing import NDArray
 from torch.utils.data import Dataset, get_worker_info
 from torch.utils.data._utils.collate import default_collate_fn_map

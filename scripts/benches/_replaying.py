@@ -160,5 +160,8 @@ def _read(connection: socket.socket, waiting: deque[tuple[float, bytes]]) -> Non
 
 if __name__ == "__main__":
     path, at_once, wait_s, work_s = sys.argv[1:]
-    read = {key: [*map(bytes.fromhex, bodies)] for key, bodies in json.loads(Path(path).read_text()).items()}
+    read = {
+        key: [*map(bytes.fromhex, bodies)]
+        for key, bodies in json.loads(Path(path).read_text("utf-8")).items()
+    }
     _serve(read, int(at_once), float(wait_s), float(work_s))

@@ -5,7 +5,7 @@ two jobs of which one is eight times the other: 1 if twice as much takes twice.
 """
 
 import math
-import resource
+import resource  # noqa: TID251
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor

@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import multiprocessing
 import random
-import resource
+import resource  # noqa: TID251
 import tempfile
 import time
 import traceback

@@ -23,7 +23,7 @@ def main():
     assert sys.argv[2] == "--background", sys.argv
     assert sys.argv[-1].endswith("inside.py"), sys.argv
     path = os.path.join(os.path.dirname(os.path.abspath(os.environ["FAKE_BLENDER"])), "room.blend")
-    with open(f"{path}.json") as file:
+    with open(f"{path}.json", encoding="utf-8") as file:
         faults = json.load(file)
     say(b"Blender 5.0.1 (fake)\nRead prefs\n" + b"\0" * faults.get("noise", 0))
     while faults.get("noise") == -1:
@@ -78,7 +78,7 @@ def answer(asked, path, faults):
 
 def logged(path, kind):
     """Append a line to the log; the number of lines before it."""
-    with open(f"{path}.log", "a+") as log:
+    with open(f"{path}.log", "a+", encoding="utf-8") as log:
         log.write(f"{kind}\n")
         log.seek(0)
         return len(log.readlines()) - 1

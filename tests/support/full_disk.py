@@ -1,6 +1,6 @@
 """A disk that is full, without filling one."""
 
-import resource
+import resource  # noqa: TID251
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -15,7 +15,7 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 
 import omniscv
-import omniscv.sources.unreal.source  # what opening a source imports
+import omniscv.sources.unreal.source  # what opening a source imports  # noqa: F401
 from omniscv import jobs
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
@@ -106,7 +106,7 @@ def main():
             warm()
             print(0, time.perf_counter() - started, flush=True)
             continue
-        child = os.fork()
+        child = os.fork()  # noqa: TID251
         if child == 0:
             code = 1
             try:

@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -204,7 +205,7 @@ class Process:
         if self._process.returncode is not None:
             return  # its id may be another's by now
         with contextlib.suppress(OSError):  # of a process that has ended
-            if os.name == "posix":
+            if sys.platform != "win32":
                 os.killpg(self._process.pid, signal.SIGKILL)
             else:
                 self._process.kill()
@@ -242,7 +243,7 @@ class Process:
 
     def _why_it_ended(self) -> str:
         code = self._process.wait()
-        if code == -signal.SIGKILL:
+        if sys.platform != "win32" and code == -signal.SIGKILL:
             return "it was killed, as when memory runs out"
         return f"it ended by signal {-code}" if code < 0 else f"it ended with code {code}"
 

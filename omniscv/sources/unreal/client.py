@@ -13,6 +13,7 @@ import secrets
 import socket
 import stat
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -140,7 +141,8 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     def _greet(self) -> None:
         deadline = self._deadline()
         if isinstance(self.endpoint, str):
-            self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            unix = socket.AF_UNIX  # type: ignore[attr-defined,unused-ignore]
+            self.sock = socket.socket(unix, socket.SOCK_STREAM)
             self.sock.settimeout(self._allowed_s)
             self.sock.connect(self.endpoint)
         else:
@@ -407,4 +409,4 @@ def _is_own_socket(path: str) -> bool:
         status = os.lstat(path)
     except OSError:
         return False
-    return stat.S_ISSOCK(status.st_mode) and status.st_uid == os.geteuid()
+    return sys.platform != "win32" and stat.S_ISSOCK(status.st_mode) and status.st_uid == os.geteuid()

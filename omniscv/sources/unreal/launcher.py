@@ -174,7 +174,7 @@ def _stop(watcher: Watcher, game: int) -> None:
     assert watcher.stdin is not None
     with suppress(OSError):  # of a watcher that has ended; a forked process may hold the pipe open, so write
         watcher.stdin.write(b"stop")
-    if watcher.wait() < 0 and os.name == "posix":
+    if watcher.wait() < 0 and sys.platform != "win32":
         with suppress(ProcessLookupError):
             os.killpg(game, signal.SIGKILL)
 

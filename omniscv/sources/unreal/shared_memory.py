@@ -32,7 +32,7 @@ def windows_region(name: str, size: int) -> bytes:
     """Read a region that exists; Python's own ``mmap`` would make a new, black one for a wrong name."""
     import ctypes
 
-    kernel = ctypes.WinDLL("kernel32", use_last_error=True)  # type: ignore[attr-defined]
+    kernel = ctypes.WinDLL("kernel32", use_last_error=True)  # type: ignore[attr-defined,unused-ignore]
     kernel.OpenFileMappingW.restype = kernel.MapViewOfFile.restype = ctypes.c_void_p
     handle = kernel.OpenFileMappingW(_READ_ONLY, False, name)
     if not handle:

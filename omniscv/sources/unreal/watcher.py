@@ -56,7 +56,7 @@ def _wait_for_input(stopping: threading.Event) -> None:
 
 def _stop(game: "subprocess.Popen[bytes]", grace_s: float) -> None:
     """End a game and its children, even if the game has ended: SIGTERM, and SIGKILL after ``grace_s``."""
-    if os.name != "posix":  # there are no process groups: end the tree
+    if sys.platform == "win32":  # there are no process groups: end the tree
         subprocess.run(["taskkill", "/T", "/F", "/PID", str(game.pid)], check=False, capture_output=True)
         return
     deadline = time.monotonic() + grace_s

@@ -289,7 +289,7 @@ def test_it_belongs_to_the_process_that_opened_it(tmp_path):
     with omniscv.open_source(blender.fake(tmp_path)) as source:
         with pytest.raises(SourceError, match="expected a source that can be pickled"):
             pickle.dumps(source)
-        if (child := os.fork()) == 0:
+        if (child := os.fork()) == 0:  # noqa: TID251
             try:
                 source.objects()
                 source.close()
