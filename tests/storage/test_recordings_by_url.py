@@ -99,7 +99,7 @@ def test_jobs_name_recordings_by_url(room, tmp_path):
 @pytest.mark.parametrize("command", ["record", "render"])
 def test_what_is_written_here_is_no_url(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    options = ["--source", "scene://four-wall", "--face-size", "16", "--out", "s3://rooms/a.sqlite"]
+    options = ["--source", "scene://four-wall", "--set", "face_size=16", "--out", "s3://rooms/a.sqlite"]
     assert cli.run([command, *options]) == 2
     assert re.search("s3:/{1,2}rooms/a.sqlite", capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []
