@@ -90,6 +90,16 @@ class NoOptions:
     """Options of what has none."""
 
 
+class WithOptions:
+    """Base of what reads its options by a record; without one, it takes the mapping as it is."""
+
+    options: type[Any] | None = None
+
+    def read_options(self, options: Mapping[str, Any]) -> Any:
+        """Return the options as the methods get them; ArgumentError for an unknown one or a wrong value."""
+        return options if self.options is None else read(self.options, options)
+
+
 def read(cls: type[T], value: object, where: str = "") -> T:
     """Return the record that a mapping, as of a file, describes.
 

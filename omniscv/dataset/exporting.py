@@ -20,7 +20,7 @@ from omniscv.dataset import formats
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame, FrameFiles
-from omniscv.records import NoOptions, checked, read, record
+from omniscv.records import NoOptions, WithOptions, checked, record
 from omniscv.storage import Folder
 from omniscv.storage.local import folder_beside, replace_folder
 
@@ -43,7 +43,7 @@ class PointOptions:
     )
 
 
-class Format(ABC):
+class Format(WithOptions, ABC):
     """Base of the formats. A subclass has at least a name and :meth:`write`.
 
     Attributes:
@@ -67,9 +67,7 @@ class Format(ABC):
         """Return what frames of cameras must have: ``needs``."""
         return self.needs
 
-    def check_options(  # noqa: B027 - most formats take every camera with any of their options
-        self, options: Any, cameras: Mapping[str, Camera]
-    ) -> None:
+    def check_options(self, options: Any, cameras: Mapping[str, Camera]) -> None:
         """Raise ArgumentError for options that do not fit the cameras, before anything is captured."""
 
     @abstractmethod
@@ -87,14 +85,6 @@ class Format(ABC):
     def check(self, frames: Sequence[Frame], out: Path) -> list[str] | None:
         """Return a line for each fault of an export; None: compare it with a new export."""
         return None
-
-    def read_options(self, options: Mapping[str, Any]) -> Any:
-        """Return the options as the methods get them.
-
-        Raises:
-            ArgumentError: an unknown option, or a wrong value.
-        """
-        return options if self.options is None else read(self.options, options)
 
 
 class _Outside(Format):

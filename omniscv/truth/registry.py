@@ -18,7 +18,7 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.records import NoOptions, read
+from omniscv.records import NoOptions, WithOptions
 from omniscv.sources.base import Source
 from omniscv.truth.classes import ClassTable
 
@@ -71,7 +71,7 @@ Record = Mapping[str, Any] | list[Any]
 
 
 @dataclass(frozen=True)
-class Truth:
+class Truth(WithOptions):
     """A truth that a job's ``truth:`` may name.
 
     Attributes:
@@ -105,14 +105,6 @@ class Truth:
     def kind(self) -> str:
         """The kind of the file that holds the record, as :class:`omniscv.dataset.Frame` names it."""
         return self.file.partition(".")[0]
-
-    def read_options(self, options: Mapping[str, Any]) -> Any:
-        """Return the options as ``derive`` gets them.
-
-        Raises:
-            ArgumentError: an unknown option, or a wrong value.
-        """
-        return options if self.options is None else read(self.options, options)
 
     def apply(self, observation: Observation, options: Mapping[str, Any]) -> Record:
         """Return the record of an image.

@@ -141,8 +141,7 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     def _greet(self) -> None:
         deadline = self._deadline()
         if isinstance(self.endpoint, str):
-            unix = socket.AF_UNIX  # type: ignore[attr-defined,unused-ignore]
-            self.sock = socket.socket(unix, socket.SOCK_STREAM)
+            self.sock = socket.socket(socket.AF_UNIX)  # type: ignore[attr-defined,unused-ignore]
             self.sock.settimeout(self._allowed_s)
             self.sock.connect(self.endpoint)
         else:
