@@ -60,6 +60,7 @@ def table(
     from rich.text import Text
 
     drawn = Table(*columns, box=None, show_header=any(columns), header_style="bold", padding=(0, 2, 0, 0))
+    drawn.columns[0].no_wrap = True  # names are not shortened on narrow terminals
     for row in rows:
         drawn.add_row(*(Text(printable(cell), (styles or {}).get(str(cell), "")) for cell in row))
     Console(highlight=False, soft_wrap=True).print(drawn)

@@ -18,7 +18,6 @@ from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
-from omniscv.storage import png
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
 
 NAMES = tuple(name for name, _ in cube_rotations())
@@ -259,6 +258,7 @@ def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pix
 def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
     """Return pixels (H, W, 1 or 3), and the bytes of a file that a codec of recordings decodes to them."""
     from omniscv.sources import codecs
+    from omniscv.storage import png
 
     with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
         head = opened.read(png.HEADER_BYTES)
