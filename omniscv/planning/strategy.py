@@ -26,6 +26,8 @@ from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
+FEW_CENTERS = 32
+"""Optical centres, each of which takes no more captures than a planner that shares them."""
 AIM = 0.03
 """Of ``auto`` for several optical centres."""
 
@@ -267,11 +269,11 @@ class Task:
     def aim(self) -> float | None:
         """Share of the valid pixels that may be doubtful; None where captures do not depend on it.
 
-        ``auto`` has an aim of its own where there are several optical centres.
+        ``auto`` has an aim of its own where there are many optical centres: of few, each is captured.
         """
-        if self.options.accuracy is None and self.options.strategy == "auto" and not self.rays.one_center:
-            return AIM
-        return self.options.accuracy
+        if self.options.accuracy is not None or self.options.strategy != "auto" or self.rays.one_center:
+            return self.options.accuracy
+        return AIM if self.scattered or len(self.groups()) > FEW_CENTERS else None
 
     def border(self, default: int) -> int:
         """Return how much wider views are on every side, px."""
