@@ -187,7 +187,7 @@ def calibration_file(rng, folder):
 
 VIEWED = "--source --camera --size --set --position --modes --accuracy"
 OPTIONS = {
-    "render": f"{VIEWED} --yaw --roll --stem --max-error".split(),
+    "render": f"{VIEWED} --yaw --roll --stem".split(),
     "plan": VIEWED.split(),
     "record": ["--source", "--position", "--set", "--modes", "--overscan", "--launch"],
     "cameras": ["--x"],

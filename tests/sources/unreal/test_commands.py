@@ -21,7 +21,7 @@ SPOILED = "mock://four-wall?fault=vignette&fault=exposure-drift"
 
 def composed(path, uri, *options):
     """A panorama from a recording of the six faces."""
-    arguments = ["record", "--source", uri, "--face-size", "64", "--modes", "lit", "--out", str(path)]
+    arguments = ["record", "--source", uri, "--set", "face_size=64", "--modes", "lit", "--out", str(path)]
     assert run([*arguments, *options]) == 0
     camera = omniscv.cameras.create("equirectangular", width=256, height=128)
     with omniscv.open_source(path) as source:
@@ -79,7 +79,7 @@ def test_what_is_no_address_is_not_examined(address, capsys):
 
 
 def record(game, *options):
-    return ["record", "--launch", str(game), "--face-size", "32", "--modes", "lit", *map(str, options)]
+    return ["record", "--launch", str(game), "--set", "face_size=32", "--modes", "lit", *map(str, options)]
 
 
 def test_launched_games_are_recorded_and_stopped(game, tmp_path):

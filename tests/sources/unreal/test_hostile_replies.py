@@ -151,7 +151,10 @@ def test_the_command_line_gives_up_a_silent_server_when_its_patience_ends(
         uri = f"unreal://127.0.0.1:{port}"
         source = [uri] if command == "doctor" else ["--source", uri, "--out", str(tmp_path / "out")]
         started = os.times().elapsed
-        assert run([command, *source, "--timeout", "0.4", "--patience", "0.7"]) == 1
+        limits = ["--timeout", "0.4", "--patience", "0.7"]
+        if command != "doctor":
+            limits = ["--set", "source_options={timeout_s: 0.4, patience_s: 0.7}"]
+        assert run([command, *source, *limits]) == 1
         seconds = os.times().elapsed - started
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(
