@@ -82,8 +82,8 @@ def _depth_off(capture: Capture) -> Floats | None:
         return None
     near = np.ones((2 * _NEAR_PX + 1, 2 * _NEAR_PX + 1), np.uint8)
     most, farthest = cv2.dilate(_bent(depth), near), cv2.dilate(depth, near)
-    off = most * depth * depth
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        off = most * depth * depth
         reach = np.where(most * depth < 1, off / (1 - most * depth), np.inf)
         off = np.maximum(off, np.minimum(reach, farthest - depth))
     lengths = view.ray_lengths()

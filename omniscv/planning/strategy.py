@@ -273,7 +273,7 @@ class Task:
         """
         if self.options.accuracy is not None or self.options.strategy != "auto" or self.rays.one_center:
             return self.options.accuracy
-        return AIM if self.scattered or len(self.groups()) > FEW_CENTERS else None
+        return AIM if self.scattered or len(self.rays.groups()) > FEW_CENTERS else None
 
     def border(self, default: int) -> int:
         """Return how much wider views are on every side, px."""

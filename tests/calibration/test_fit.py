@@ -102,7 +102,16 @@ def test_the_command_reads_fits_and_writes(tmp_path: Path, capsys: pytest.Captur
     assert printed["camera"] == expected.camera.to_dict()
     assert printed["max_px"] == pytest.approx(expected.max_px)
     assert calibration.load(out)["cam0"] == expected.camera
-    model = ["cameras", "fit", "fisheye-equidistant", "kannala-brandt", "--size", "64x64", "--fov", "170"]
+    model = [
+        "cameras",
+        "fit",
+        "fisheye-equidistant",
+        "kannala-brandt",
+        "--size",
+        "64x64",
+        "--set",
+        "fov_deg=170",
+    ]
     assert run([*model, "--out", str(out), "--format", "colmap"]) == 0
     assert "largest error" in capsys.readouterr().out
     assert list(calibration.load(out)) == ["1"]

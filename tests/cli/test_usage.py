@@ -50,7 +50,7 @@ def names_in(folder):
             "'--yaw': Input should be a valid number, unable to parse string as a number, got 'left'",
         ),
         ("doctor localhost:9000", "got 'localhost:9000'; write unreal://localhost:9000"),
-        ("ask mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
+        ("send mock://four-wall vget /objects", "expected it in quotes, such as 'vget /objects'"),
         ("cameras fit double-sphere pinhole --set width=5", "expected width and height in --size"),
         ("record --source four-wall.sqlite --set face_size=1024", "face_size: expected 192 px"),
         (

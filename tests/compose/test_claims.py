@@ -126,9 +126,8 @@ def test_the_bound_of_depth_is_near_its_error(rooms):
             errors.append(Errors(image, scene).depth_m[image.valid])
             bounds.append(image.depth_error[image.valid])
     # 3.2 of the surface's own bound, and what rounding adds: 1/32 of it and the last of six binary digits.
-    assert np.median(np.concatenate(bounds)) <= 3 * (1 + 1 / 32) * (1 + 1 / 32) * np.median(
-        np.concatenate(errors)
-    )
+    rounded = (1 + 1 / 32) ** 2
+    assert np.median(np.concatenate(bounds)) <= 3.2 * rounded * np.median(np.concatenate(errors))
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "noncentral-panorama"])
@@ -185,5 +184,5 @@ def test_normals_lie_on_a_surface(normals, rooms):
         camera = SMALL.get(name) or model(name).example(96)
         modes = (*MODES, "normals")
         image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)
-        most = 0.001 if normals == "captured" else 0.02
+        most = 0.002 if normals == "captured" else 0.02  # shared centres see more edges
         assert Errors(image, scene).judgement().normals_20_deg <= most

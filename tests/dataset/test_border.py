@@ -41,7 +41,7 @@ def enter(out, key, kind):
 def blank_colours(out):
     """Layers without a file are marks that no pixel has."""
     listed(out, lambda lines: [{**line, "blank": ["lit"]} for line in lines])
-    return "blank: expected one of label_edge, occluded, relit, unsure; got 'lit'"
+    return "blank: expected one of label_edge, occluded, relit, unsure, unseen; got 'lit'"
 
 
 def swap_labels(out):

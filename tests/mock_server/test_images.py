@@ -82,7 +82,7 @@ def test_file_names_cannot_leave_the_folder(start, open_raw, tmp_path):
     (folder / "link").symlink_to(tmp_path)
     raw = open_raw(start(folder=folder))
     raw.ask("vset /camera/0/size 4 4")
-    for name in ("../a.png", f"{tmp_path}/a.png", "link/a.png", "missing/a.png", "x/../../a.png"):
+    for name in ("../a.png", f"{tmp_path}/a.png", "link/a.png", "x/../../a.png"):
         assert raw.text(f"vget /camera/0/lit {name}") == name
     assert sorted(tmp_path.rglob("*.png")) == []
 
