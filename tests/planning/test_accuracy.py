@@ -175,7 +175,7 @@ def test_a_replay_of_the_default_is_the_same_and_a_missing_view_is_named(tmp_pat
         for layer in ("lit", "object_mask", "labels", "occluded"):
             np.testing.assert_array_equal(captured[layer], again[layer])
         assert captured.effort == again.effort
-        # Views are recorded to nine digits: of rays that graze an edge, few fall on its other side.
+        # The captures are the same; a few rays that graze an edge are decided otherwise by a replay.
         for layer in captured.layers:
             assert (captured[layer] != again[layer]).mean() < 0.003, layer
         with pytest.raises(omniscv.OmniscvError, match="nearest recorded"):
