@@ -65,12 +65,6 @@ class Choice:
     ms: float
     rate: float
 
-    def more_held(self, other: Choice | None, recorded: RecordedViews) -> Choice | None:
-        """Return this choice or another one, of whose patches a recording holds more; only with these."""
-        held_ones = [each for each in self.patches if recorded.hold([each.view])]
-        more = len(held_ones) > (0 if other is None else len(other.patches))
-        return replace(self, patches=held_ones) if more else other
-
 
 class Refinement(ABC):
     """The captures of one image whose accuracy is given.
@@ -172,26 +166,30 @@ class Refinement(ABC):
         if not doubts:
             return STUCK
         coarse = float(np.quantile(np.concatenate([doubt.focal_px for doubt in doubts]), _COARSE))
-        best, recorded = None, task.recorded
+        lengths = [finer * coarse for finer in self.steps(len(pixels))]
+        best: Choice | None = None
         self._limited = False
-        for finer in self.steps(len(pixels)):
-            most_ms = np.inf if best is None or recorded is not None else best.ms
-            choice = self._patched(len(pixels), doubts, finer * coarse, most_ms)
-            if not choice.patches:
-                continue
-            if recorded is not None:
-                best = choice.more_held(best, recorded)
-                if best is not None and len(best.patches) == len(choice.patches):
-                    break
-            elif best is None or choice.ms < best.ms:
-                best = choice
-            else:
+        for focal_px in lengths:
+            choice = self._patched(len(pixels), doubts, focal_px, np.inf if best is None else best.ms)
+            if best is not None and choice.patches and choice.ms >= best.ms:
                 break  # finer ones are dearer still
-        if best is not None:
-            return best
-        if recorded is not None:
-            return RECORDED
-        return SPENT if self._limited else "no finer view fits"
+            best = choice if choice.patches else best
+        recorded = task.recorded
+        if recorded is not None and not (best and recorded.hold(each.view for each in best.patches)):
+            return self._most_held(recorded, len(pixels), doubts, lengths) or RECORDED
+        return best or (SPENT if self._limited else "no finer view fits")
+
+    def _most_held(
+        self, recorded: RecordedViews, count: int, doubts: Sequence[Doubt], lengths: Sequence[float]
+    ) -> Choice | None:
+        """Return the patches of which a recording holds the most: it was made with another aim."""
+        choices = []
+        for focal_px in lengths:
+            choice = self._patched(count, doubts, focal_px, np.inf)
+            held_ones = [each for each in choice.patches if recorded.hold([each.view])]
+            if held_ones:
+                choices.append(replace(choice, patches=held_ones))
+        return max(choices, key=lambda choice: len(choice.patches), default=None)
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""

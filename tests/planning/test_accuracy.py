@@ -172,12 +172,9 @@ def test_a_replay_of_the_default_is_the_same_and_a_missing_view_is_named(tmp_pat
         captured = made(RING, where)
     with omniscv.open_source(path) as replay:
         again = made(RING, replay)
-        for layer in ("lit", "object_mask", "labels", "occluded"):
-            np.testing.assert_array_equal(captured[layer], again[layer])
         assert captured.effort == again.effort
-        # The captures are the same; a few rays that graze an edge are decided otherwise by a replay.
         for layer in captured.layers:
-            assert (captured[layer] != again[layer]).mean() < 0.003, layer
+            np.testing.assert_array_equal(captured[layer], again[layer])
         with pytest.raises(omniscv.OmniscvError, match="nearest recorded"):
             omniscv.render(RING, Pose.from_angles((0.5, 0.0, 1.5)), replay, MODES)
 
