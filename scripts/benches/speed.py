@@ -18,10 +18,13 @@ import cv2
 import omniscv
 from benches import Figure, Reference, best_ms, start
 from benches._faces import Noise, made_map
-from omniscv import Renderer, RenderOptions, cameras, jobs
+from omniscv import Renderer, RenderOptions, cameras
 from omniscv.cameras import Camera
 from omniscv.chart.central import PAPER, peers
 from omniscv.geometry import Pose, cube_rotations
+from omniscv.job import Job
+from omniscv.make import capture as capture_job
+from omniscv.make import run
 from omniscv.planning import ImageRays
 from omniscv.sources import Request, View
 from omniscv.sources.recording.inspection import info
@@ -111,13 +114,13 @@ def maps(width: int) -> dict[str, Callable[[], object]]:
 
 def frames(folder: Path, count: int, width: int) -> Iterator[Figure]:
     """Compose a sequence from a recording into files: lit, object_mask, labels, depth and their marks."""
-    jobs.capture(sequence(folder, "mock://four-wall", 1, width), folder / "room.sqlite")
+    capture_job(sequence(folder, "mock://four-wall", 1, width), folder / "room.sqlite")
     for store in ("files", "fast"):
         for number in (2, count):  # the first compiles
             job = sequence(folder, str(folder / "room.sqlite"), number, width)
             job = replace(job, store=store, out=folder / f"{store}-{number}")
             started, used = time.perf_counter(), time.process_time()
-            jobs.run(job)
+            run(job)
             seconds, used = time.perf_counter() - started, time.process_time() - used
         size = sum(path.stat().st_size for path in Path(job.out).iterdir()) / count
         title = f"sequence of {width}x{width // 2}: lit, mask, labels, depth, marks, store: {store}"
@@ -128,14 +131,14 @@ def frames(folder: Path, count: int, width: int) -> Iterator[Figure]:
         yield Figure(title, "size of a frame", "MB", size / 1e6, limit=Reference("goal", 5))
 
 
-def sequence(folder: Path, source: str, frames: int, width: int) -> jobs.Job:
+def sequence(folder: Path, source: str, frames: int, width: int) -> Job:
     """Return a job of panoramas at one place, each in another orientation, so that every map is new."""
     camera = cameras.create("equirectangular", width=width, height=width // 2)
     poses = tuple(
         Pose.from_angles((0, 0, 1.5), yaw_deg=3.6 * i, pitch_deg=20 - 0.4 * i, roll_deg=0.2 * i)
         for i in range(frames)
     )
-    return jobs.Job(source, {"pano": camera}, poses, folder / f"out-{frames}", MODES)
+    return Job(source, {"pano": camera}, poses, folder / f"out-{frames}", MODES)
 
 
 def recorded(path: Path, count: int) -> Iterator[Figure]:

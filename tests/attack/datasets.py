@@ -21,10 +21,12 @@ from support.datasets import image, job_file
 from attack.commands import clear, nothing_left, ran, require
 from attack.spoiling import bytes_changed, head, regular_files, spoil_file, strange, text_changed, write
 from attack.words import YAML
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import OmniscvError
 from omniscv.frame import FileEntry
+from omniscv.job import load
+from omniscv.make import make
 
 MORE = """
 truth: {boxes: true, bfov: true, boxes3d: true, layout: true}
@@ -50,8 +52,8 @@ def made():
     """The folder of a small dataset and, by key and kind, the bytes of its layers in memory."""
     home = Path(tempfile.mkdtemp(prefix="attack-dataset-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
-    job = jobs.load(job_file(home, more=MORE))
-    jobs.make(job)
+    job = load(job_file(home, more=MORE))
+    make(job)
     return job.out, dict(contents(dataset.open(job.out)))
 
 
@@ -59,8 +61,8 @@ def made():
 def stores():
     """The folder of that dataset, and of the same in the store ``fast``."""
     out, _ = made()
-    job = jobs.load(job_file(out.parent, out="fast", more=f"{MORE}store: fast\n"))
-    jobs.make(job)
+    job = load(job_file(out.parent, out="fast", more=f"{MORE}store: fast\n"))
+    make(job)
     return out, job.out
 
 

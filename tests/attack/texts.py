@@ -6,9 +6,10 @@ import time
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.spoiling import scrambled, write
 from attack.words import ARGUMENTS, YAML
-from omniscv import Rig, RigCamera, calibration, cameras, jobs
+from omniscv import Rig, RigCamera, calibration, cameras
 from omniscv.calibration.kalibr import KALIBR
 from omniscv.errors import ArgumentError
+from omniscv.job import load
 
 SMALL = {"width": 8, "height": 8}
 PINHOLE = {"model": "pinhole", **SMALL}
@@ -129,7 +130,7 @@ def judged(read, path, command):
 def job(rng, folder):
     with nothing_left(folder) as work:
         path = write(work / "job.yaml", description(rng, JOB))
-        judged(jobs.load, path, [rng.choice(["render", "plan", "record"]), path.name])
+        judged(load, path, [rng.choice(["render", "plan", "record"]), path.name])
         require([each.name for each in work.iterdir()] == ["job.yaml"], "a refused job left files")
 
 

@@ -27,7 +27,7 @@ def loaded_by(*arguments):
     return done.stdout, set(done.stderr.split())
 
 
-HEAVY = {"numpy", "numba", "cv2", "scipy", "matplotlib", "OpenImageIO", "mock_server", "omniscv.jobs"}
+HEAVY = {"numpy", "numba", "cv2", "scipy", "matplotlib", "OpenImageIO", "mock_server", "omniscv.make"}
 
 
 def test_version_loads_no_command():

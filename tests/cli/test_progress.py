@@ -10,8 +10,8 @@ import pytest
 
 from omniscv.cli import run
 from omniscv.cli.console import Display, display
-from omniscv.jobs import load
-from omniscv.jobs import run as run_job
+from omniscv.job import load
+from omniscv.make import run as run_job
 from omniscv.progress import Meter, Progress, without_images
 from omniscv.sources.recording.inspection import info
 

@@ -15,7 +15,9 @@ from support.processes import OMNISCV, started
 from support.stores import names_at
 
 import mock_server
-from omniscv import dataset, jobs
+from omniscv import dataset
+from omniscv.job import load
+from omniscv.make import make
 
 JOB = """
 source: {source}
@@ -61,7 +63,7 @@ def workers_of(process):
 
 def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     """A terminal sends Ctrl-C to the workers too."""
-    jobs.make(jobs.load(job_of(tmp_path, "single", rate=12)))
+    make(load(job_of(tmp_path, "single", rate=12)))
     with mock_server.serve("four-wall", latency_ms=10) as first, ExitStack() as games:
         second = games.enter_context(mock_server.serve("four-wall", latency_ms=10))
         job = job_of(tmp_path, "stopped", f"[{first.uri}, {second.uri}]", 12)
@@ -82,7 +84,7 @@ def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_tha
         assert printed.startswith("dashboard: http://127.0.0.1:")
         assert psutil.wait_procs(below_it, timeout=30)[1] == []
         assert not (out / "frames.jsonl").exists()
-        assert jobs.make(jobs.load(job), resume=True).kept >= 12
+        assert make(load(job), resume=True).kept >= 12
     assert tree(out) == tree(tmp_path / "single")
     assert dataset.check(out, deep=True) == []
 
@@ -102,7 +104,7 @@ def test_every_worker_launches_a_game_of_its_own_and_one_that_is_killed_again(tm
     game.parent.mkdir(parents=True)
     game.write_text(f"#!{sys.executable}\n{STAND_IN.read_text()}")
     game.chmod(0o755)
-    jobs.make(jobs.load(job_of(tmp_path, "single", rate=12)))
+    make(load(job_of(tmp_path, "single", rate=12)))
     job, out = job_of(tmp_path, "launched", f"launch:{game}", 12), tmp_path / "launched"
     with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:2") as process:
         wait_for_frames(process, out, 2)

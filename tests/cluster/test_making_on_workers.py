@@ -9,10 +9,11 @@ import pytest
 from support.datasets import job_file, tree
 
 import omniscv
-from omniscv import cluster, jobs
+from omniscv import cluster
 from omniscv.cluster.workers import RESOURCE
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
-from omniscv.make import parts_of
+from omniscv.job import load
+from omniscv.make import make, parts_of
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.registry import open_source
 
@@ -58,13 +59,13 @@ def job(tmp_path):
     omniscv.sources.register("failing", Failing)
     for counter in (OPENED, CLOSED, FAULTS):
         counter.clear()
-    loaded = jobs.load(job_file(tmp_path, source="failing:0"))
+    loaded = load(job_file(tmp_path, source="failing:0"))
     return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 6, times=None, places=None)
 
 
 def test_servers_that_fail_are_opened_again(job, tmp_path):
     """Each worker has the address of its number."""
-    jobs.make(replace(job, source="scene://four-wall", out=tmp_path / "single"))
+    make(replace(job, source="scene://four-wall", out=tmp_path / "single"))
     FAULTS.update({"failing:0": 2, "failing:1": 1})
     warnings, seen = [], []
     there = replace(job, source=("failing:0", "failing:1"))
@@ -109,7 +110,7 @@ def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
     made = cluster.make(job, Threads())
     assert made.written + made.kept == len(job)
     assert made.kept > 0
-    jobs.make(replace(job, out=tmp_path / "single"))
+    make(replace(job, out=tmp_path / "single"))
     assert tree(job.out) == tree(tmp_path / "single")
 
 
@@ -127,8 +128,8 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
     path.write_text(f"{start}poses: {{random: {{count: 20, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
     camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
-    sampled = replace(jobs.load(path), modes=("lit",), cameras=camera, recipe=plain)
+    sampled = replace(load(path), modes=("lit",), cameras=camera, recipe=plain)
     made = cluster.make(replace(sampled, out=tmp_path / "clustered"), Threads())
     assert made.written == 20
-    jobs.make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
+    make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")

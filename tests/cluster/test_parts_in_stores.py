@@ -11,10 +11,11 @@ from support.full_disk import largest_file
 from support.stores import BUCKET, failing_store, s3_application, s3_server, tree_at, twelve_percent
 
 import omniscv
-from omniscv import Pose, cli, jobs
+from omniscv import Pose, cli
 from omniscv.dataset import Writer
 from omniscv.errors import OmniscvError
-from omniscv.jobs import Part
+from omniscv.job import load
+from omniscv.make import Part, make, run_part
 
 EXPORT = "export: [webdataset]\n"
 
@@ -23,8 +24,8 @@ EXPORT = "export: [webdataset]\n"
 def single(tmp_path_factory):
     """The folder of a job, its dataset, and a recording of all that it captures."""
     folder = tmp_path_factory.mktemp("single")
-    job = jobs.load(job_file(folder, more=EXPORT))
-    jobs.make(replace(job, record=folder / "room.sqlite"))
+    job = load(job_file(folder, more=EXPORT))
+    make(replace(job, record=folder / "room.sqlite"))
     return folder
 
 
@@ -32,7 +33,7 @@ def single(tmp_path_factory):
 def job(single, tmp_path, monkeypatch):
     """That job, from the recording: whatever is captured in vain is an error there."""
     monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path / "cache"))
-    loaded = jobs.load(single / "dataset.yaml")
+    loaded = load(single / "dataset.yaml")
     return replace(loaded, source=str(single / "room.sqlite"))
 
 
@@ -40,29 +41,29 @@ def test_parts_on_s3_are_the_bytes_of_one_process(single, job, tmp_path):
     with s3_server() as client:
         url = f"s3://{BUCKET}/parted"
         there = replace(job, out=url)
-        jobs.run_part(there, Part(1, 2))
+        run_part(there, Part(1, 2))
         listed = client.list_objects_v2(Bucket=BUCKET, Prefix="parted/")["Contents"]
         latest = max(listed, key=lambda each: each["LastModified"])["LastModified"]
         (marker,) = [each for each in listed if each["Key"] == "parted/parts/1-of-2.json"]
         assert marker["LastModified"] == latest  # whose resolution is a second
-        made = jobs.make(there, shard=(0, 2))
+        made = make(there, shard=(0, 2))
         assert (made.written, made.missing) == (2, 0)
         assert tree_at(url) == tree(single / "dataset")
-        again = jobs.make(there, resume=True)
+        again = make(there, resume=True)
         assert (again.written, again.kept) == (0, 6)
         assert tree_at(url) == tree(single / "dataset")
         with pytest.raises(OmniscvError, match="expected a new folder, got a dataset"):
-            jobs.make(there)
+            make(there)
 
 
 def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_path):
     """Requests wait beside each other, but not all at a time: a frame's files, frames that are looked for."""
     with s3_application(twelve_percent, latency_s=0.05) as (store, _):
         there = replace(job, out=f"s3://{BUCKET}/far")
-        assert jobs.make(there, shard=(0, 1)).written == 6
+        assert make(there, shard=(0, 1)).written == 6
         assert 4 <= store.most_waiting <= 64
         store.requests, store.fault = 0, lambda number: ""
-        assert jobs.make(there, resume=True).kept == 6
+        assert make(there, resume=True).kept == 6
         assert store.requests < 60
         assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
 
@@ -102,11 +103,11 @@ def test_a_full_store_is_one_line_and_goes_on_when_there_is_space(single, job, t
         monkeypatch.setattr(store, "get_file", get_file)
         there = replace(job, out="failing://bucket/parted")
         with pytest.raises(OmniscvError, match="No space left on device; free space there, and run again"):
-            jobs.make(there, shard=(0, 1))
+            make(there, shard=(0, 1))
         assert [count for name, count in looked.items() if "/pano" in name] == [1] * 3
         kept = len([path for path in store.store if path.endswith(".json") and path.count(".") == 1]) - 1
         store.capacity = None
-        made = jobs.make(there, shard=(0, 1))
+        made = make(there, shard=(0, 1))
         assert (made.written, made.kept) == (6 - kept, kept)
         assert 0 < kept < 6
         assert tree_at("failing://bucket/parted") == tree(single / "dataset")

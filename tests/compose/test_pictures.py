@@ -8,9 +8,9 @@ import pytest
 from PIL import Image, ImageShow
 
 import omniscv
-from omniscv import jobs
 from omniscv.cameras import create
 from omniscv.errors import ArgumentError
+from omniscv.job import load
 
 ROOT = Path(__file__).parents[2]
 POSE = omniscv.Pose.from_angles((0, 0, 1.5))
@@ -85,7 +85,7 @@ def test_one_line_says_what_it_is(image, tmp_path):
         writer.add("a", image, split="train")
     (frame,) = omniscv.dataset.open(tmp_path / "own")
     assert repr(frame).startswith("<Frame a: fisheye-equidistant, train: depth, depth_error, ")
-    job = jobs.load(ROOT / "examples/kitchen.yaml")
+    job = load(ROOT / "examples/kitchen.yaml")
     assert repr(job).startswith(
         "<Job panorama, fisheye, ball at sampled poses, lit object_mask depth normals"
     )

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from support.datasets import tree
 
-from omniscv import cameras, cli, dataset, jobs
+from omniscv import cameras, cli, dataset
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import FileEntry
 from omniscv.frame.forms import checked
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.storage import png
 from omniscv.viewing.look import look
 
@@ -163,7 +165,7 @@ def test_pipes_and_links_in_place_of_files_are_replaced(copied):
         os.mkfifo(copied / name)
     (copied / "pano-1.lit.png").rename(copied.parent / "private.png")
     (copied / "pano-1.lit.png").symlink_to(copied.parent / "private.png")
-    made = jobs.make(jobs.load(copied.parent / "dataset.yaml"), resume=True)
+    made = make(load(copied.parent / "dataset.yaml"), resume=True)
     assert (made.written, made.kept) == (3, 3)
     assert tree(copied) == before
     assert not (copied / "pano-1.lit.png").is_symlink()

@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.datasets import CLASSES, image, job_file, traced_names
 
-from omniscv import cli, dataset, jobs
+from omniscv import cli, dataset
 from omniscv.cli.dataset import object_names
 from omniscv.errors import ArgumentError, UnmatchedNamesError
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.truth.classes import ClassRules, class_rules
 
 NAMES = st.lists(st.text("abcXY_12", min_size=1, max_size=5), min_size=1, max_size=12, unique=True)
@@ -112,7 +114,7 @@ def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
         assert name in listed.err
         assert name in refused.err
     with pytest.raises(UnmatchedNamesError) as failed:
-        jobs.make(jobs.load(job))
+        make(load(job))
     assert set(failed.value.names) == expected
     assert [path.name for path in (tmp_path / "dataset").iterdir()] == []
 

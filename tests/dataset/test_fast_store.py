@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from support.datasets import image, job_file, made, tree
 
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.compose.reading import check_header, read
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.storage import b2nd
 
 PICTURES = (".png", ".exr")
@@ -98,7 +100,7 @@ def test_rendered_images_are_stored_fast_too(tmp_path):
 def test_without_the_package_nothing_is_captured(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "blosc2", None)
     with pytest.raises(OmniscvError, match=r"store: .*blosc2; pip install 'omniscv\[fast\]'"):
-        jobs.make(jobs.load(job_file(tmp_path, source="unrealcv://127.0.0.1:1", more="store: fast\n")))
+        make(load(job_file(tmp_path, source="unrealcv://127.0.0.1:1", more="store: fast\n")))
 
 
 @pytest.mark.parametrize(
@@ -110,16 +112,16 @@ def test_without_the_package_nothing_is_captured(tmp_path, monkeypatch):
 )
 def test_jobs_that_cannot_be(tmp_path, more, error):
     with pytest.raises(ArgumentError, match=error):
-        jobs.make(jobs.load(job_file(tmp_path, more=more)))
+        make(load(job_file(tmp_path, more=more)))
 
 
 def test_a_dataset_has_one_store(stores, tmp_path):
     out = shutil.copytree(stores[0], tmp_path / "dataset")
     more = "truth: {boxes: true, layout: true}\nstore: fast\n"
-    job = jobs.load(job_file(tmp_path, more=more))
+    job = load(job_file(tmp_path, more=more))
     before = tree(out)
     with pytest.raises(ArgumentError, match="store"):
-        jobs.make(job, resume=True)
+        make(job, resume=True)
     assert tree(out) == before
 
 

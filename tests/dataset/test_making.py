@@ -11,9 +11,11 @@ from support.datasets import CLASSES, image, job_file, tree
 
 import mock_server
 import omniscv
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError, DatasetError
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.make.contents import Contents
 
 EXPORT = "export: [webdataset]\n"
@@ -22,13 +24,13 @@ EXPORT = "export: [webdataset]\n"
 def test_workers_and_shards_make_the_same_bytes(whole, tmp_path):
     """Shards into one folder; shards into folders of their own, joined by copying; several workers."""
     wanted = tree(whole / "dataset")
-    job = jobs.load(job_file(tmp_path, more=EXPORT))
-    jobs.make(replace(job, out=tmp_path / "workers"), workers=3)
-    done = [jobs.make(replace(job, out=tmp_path / "one"), shard=(i, 3)) for i in (2, 0, 1)]
+    job = load(job_file(tmp_path, more=EXPORT))
+    make(replace(job, out=tmp_path / "workers"), workers=3)
+    done = [make(replace(job, out=tmp_path / "one"), shard=(i, 3)) for i in (2, 0, 1)]
     for i in range(2):
-        jobs.make(replace(job, out=tmp_path / f"part-{i}"), shard=(i, 2))
+        make(replace(job, out=tmp_path / f"part-{i}"), shard=(i, 2))
         shutil.copytree(tmp_path / f"part-{i}", tmp_path / "joined", dirs_exist_ok=True)
-    joined = jobs.make(replace(job, out=tmp_path / "joined"), resume=True)
+    joined = make(replace(job, out=tmp_path / "joined"), resume=True)
     assert (joined.written, joined.kept, joined.missing) == (0, 6, 0)
     assert sum(each.written for each in done) == 6
     assert [each.missing > 0 for each in done] == [True, True, False]
@@ -41,7 +43,7 @@ def test_a_frame_is_made_again_where_a_file_of_it_is_damaged(copied):
     (copied / "lens-0.depth.exr").unlink()
     (copied / "pano-1.lit.png").write_bytes(b"damaged")
     (copied / "pano-2.json").write_text("{", encoding="utf-8")
-    done = jobs.make(jobs.load(copied.with_name("dataset.yaml")), resume=True)
+    done = make(load(copied.with_name("dataset.yaml")), resume=True)
     assert (done.written, done.kept) == (3, 3)
     assert tree(copied) == wanted
 
@@ -53,8 +55,8 @@ def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
         with mock_server.serve("four-wall") as server:
             folder = tmp_path / name
             folder.mkdir()
-            job = jobs.load(job_file(folder, source=server.uri))
-            jobs.make(replace(job, poses=job.poses[:1], times=(0.0,), places=("here",)))
+            job = load(job_file(folder, source=server.uri))
+            make(replace(job, poses=job.poses[:1], times=(0.0,), places=("here",)))
             trees.append(tree(job.out))
         text = b"".join(path.read_bytes() for path in job.out.glob("*.json*"))
         for strange in (str(server.port), str(tmp_path), "127.0.0.1"):
@@ -82,51 +84,51 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
     wanted = {"format": "webdataset", "out": "webdataset", "options": {}, "cameras": []}
     assert stored["exports"] == [wanted]
     assert {name: omniscv.cameras.from_dict(each) for name, each in stored["cameras"].items()} == dict(
-        jobs.load(whole / "dataset.yaml").cameras
+        load(whole / "dataset.yaml").cameras
     )
 
 
 def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
     path = copied.with_name("dataset.yaml")
-    job = jobs.load(path)
+    job = load(path)
     with pytest.raises(ArgumentError, match="expected a new folder, got a dataset"):
-        jobs.make(job)
+        make(job)
     changed = {
         "options": replace(job, modes=("lit", "object_mask")),
         "camera 'pano'": replace(job, cameras={"pano": job.cameras["lens"]}),
         "splits": replace(job, recipe=replace(job.recipe, split=None)),
     }
     (tmp_path / "classes.yaml").write_text(CLASSES.replace("door}", "window}"), encoding="utf-8")
-    changed["other classes"] = jobs.load(path)
+    changed["other classes"] = load(path)
     for what, other in changed.items():
         with pytest.raises(ArgumentError, match=what):
-            jobs.make(other, resume=True)
+            make(other, resume=True)
     assert dataset.check(copied) == []
 
 
 def test_another_scene_s_frames_are_made_again(copied):
     """A frame is kept only where the scene, the pose, the time and the place are the same."""
-    job = jobs.load(copied.with_name("dataset.yaml"))
-    done = jobs.make(replace(job, source="scene://six-wall"), resume=True)
+    job = load(copied.with_name("dataset.yaml"))
+    done = make(replace(job, source="scene://six-wall"), resume=True)
     assert (done.written, done.kept) == (6, 0)
     assert {entry.scene.split("/")[0] for entry in manifest.read_frames(copied)} == {"six-wall"}
     moved = replace(job, source="scene://six-wall", times=(0.0, 0.5, 2.0))
-    done = jobs.make(moved, resume=True)
+    done = make(moved, resume=True)
     assert (done.written, done.kept) == (2, 4)
     assert dataset.check(copied, deep=True) == []
 
 
 def test_images_of_render_are_not_mixed_with_a_dataset(tmp_path):
-    job = jobs.load(job_file(tmp_path))
+    job = load(job_file(tmp_path))
     image().save(job.out)
     with pytest.raises(ArgumentError, match="images of 'render'; write elsewhere"):
-        jobs.make(job)
+        make(job)
 
 
 def test_a_key_has_no_dot_and_is_used_once(tmp_path):
-    job = jobs.load(job_file(tmp_path))
+    job = load(job_file(tmp_path))
     with pytest.raises(ArgumentError, match="without a dot"):
-        jobs.make(replace(job, cameras={"cam.left": job.cameras["pano"]}))
+        make(replace(job, cameras={"cam.left": job.cameras["pano"]}))
     with dataset.Writer(tmp_path / "written") as writer:
         shown = image()
         for key in ("a.b", "", "a/b", "..", "a\0"):
@@ -175,7 +177,7 @@ def test_frames_of_a_writer_are_read_back(tmp_path):
 
 def test_the_keys_of_a_job(tmp_path):
     """Flow is an export; what truths and formats share reaches those that take it."""
-    job = jobs.load(
+    job = load(
         job_file(
             tmp_path,
             more="truth: {boxes: true, bfov: false, amodal: off, layout: {source: scene},\n"
@@ -199,9 +201,9 @@ def test_the_keys_of_a_job(tmp_path):
 def test_truths_that_capture_make_the_same_bytes_beside_other_images(tmp_path):
     """They hide objects of the source that images are captured from; records of all kinds pass the check."""
     more = "truth: {boxes: true, boxes3d: true, bfov: true, amodal: masks, layout: true}\n"
-    job = jobs.load(job_file(tmp_path, more=more))
+    job = load(job_file(tmp_path, more=more))
     for workers in (1, 3):
-        jobs.make(replace(job, out=tmp_path / f"{workers}"), workers=workers)
+        make(replace(job, out=tmp_path / f"{workers}"), workers=workers)
     assert tree(tmp_path / "1") == tree(tmp_path / "3")
     assert dataset.check(tmp_path / "1", deep=True) == []
     frame = dataset.open(tmp_path / "1")[-1]

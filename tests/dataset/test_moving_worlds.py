@@ -9,9 +9,11 @@ import pytest
 
 import mock_server
 from mock_server.scene_file import turned
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
+from omniscv.job import load
+from omniscv.make import make
 
 WORKSHOP = mock_server.load_scene("workshop")
 JOB = """
@@ -45,7 +47,7 @@ def world(time):
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("moving")
     (folder / "job.yaml").write_text(JOB, encoding="utf-8")
-    jobs.make(jobs.load(folder / "job.yaml"))
+    make(load(folder / "job.yaml"))
     return folder
 
 
@@ -80,11 +82,11 @@ def test_boxes_follow_the_objects(made):
 
 def test_frames_of_another_motion_are_made_again(made, tmp_path):
     """Of an object that goes elsewhere after the first frame, only the others."""
-    job = jobs.load(made / "job.yaml")
+    job = load(made / "job.yaml")
     shutil.copytree(made / "moving", tmp_path / "other")
     first, last = job.motions["Cabinet"].waypoints
     other = Motion(Trajectory((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
-    done = jobs.make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), resume=True)
+    done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), resume=True)
     assert (done.written, done.kept) == (2, 1)
 
 

@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 from support.datasets import job_file
 
-from omniscv import cameras, dataset, jobs
+from omniscv import cameras, dataset
 from omniscv.errors import ArgumentError
+from omniscv.job import load
+from omniscv.make import make
 
 
 @pytest.mark.parametrize(
@@ -82,13 +84,13 @@ def test_cameras_that_formats_carry(format):
 def test_jobs_are_refused_before_the_source_is_opened(more, says, tmp_path):
     """Opening this one would be another error."""
     with pytest.raises(ArgumentError) as failed:
-        jobs.make(jobs.load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
+        make(load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
     assert says in str(failed.value)
     assert len(str(failed.value)) <= 1000
     assert not (tmp_path / "dataset").exists()
 
 
 def test_classes_and_truths_need_their_modes(tmp_path):
-    job = jobs.load(job_file(tmp_path, source="scene://nowhere"))
+    job = load(job_file(tmp_path, source="scene://nowhere"))
     with pytest.raises(ArgumentError, match="classes: expected modes with object_mask, got lit; add them"):
-        jobs.make(replace(job, modes=("lit",)))
+        make(replace(job, modes=("lit",)))

@@ -8,9 +8,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags import highlevel
 
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
+from omniscv.job import load
+from omniscv.make import make
 
 JOB = """
 source: scene://six-wall
@@ -49,9 +51,9 @@ def folder(tmp_path_factory):
     """A dataset with its exports."""
     root = tmp_path_factory.mktemp("slam")
     (root / "job.yaml").write_text(JOB + EXPORTS)
-    job = jobs.load(root / "job.yaml")
+    job = load(root / "job.yaml")
     assert job.assumed.startswith("imu: a spline through 4 poses, within")
-    jobs.make(job)
+    make(job)
     return job.out
 
 
@@ -207,7 +209,7 @@ def test_tables_beside_a_job(tmp_path):
     """The file of a table is relative to the job's; presets are no files."""
     (tmp_path / "beams.csv").write_text("elevation_deg\n5\n-5\n")
     (tmp_path / "job.yaml").write_text(JOB.replace("preset: vlp-16", "preset: beams.csv"))
-    assert jobs.load(tmp_path / "job.yaml").cameras["scan"].height == 2
+    assert load(tmp_path / "job.yaml").cameras["scan"].height == 2
 
 
 @pytest.mark.parametrize(
@@ -225,4 +227,4 @@ def test_what_is_refused_before_the_first_capture(change, says, tmp_path):
     assert change[0] in JOB + EXPORTS
     (tmp_path / "job.yaml").write_text((JOB + EXPORTS).replace(*change, 1).replace("six-wall", "nowhere"))
     with pytest.raises(ArgumentError, match=says):
-        jobs.make(jobs.load(tmp_path / "job.yaml"))
+        make(load(tmp_path / "job.yaml"))

@@ -9,7 +9,9 @@ from support.command_line import ROOT
 from support.datasets import job_file
 
 import omniscv
-from omniscv import dataset, jobs
+from omniscv import dataset
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.make.source import open_source
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
@@ -20,13 +22,13 @@ RECORDING = ROOT / "captures" / "four-wall.sqlite"
     ["mock://four-wall?dialect=N2&size=64x64", "mock://four-wall?dialect=0.3.10&size=64x64", str(RECORDING)],
 )
 def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
-    job = jobs.load(job_file(tmp_path, source=json.dumps(source)))
+    job = load(job_file(tmp_path, source=json.dumps(source)))
     with open_source(job) as opened:
         modes = tuple(mode for mode in job.modes if mode in opened.capabilities.modes)
     poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (0, 30))
     options = omniscv.RenderOptions("cube")
     job = replace(job, modes=modes, poses=poses, times=None, places=None, options=options)
-    jobs.make(job)
+    make(job)
     assert dataset.check(job.out, deep=True) == []
     frames = dataset.open(job.out)
     assert len(frames) == 4

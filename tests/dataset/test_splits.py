@@ -10,9 +10,11 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 from support.cases import cases
 
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.errors import ArgumentError
+from omniscv.job import load
 from omniscv.job.recipe import Split, read_split
+from omniscv.make import make
 
 SPLIT = Split({"train": 0.7, "val": 0.2, "test": 0.1}, distance_m=1.0)
 POSITIONS = st.lists(
@@ -76,7 +78,7 @@ def test_a_split_without_frames_gives_a_warning(tmp_path):
     }
     (tmp_path / "job.yaml").write_text(json.dumps(job), encoding="utf-8")
     lines = []
-    jobs.make(jobs.load(tmp_path / "job.yaml"), warn=lines.append)
+    make(load(tmp_path / "job.yaml"), warn=lines.append)
     assert len(lines) == 1
     assert "has no frames: they are of 1 places" in lines[0]
 

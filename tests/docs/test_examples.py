@@ -7,7 +7,9 @@ import sys
 
 from support.command_line import ROOT
 
-from omniscv import dataset, jobs
+from omniscv import dataset
+from omniscv.job import load
+from omniscv.make import make
 
 
 def test_the_moving_world_is_the_one_that_its_document_runs():
@@ -22,7 +24,7 @@ def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
     text = (folder / "kitchen.yaml").read_text()
     smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 8}", text)
     (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 1"))
-    jobs.make(jobs.load(folder / "kitchen.yaml"))
+    make(load(folder / "kitchen.yaml"))
     assert dataset.check(folder / "kitchen", deep=True) == []
     monkeypatch.setattr(sys, "argv", ["explore.py", str(folder / "kitchen")])
     runpy.run_path(str(folder / "explore.py"), run_name="__main__")

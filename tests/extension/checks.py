@@ -20,7 +20,9 @@ from support.documents import blocks
 from support.recordings import CountingSource
 
 import omniscv
-from omniscv import cli, dataset, jobs, planning
+from omniscv import cli, dataset, planning
+from omniscv.job import load
+from omniscv.make import costs, make, run
 from omniscv.testing import check_camera
 
 POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
@@ -136,14 +138,14 @@ out: images
 
 def job_of(folder, text):
     (folder / "job.yaml").write_text(text, encoding="utf-8")
-    return jobs.load(folder / "job.yaml")
+    return load(folder / "job.yaml")
 
 
 def test_all_of_them_through_a_job_and_its_plan(tmp_path):
     job = job_of(tmp_path, JOB)
-    assert {path.name for path in jobs.run(job)} >= {"lens.lit.npy", "lens.depth.exr"}
+    assert {path.name for path in run(job)} >= {"lens.lit.npy", "lens.depth.exr"}
     assert shows_the_sky(np.load(tmp_path / "images" / "lens.lit.npy"))
-    found = {cost.way: cost.requests for cost in jobs.costs(job)}
+    found = {cost.way: cost.requests for cost in costs(job)}
     assert found["sparse"] == found["exact"]
 
 
@@ -189,7 +191,7 @@ out: dataset
 
 def test_a_truth_and_a_format_through_a_dataset(tmp_path):
     """Made, exported again without the source, and checked."""
-    jobs.make(job_of(tmp_path, DATASET))
+    make(job_of(tmp_path, DATASET))
     out = tmp_path / "dataset"
     assert dataset.check(out, deep=True) == []
     for frame in dataset.open(out):
@@ -204,4 +206,4 @@ def test_a_truth_and_a_format_through_a_dataset(tmp_path):
 def test_what_they_cannot_carry_is_refused_before_the_source_is_opened(tmp_path):
     text = DATASET.replace("scene://four-wall", "scene://missing").replace("[lit, depth]", "[lit]")
     with pytest.raises(omniscv.OmniscvError, match=r"truth\.farthest: expected modes with depth"):
-        jobs.make(job_of(tmp_path, text))
+        make(job_of(tmp_path, text))

@@ -18,7 +18,7 @@ from omniscv.geometry.trajectory import (
     write_kitti_times,
     write_tum,
 )
-from omniscv.jobs import load
+from omniscv.job import load
 
 STEPS = Trajectory((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
 

@@ -10,9 +10,11 @@ from support.datasets import tree
 
 import mock_server
 from mock_server import load_scene
-from omniscv import Pose, RenderOptions, dataset, jobs, open_source
+from omniscv import Pose, RenderOptions, dataset, open_source
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
+from omniscv.job import Job, load
+from omniscv.make import make, run
 
 JOB = """
 source: {uri}
@@ -40,12 +42,12 @@ def server():
 def made(folder, server, freeze, more=""):
     """Make the dataset of a job, and make it again from its recording: the same bytes; return its frames."""
     (folder / "job.yaml").write_text(JOB.format(uri=server.uri, freeze=freeze, more=more), encoding="utf-8")
-    job = jobs.load(folder / "job.yaml")
-    jobs.make(job)
+    job = load(folder / "job.yaml")
+    make(job)
     again = replace(
         job, source=str(folder / "kept.sqlite"), record=None, source_options={}, out=folder / "again"
     )
-    jobs.make(again)
+    make(again)
     assert tree(folder / "again") == tree(folder / "made")
     return dataset.open(folder / "made")
 
@@ -80,7 +82,7 @@ def test_a_game_that_is_paused_where_it_is_has_the_poses_that_were_read(server, 
 
 def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
     """Two places, one instant: it is paused in between, and its replay needs no word of it."""
-    job = jobs.Job(
+    job = Job(
         source=server.uri,
         cameras={"pano": create("equirectangular", width=48, height=24)},
         poses=(Pose.from_angles((0, 0, 1.2)), Pose.from_angles((0.3, 0, 1.2))),
@@ -90,7 +92,7 @@ def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
         out=tmp_path / "made",
         source_options={"freeze": "auto"},  # pauses, as the job moves nothing
     )
-    jobs.run(job)
+    run(job)
     assert not server.world.paused
     with open_source(tmp_path / "kept.sqlite") as source:
         (state,) = source.states()
@@ -104,6 +106,6 @@ def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
     again = replace(
         job, source=str(tmp_path / "kept.sqlite"), record=None, source_options={}, out=tmp_path / "again"
     )
-    jobs.run(again)
+    run(again)
     for name in ("pano-0.depth.exr", "pano-1.labels.png"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "made" / name).read_bytes()

@@ -7,11 +7,12 @@ import pytest
 
 import mock_server
 import omniscv
-from omniscv import Pose, RenderOptions, jobs
+from omniscv import Pose, RenderOptions
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import object_pose
 from omniscv.geometry.trajectory import Trajectory, write_tum
-from omniscv.job import Exposure
+from omniscv.job import Exposure, load
+from omniscv.make import capture, costs, run
 from omniscv.make.moments import moments
 from omniscv.sources.scene import SceneSource
 
@@ -32,7 +33,7 @@ face_size: 32
 def job_of(folder, more="", camera=PANORAMA, poses="[{position: [0, 0, 1.2]}]"):
     path = folder / "job.yaml"
     path.write_text(JOB.format(camera=camera, more=more, poses=poses), encoding="utf-8")
-    return jobs.load(path)
+    return load(path)
 
 
 def slid(time):
@@ -56,7 +57,7 @@ def rendered(job, time, camera=None, pose=None, poses=None):
 
 def images_of(job):
     """The images that a job writes, as read back, by stem."""
-    written = jobs.run(job)
+    written = run(job)
     stems = sorted({path.name.partition(".")[0] for path in written if path.suffix == ".png"})
     found = {}
     for stem in stems:
@@ -207,11 +208,11 @@ def test_a_plan_counts_every_instant(tmp_path):
         tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.1, instants: 3}}"
     )
     single, thrice, exposed = (
-        {cost.way: cost.requests for cost in jobs.costs(job)}["cube"] for job in (one, times, blurred)
+        {cost.way: cost.requests for cost in costs(job)}["cube"] for job in (one, times, blurred)
     )
     assert (single, thrice, exposed) == (18, 54, 18 + 12)
     colour = replace(times, modes=("lit",), options=RenderOptions("cube", face_size=16))
-    assert jobs.capture(colour, tmp_path / "kept.sqlite") == 3 * 6
+    assert capture(colour, tmp_path / "kept.sqlite") == 3 * 6
 
 
 @pytest.mark.parametrize(
@@ -245,4 +246,4 @@ def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
 
 def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected objects of the scene, got 'Cupboard'"):
-        jobs.run(job_of(tmp_path, "motions: {Cupboard: [{position: [0, 0, 1]}]}"))
+        run(job_of(tmp_path, "motions: {Cupboard: [{position: [0, 0, 1]}]}"))

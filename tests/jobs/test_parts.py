@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from support.datasets import job_file, made, tree
 
 import omniscv
-from omniscv import dataset, jobs
+from omniscv import dataset
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
-from omniscv.jobs import Part
+from omniscv.job import load
+from omniscv.make import Part, finish, make, run_part
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.recording import part_file
 from omniscv.sources.recording.inspection import info
@@ -45,7 +46,7 @@ def job_of(folder, **fields):
     turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
     poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)
     known = {"times": (0.0, 0.5, 0.6, 1.0, 2.0), "places": ("middle", "middle", "middle", "corner", "corner")}
-    job = jobs.load(job_file(folder, source="counted:room"))
+    job = load(job_file(folder, source="counted:room"))
     return replace(job, poses=poses, modes=("lit", "object_mask"), **known, **fields)
 
 
@@ -74,22 +75,22 @@ def test_a_part_that_is_none_is_refused(wrong):
 
 def test_parts_make_the_captures_and_bytes_of_one_process(counted, tmp_path):
     job = job_of(tmp_path)
-    jobs.make(replace(job, out=tmp_path / "single"))
+    make(replace(job, out=tmp_path / "single"))
     single = Counter(counted)
     wanted = tree(tmp_path / "single")
     for count, order in ((3, (2, 0, 1)),):
         counted.clear()
         parted = replace(job, out=tmp_path / f"of-{count}")
-        made_of = [jobs.run_part(parted, Part(i, count)) for i in order]
+        made_of = [run_part(parted, Part(i, count)) for i in order]
         assert counted == single, count
         assert sum(each.written for each in made_of) == len(job)
         counted.clear()
-        again = [jobs.run_part(parted, Part(i, count)) for i in order]
+        again = [run_part(parted, Part(i, count)) for i in order]
         assert sum(each.kept for each in again) == len(job)
         assert not counted
-        jobs.finish(parted, count)
+        finish(parted, count)
         assert tree(parted.out) == wanted, count
-        jobs.finish(parted, count)  # another process was just as late
+        finish(parted, count)  # another process was just as late
         assert tree(parted.out) == wanted, count
     assert dataset.check(parted.out, deep=True) == []
 
@@ -97,44 +98,44 @@ def test_parts_make_the_captures_and_bytes_of_one_process(counted, tmp_path):
 def test_damaged_markers_and_lost_files_are_made_again(counted, tmp_path):
     job = job_of(tmp_path)
     for i in range(2):
-        jobs.run_part(job, Part(i, 2))
-    jobs.make(replace(job, out=tmp_path / "single"))
+        run_part(job, Part(i, 2))
+    make(replace(job, out=tmp_path / "single"))
     marker = job.out / "parts" / "1-of-2.json"
     whole = marker.read_bytes()
     for damaged in (whole[:-9], whole.replace(b'"split"', b'"split "', 1), b"[]", b""):
         marker.write_bytes(damaged)
         with pytest.raises(DatasetError, match="part 1 has none; make it again with --shard 1/2"):
-            jobs.finish(job, 2)
+            finish(job, 2)
         counted.clear()
-        assert jobs.run_part(job, Part(1, 2)).written == 0  # its frames are whole
+        assert run_part(job, Part(1, 2)).written == 0  # its frames are whole
         assert not counted
         assert marker.read_bytes() == whole
     (job.out / "lens-0.labels.png").unlink()
-    assert jobs.run_part(job, Part(0, 2)).written == 1
-    jobs.finish(job, 2)
+    assert run_part(job, Part(0, 2)).written == 1
+    finish(job, 2)
     assert tree(job.out) == tree(tmp_path / "single")
 
 
 def test_a_shard_of_a_complete_dataset_leaves_it_complete(tmp_path):
     out = made(tmp_path)
     before = tree(out)
-    job = jobs.load(tmp_path / "dataset.yaml")
+    job = load(tmp_path / "dataset.yaml")
     for shard in ((0, 3), (2, 5)):
-        done = jobs.make(job, shard=shard)
+        done = make(job, shard=shard)
         assert (done.written, done.missing) == (0, 0)
         assert tree(out) == before
-    changed = jobs.make(replace(job, source="scene://six-wall"), shard=(0, 3))
+    changed = make(replace(job, source="scene://six-wall"), shard=(0, 3))
     assert (changed.written, changed.missing) == (2, 4)
 
 
 def test_parts_record_into_files_of_their_own(counted, tmp_path):
     """Poses at one position share captures in a recording: all parts capture what one process does."""
     job = job_of(tmp_path, record=tmp_path / "room.sqlite")
-    jobs.make(replace(job, out=tmp_path / "single"))
+    make(replace(job, out=tmp_path / "single"))
     single = Counter(counted)
     counted.clear()
     for i in range(3):
-        jobs.run_part(job, Part(i, 3))
+        run_part(job, Part(i, 3))
     assert counted == single
     each = [info(path).captures["lit"] for path in (part_file(job.record, i, 3) for i in range(3))]
     assert sum(each) == info(job.record).captures["lit"]

@@ -7,9 +7,10 @@ import pytest
 
 import mock_server
 import omniscv
-from omniscv import jobs
 from omniscv.errors import ArgumentError
+from omniscv.job import load
 from omniscv.job.sampling import GridPoses, PathPoses, RandomPoses, read_sampling
+from omniscv.make import capture, costs, run
 from omniscv.make.source import sample_poses
 
 ROOM = {"low": (-3.2, -2.7, -0.3), "high": (3.2, 2.7, 3.0)}  # the room, its walls and a little beyond
@@ -149,13 +150,13 @@ out: images
 def test_a_job_samples_its_poses_when_its_source_is_open(tmp_path):
     path = tmp_path / "job.yaml"
     path.write_text(JOB)
-    job = jobs.load(path)
-    planned = {cost.way: cost.requests for cost in jobs.costs(job)}
-    assert jobs.capture(job, job.record) == planned["auto"]
-    live = {file.name: file.read_bytes() for file in jobs.run(job)}
+    job = load(path)
+    planned = {cost.way: cost.requests for cost in costs(job)}
+    assert capture(job, job.record) == planned["auto"]
+    live = {file.name: file.read_bytes() for file in run(job)}
     assert {"eye-0.lit.png", "eye-1.lit.png"} <= set(live)
     path.write_text(JOB.replace("scene://four-wall", "room.sqlite").replace("record: room.sqlite\n", ""))
-    replayed = {file.name: file.read_bytes() for file in jobs.run(jobs.load(path))}
+    replayed = {file.name: file.read_bytes() for file in run(load(path))}
     assert replayed["eye-1.lit.png"] == live["eye-1.lit.png"]
 
 
@@ -163,6 +164,6 @@ def test_paths_and_open_grids_need_no_source(tmp_path):
     path = tmp_path / "job.yaml"
     sampled = "poses: {path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 4}}"
     path.write_text("\n".join(sampled if line.startswith("poses") else line for line in JOB.splitlines()))
-    job = jobs.load(path)
+    job = load(path)
     assert job.sampling is None
     assert job.times == (0, 0.25, 0.5, 0.75, 1.0)

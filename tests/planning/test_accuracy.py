@@ -7,9 +7,11 @@ from support.judged import Errors
 import mock_server
 import omniscv
 from mock_server.scene import Scene
-from omniscv import Pose, Rig, RigCamera, jobs
+from omniscv import Pose, Rig, RigCamera
 from omniscv.cameras import create
 from omniscv.chart.truth import traced
+from omniscv.job import load
+from omniscv.make import capture as capture_job
 from omniscv.make.render import warnings_of
 from omniscv.sources.base import Capabilities, SourceWrapper
 from omniscv.sources.recording import Recording
@@ -199,8 +201,8 @@ def test_old_recordings_of_strips_replay_exactly_and_say_so(tmp_path):
 @pytest.mark.parametrize("modes", [MODES, ("lit",)], ids=["all", "colours"])
 def test_a_job_a_rig_and_a_replay_capture_the_same(modes, tmp_path):
     keys = {"source": "scene://four-wall", "cameras": {"ring": RING.to_dict()}, "modes": list(modes)}
-    job = jobs.load(keys | {"poses": [{"position": [0.13, -0.21, 1.47], "yaw_deg": 20.0}]})
-    count = jobs.capture(job, tmp_path / "job.sqlite")
+    job = load(keys | {"poses": [{"position": [0.13, -0.21, 1.47], "yaw_deg": 20.0}]})
+    count = capture_job(job, tmp_path / "job.sqlite")
     with source() as counted:
         rig = Rig({"ring": RigCamera(RING)})
         image = omniscv.render_rig(rig, POSE, counted, modes)["ring"]

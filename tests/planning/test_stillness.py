@@ -8,11 +8,12 @@ import pytest
 from support.moving import Frozen, Unfrozen, scene_at
 
 import omniscv
-from omniscv import jobs
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import TornSetError
 from omniscv.geometry.instant import Instant
+from omniscv.job import Job
+from omniscv.make import capture as capture_job
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.scene import SceneSource
 from omniscv.sources.stillness import TRIES
@@ -162,8 +163,8 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
     options = omniscv.RenderOptions(face_size=16)
     moving = {"world": Unfrozen(lambda made: 0.5 if made < 7 else 1.5)}
     omniscv.sources.register("moving", lambda address: moving[address.partition("://")[2]])
-    job = jobs.Job("moving://world", {"pano": CENTRAL}, (POSE,), tmp_path, MODES, options=options)
-    assert jobs.capture(job, path) == 18
+    job = Job("moving://world", {"pano": CENTRAL}, (POSE,), tmp_path, MODES, options=options)
+    assert capture_job(job, path) == 18
     assert moving["world"].made > 18 + 12
     with omniscv.open_source(path) as replay, scene_at(1.5) as behind:
         assert same(central(replay), central(behind))

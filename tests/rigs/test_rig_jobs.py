@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omniscv import Pose, Rig, RigCamera, calibration, cameras, dataset, jobs, open_source
+from omniscv import Pose, Rig, RigCamera, calibration, cameras, dataset, open_source
 from omniscv.errors import ArgumentError
+from omniscv.job import Job, load
+from omniscv.make import capture, costs, run
 from omniscv.make.moments import moments
 
 LENS = cameras.create("kannala-brandt", width=20, height=20, fx=7.0, fy=7.0)
@@ -21,13 +23,13 @@ INLINE = """
 POSES = "[{position: [0, 0, 1.5]}, {position: [0.5, 0, 1.5], yaw_deg: 30}]"
 
 
-def job_of(tmp_path: Path, rig: str, poses: str, more: str = "") -> jobs.Job:
+def job_of(tmp_path: Path, rig: str, poses: str, more: str = "") -> Job:
     text = f"source: scene://four-wall\nrig: {rig}\nposes: {poses}\nface_size: 16\n{more}"
     (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
-    return jobs.load(tmp_path / "job.yaml")
+    return load(tmp_path / "job.yaml")
 
 
-def frames_of(job: jobs.Job) -> list[dataset.Frame]:
+def frames_of(job: Job) -> list[dataset.Frame]:
     return [frame for moment in moments(job) for frame in moment.frames]
 
 
@@ -37,12 +39,12 @@ def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:
     assert [frame.key for frame in frames_of(job)] == [
         f"{name}-{i}" for i in (0, 1) for name in ("ahead", "behind", "sphere")
     ]
-    planned = {cost.way: cost.requests for cost in jobs.costs(job)}
+    planned = {cost.way: cost.requests for cost in costs(job)}
     assert planned["auto"] == planned["cube"] == 2 * 6 * 2  # one cube map a pose, in two modes
-    assert jobs.capture(job, tmp_path / "room.sqlite") == planned["auto"]
+    assert capture(job, tmp_path / "room.sqlite") == planned["auto"]
     with open_source(tmp_path / "room.sqlite") as recorded:
         before = set(recorded.recorded_views())
-    written = jobs.run(job)
+    written = run(job)
     with open_source(tmp_path / "room.sqlite") as recorded:
         assert set(recorded.recorded_views()) == before
     assert {path.name.partition(".")[0] for path in written} == {frame.key for frame in frames_of(job)}

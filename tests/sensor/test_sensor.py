@@ -10,7 +10,7 @@ from omniscv import light
 from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.job.file import load
-from omniscv.jobs import make, run
+from omniscv.make import capture, make, run
 from omniscv.sensor import PRESETS, Sensor, optics
 from omniscv.sources.scene import SceneSource
 
@@ -28,7 +28,7 @@ NOISY = {"seed": 3, "electrons": 4000, "read_noise": 5, "prnu": 0.01, "black_lev
 def recorded(tmp_path_factory):
     """A recording of all that the jobs need."""
     path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
-    omniscv.jobs.capture(load(JOB), path)
+    capture(load(JOB), path)
     return str(path)
 
 

@@ -12,7 +12,8 @@ from support.stores import BUCKET, failing_store
 import omniscv
 from omniscv import cli, dataset, storage
 from omniscv.errors import ArgumentError, MissingFileError, NotARecordingError
-from omniscv.jobs import load, run
+from omniscv.job import load
+from omniscv.make import run
 from omniscv.sources.recording import merge, split
 from omniscv.sources.recording.inspection import info, verify
 

@@ -6,7 +6,8 @@ import numpy as np
 
 import mock_server
 import omniscv
-from omniscv import jobs
+from omniscv.job import load
+from omniscv.make import make
 
 CLASSES = """
 taxonomy: nyu40
@@ -46,8 +47,8 @@ def job_file(folder, source="scene://four-wall", out="dataset", more=""):
 
 def made(folder, **job):
     """Make the dataset of such a job; return its folder."""
-    wanted = jobs.load(job_file(folder, **job))
-    jobs.make(wanted)
+    wanted = load(job_file(folder, **job))
+    make(wanted)
     return wanted.out
 
 

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import omniscv
 import omniscv.sources.unreal.source  # what opening a source imports  # noqa: F401
-from omniscv import jobs
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.sources import Request, View
 from omniscv.sources.recording import folders
 from omniscv.sources.recording.files import publish, target_of, written_for
@@ -94,7 +95,7 @@ ACTIONS = {
     "replace": replace,
     "change": change,
     "states": record_states,
-    "make": lambda job: jobs.make(jobs.load(Path(job)), resume=True),
+    "make": lambda job: make(load(Path(job)), resume=True),
 }
 
 

@@ -6,11 +6,11 @@ Nothing here leaves a thread behind, because threads do not survive a fork.
 import sys
 
 import omniscv
-from omniscv import cli, jobs, parallel
+from omniscv import cli, make, parallel
 from omniscv.diagnostics import doctor
 from omniscv.sources.unreal import source
 
-LOADED = (cli, doctor, jobs, source)
+LOADED = (cli, doctor, make, source)
 POSE, MODES = omniscv.Pose.from_angles((0, 0, 1.5)), ("lit", "object_mask", "depth", "normals")
 
 parallel.limit(1)

@@ -17,9 +17,10 @@ from support.faces import face_requests
 from support.recordings import contents
 
 import omniscv
-from omniscv import jobs
 from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import ArgumentError, BadReplyError, DeadlineError, OmniscvError, SourceError
+from omniscv.job import load
+from omniscv.make import costs, run
 from omniscv.sources.blender.settings import INSIDE, blender_command
 
 SIZE = 8
@@ -261,10 +262,10 @@ def test_a_job_renders_a_scene_that_lies_beside_it(tmp_path):
         f"source: {address}\nmodes: [lit, depth]\nposes: [{{position: [0, 0, 1.5]}}]\n"
         "cameras: {pano: {model: equirectangular, width: 16, height: 8}}\n"
     )
-    job = jobs.load(tmp_path / "job.yaml")
-    assert jobs.costs(job)
+    job = load(tmp_path / "job.yaml")
+    assert costs(job)
     assert blender.renders(tmp_path) == []
-    jobs.run(job)
+    run(job)
     depth = OpenImageIO.ImageBuf(str(tmp_path / "out" / "pano.depth.exr")).get_pixels()
     assert np.isinf(depth[0]).all()
     assert depth[-1] == pytest.approx(1.5, abs=0.1)
