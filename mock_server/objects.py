@@ -83,7 +83,7 @@ class SceneObject:
     """An object's state. Its location is the centre of its box; rotations and scales are about it.
 
     ``key`` is its name in the scene, ``rest`` its pose without commands. An object that is not ``annotated``
-    is missing in masks and depth.
+    is missing in masks and depth. Commands do not move one whose ``mobility`` is ``Static``.
     """
 
     name: str
@@ -95,6 +95,7 @@ class SceneObject:
     scale: Triple = _WHOLE
     hidden: bool = False
     annotated: bool = True
+    mobility: str = "Movable"
     class_name: str = "StaticMeshActor"
 
 
@@ -140,7 +141,9 @@ class Objects:
         self._actors: list[SceneObject] = []
         for key, color in zip(scene.objects, self._palette, strict=False):
             location, rotation = _in_unreal(scene.pose(key))
-            self._actors.append(SceneObject(key, color, key, location, rotation, (location, rotation)))
+            actor = SceneObject(key, color, key, location, rotation, (location, rotation))
+            actor.mobility = "Static" if key in scene.static else "Movable"
+            self._actors.append(actor)
         self.by_name = {actor.name: actor for actor in self._actors}
         self._spawned = 0
 

@@ -72,6 +72,8 @@ class Scene:
         objects: names of the objects, sorted.
         solids: (N, 20) float64, one row per solid; see ``solids.COLUMNS``.
         moving: names of the objects with a motion, sorted.
+        static: names of the objects that commands cannot move: those of the room, and those with ``movable:
+            false``.
         time: of the scene, seconds; 0 when loaded.
         room: the room; None without one, or if a wall of it has moved.
 
@@ -85,7 +87,7 @@ class Scene:
         self._sky, self._pattern = np.array(file.sky), file.pattern
         self._whole_room: Room | None = file.room
         self._moving = file.moving
-        self.moving = tuple(sorted(file.moving))
+        self.moving, self.static = tuple(sorted(file.moving)), frozenset(file.static)
         self.time = 0.0
         self._describe(np.array(file.rows).reshape(-1, COLUMNS), file.names, file.textures)
 

@@ -125,6 +125,7 @@ class SceneFile:
     names: list[str] = field(default_factory=list)
     textures: list[Texture] = field(default_factory=list)
     moving: dict[str, Moving] = field(default_factory=dict)
+    static: set[str] = field(default_factory=set)  # objects that no command can move
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
         """Add a solid by its centre, axes as rows, and half sizes; see ``solids.COLUMNS``."""
@@ -154,12 +155,16 @@ def read(description: object, where: str) -> SceneFile:
             wanted = f"expected names without spaces, of at most {_LONGEST_NAME} characters"
             raise ValueError(f"{where}: objects: {wanted}, got {shown(name)}")
         inner = f"{where}: {name if name.isprintable() else ascii(name)}"
-        item = _mapping(value, inner, "solids", "texture", "moving")
+        item = _mapping(value, inner, "solids", "texture", "moving", "movable")
         texture = _texture(item.get("texture", {}), f"{inner}: texture")
         for solid in _list(item.get("solids"), 1, f"{inner}: solids"):
             _add_solid(scene, name, solid, texture, inner)
         if "moving" in item:
             scene.moving[name] = _moving(item["moving"], f"{inner}: moving")
+        if not _truth(item, "movable", True, inner):
+            if "moving" in item:
+                raise ValueError(f"{inner}: movable: expected true with a motion, got False")
+            scene.static.add(name)
     return scene
 
 
@@ -180,6 +185,13 @@ def _mapping(value: object, where: str, *words: str) -> Mapping[str, object]:
     for key in value:
         if words and key not in words:
             raise ValueError(f"{where}: unknown key {shown(key)}; known keys: {', '.join(sorted(words))}")
+    return value
+
+
+def _truth(data: Mapping[str, object], key: str, default: bool, where: str) -> bool:
+    value = data.get(key, default)
+    if not isinstance(value, bool):
+        raise ValueError(f"{where}: {key}: expected true or false, got {shown(value)}")
     return value
 
 
@@ -227,9 +239,7 @@ def _moving(value: object, where: str) -> Moving:
 
 
 def _waypoints(data: Mapping[str, object], where: str) -> Motion:
-    name, repeat = f"{where}: points", data.get("repeat", False)
-    if not isinstance(repeat, bool):
-        raise ValueError(f"{where}: repeat: expected true or false, got {shown(repeat)}")
+    name, repeat = f"{where}: points", _truth(data, "repeat", False, where)
     listed = _list(data.get("points"), 2, name)
     if len(listed) > _MOST_POINTS:
         raise ValueError(f"{name}: expected at most {_MOST_POINTS}, got {len(listed)}")
@@ -271,6 +281,7 @@ def _add_room(scene: SceneFile, value: object, where: str) -> None:
     (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "from 1e-9 to 1e9")
     walls = [_texture(t, f"{where}: walls") for t in _list(data.get("walls", [{}]), 1, f"{where}: walls")]
     scene.room = Room(corners, height, tuple(f"Layout_Wall_{i + 1}" for i in range(len(corners))))
+    scene.static |= {*scene.room.walls, scene.room.floor, scene.room.ceiling}
     for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
         length = float(np.linalg.norm(step))
         x, y = step / length

@@ -93,7 +93,6 @@ class Server:
     Attributes:
         scene, settings: of the constructor; the scene loaded.
         host, port: where it listens.
-        world: cameras and objects.
         faults: active faults; they can be started and stopped while the server runs.
         statistics: counts of the commands received.
         regions: by name, the shared memory of dialect N3 with ``shared_memory="serving"``.
@@ -109,17 +108,22 @@ class Server:
         self.statistics = Statistics()
         self.faults = Faults(settings.faults, settings.seed)
         self.settings = settings
-        self.world = World(self.scene, settings, self.faults)
         self.fault = ""
+        world = World(self.scene, settings, self.faults)
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
         self.host, self.port = self._tcp.getsockname()[:2]
         self._files = OutputFolder(settings.folder, settings.files == "anywhere")
-        self._dialect = BY_NAME[settings.dialect](self.world, settings, self.port, self._files)
+        self._dialect = BY_NAME[settings.dialect](world, settings, self.port, self._files)
         self.regions: dict[str, bytearray] = getattr(self._dialect, "regions", {})
         self._stopping = threading.Event()
         self._connection: socket.socket | None = None
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)
         self._thread.start()
+
+    @property
+    def world(self) -> World:
+        """Cameras and objects of the level that is open."""
+        return self._dialect.world
 
     @property
     def uri(self) -> str:

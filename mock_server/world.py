@@ -73,7 +73,8 @@ def _limited(angle: float) -> float:
 class Camera:
     """A capture camera; ``actor`` is the name of its actor if it was spawned.
 
-    ``manual`` is whether its exposure is; ``bias`` is of its exposure, in stops.
+    ``manual`` is whether its exposure is; ``bias`` is of its exposure, in stops. The files of one that
+    ``is_fast`` come after the replies.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Camera:
     actor: str = ""
     manual: bool = False
     bias: float = 0.0
+    is_fast: bool = False
     cine: Cine = field(default_factory=Cine)
 
     def has_pixels(self) -> bool:

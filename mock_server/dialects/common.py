@@ -17,7 +17,8 @@ from typing import Any, ClassVar
 from mock_server import pixels
 from mock_server.objects import SceneObject, axes
 from mock_server.protocol import to_int32
-from mock_server.settings import Settings
+from mock_server.scene import load_scene
+from mock_server.settings import Settings, scene_names
 from mock_server.world import World
 
 
@@ -151,10 +152,16 @@ class Dialect(ABC):
     """Whether the player's camera follows the pawn while the game is paused."""
 
     def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
-        self.world, self.settings, self.port, self.files = world, settings, port, files
-        self.on_unix = False
+        self.settings, self.port, self.files = settings, port, files
+        self.project, self.on_unix = world.scene.name, False
         self.held = 0
         """How many requests the next frames hold until all of them have come."""
+        self._next_world: World | None = None
+        self.begin(world)
+
+    def begin(self, world: World) -> None:
+        """Serve a world from now on."""
+        self.world = world
         self.commands = [Command(*row) for row in self.rows()]
 
     @abstractmethod
@@ -162,7 +169,10 @@ class Dialect(ABC):
         """Return the commands in the order of the help."""
 
     def tick(self) -> None:
-        """End a frame of the engine."""
+        """End a frame of the engine; the next one may be of another level."""
+        if self._next_world is not None:
+            self.begin(self._next_world)
+            self._next_world = None
         if self.world.tick() or self.follows_while_paused:
             self.world.player.publish()
             camera = self.world.cameras[0]
@@ -210,7 +220,7 @@ class Dialect(ABC):
             ),
             ("vget /unrealcv/echo [str]", "The word itself", echo),
             ("vget /unrealcv/version", "Version of the plugin", lambda: self.version),
-            ("vget /scene/name", "Name of the project", lambda: self.world.scene.name),
+            ("vget /scene/name", "Name of the project", lambda: self.project),
         ]
 
     def viewmode_rows(self) -> list[Row]:
@@ -239,6 +249,15 @@ class Dialect(ABC):
         if not camera.has_pixels():
             return b""
         return pixels.png(self.world.image(self.world.capture(camera), self.world.viewmode, camera))
+
+    def open_level(self, name: str) -> None:
+        """Open a scene of this package in the next frame; an engine, too, replies ok for a level it lacks."""
+        try:
+            if (scene := name.rpartition("/")[2]) not in scene_names():
+                raise ValueError(f"expected one of {', '.join(scene_names())}; got {name[:80]!r}")
+            self._next_world = World(load_scene(scene), self.settings, self.world.faults)
+        except ValueError as cause:  # also where the scene lacks the object of a fault
+            LOGGER.warning("level not opened: %s", cause)
 
     def press(self, key: str, seconds: float) -> None:
         """Move the pawn as keys W, A, S and D do for so many seconds, at once; other keys do nothing."""
@@ -294,6 +313,18 @@ def sets(attribute: str, value: object = None) -> Callable[..., None]:
 
     def handler(target: object, *values: float) -> None:
         setattr(target, attribute, value if not values else values if len(values) > 1 else values[0])
+
+    return handler
+
+
+def moves(attribute: str, refusal: str = "ok") -> Callable[..., Reply]:
+    """Return a handler that moves or turns an object; a static one stays, and the reply is ``refusal``."""
+
+    def handler(o: SceneObject, *values: float) -> Reply:
+        if o.mobility == "Static":
+            return refusal.format(o.name)
+        setattr(o, attribute, values)
+        return None
 
     return handler
 

@@ -15,6 +15,7 @@ from mock_server.dialects.common import (
     Reply,
     Row,
     color,
+    moves,
     numbers,
     ok,
     paint,
@@ -26,6 +27,7 @@ from mock_server.world import Camera, World
 
 _Form = Literal["png", "npy", "exr"]
 _CAPTURED = ("lit", "depth", "normal")
+_UNMOVED = "error Failed to move object {}"
 _LATE = 1
 """Frames by which objects in images are late: the next frame is being rendered."""
 
@@ -41,9 +43,12 @@ class Plugin0310(Dialect):
 
     def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
         self._eyes_cm = 40
-        if settings.right_eye:
-            world.cameras.append(Camera("RightEye", world.player.location, size=settings.size))
         super().__init__(world, settings, port, files)
+
+    def begin(self, world: World) -> None:
+        if self.settings.right_eye:
+            world.cameras.append(Camera("RightEye", world.player.location, size=self.settings.size))
+        super().begin(world)
 
     def rows(self) -> list[Row]:
         obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
@@ -57,9 +62,9 @@ class Plugin0310(Dialect):
             (f"vget {at}/name", "Its name", obj(lambda o: o.name)),
             (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location, "{:.2f}"))),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation, "{:.2f}"))),
-            (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
-            (f"vset {at}/rotation {THREE}", "Turns it", obj(sets("rotation"))),
-            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
+            (f"vset {at}/location {THREE}", "Moves it", obj(moves("location", _UNMOVED))),
+            (f"vset {at}/rotation {THREE}", "Turns it", obj(moves("rotation"))),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: o.mobility)),
             (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
             (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
             (f"{image}/[str]", "An image of a mode, in a file", self._to_file),
@@ -92,7 +97,7 @@ class Plugin0310(Dialect):
             (f"{image}/lit_depth_normal npy", "All three in one reply", npy(*_CAPTURED)),
             *self.plugin_rows(echo=lambda word: Later(1, lambda: word)),
             ("vset /action/game/pause", "Pauses, or goes on", self._pause),
-            ("vset /action/game/level [str]", "Opens a level", ok),
+            ("vset /action/game/level [str]", "Opens a level", self.open_level),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
             ("vset /action/eyes_distance [float]", "Distance of two eyes, cm", self._set_eyes),

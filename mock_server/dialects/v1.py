@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from mock_server import pixels
-from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, numbers, ok, paint, sets
+from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, moves, numbers, ok, paint, sets
 from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
 
@@ -55,13 +55,13 @@ class Plugin1(Dialect):
             ("vset /objects/spawn [str]", "Adds an object of a class", self._spawn),
             ("vset /objects/spawn [str] [str]", "The same, with a name", self._spawn),
             (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
-            (f"vset {at}/location {THREE}", "Moves it", obj(sets("location"))),
+            (f"vset {at}/location {THREE}", "Moves it", obj(moves("location"))),
             (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
-            (f"vset {at}/rotation {THREE}", "Turns it", obj(sets("rotation"))),
+            (f"vset {at}/rotation {THREE}", "Turns it", obj(moves("rotation"))),
             (f"vget {at}/vertex_location", "Points of its mesh, cm", obj(self._vertices)),
             (f"vget {at}/color", "Colour in the mask", obj(color)),
             (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint)),
-            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: "Movable")),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: o.mobility)),
             (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
             (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
             (f"vset {at}/destroy", "Takes it out of the world", self._destroy),
@@ -75,7 +75,7 @@ class Plugin1(Dialect):
             ("vset /action/game/pause", "Pauses", lambda: sets("paused", True)(self.world)),
             ("vset /action/game/resume", "Goes on", lambda: sets("paused", False)(self.world)),
             ("vget /action/game/is_paused", "Whether paused", lambda: str(self.world.paused).lower()),
-            ("vset /action/game/level [str]", "Opens a level", ok),
+            ("vset /action/game/level [str]", "Opens a level", self.open_level),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
             ("vset /action/eyes_distance [float]", "Distance of two eyes", lambda _: "error Not Implemented"),
@@ -155,8 +155,12 @@ class Plugin1(Dialect):
             data = _ENCODERS[kind](self.world.image(view, shown if window else mode, camera))
         if form.lower() == kind:
             return data
-        self.files.write(form, data)  # the plugin does not report a file that it cannot write
+        self.save(camera, form, data)  # the plugin does not report a file that it cannot write
         return form
+
+    def save(self, camera: Camera, name: str, data: bytes) -> None:
+        """Write the file of a capture."""
+        self.files.write(name, data)
 
     def _spawn_cube(self, *_: str) -> Reply:
         reply = str(self._spawn("CubeActor"))  # whatever the name

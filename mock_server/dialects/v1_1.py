@@ -137,25 +137,34 @@ class PluginDev(Plugin11):
 
     version = "2.0.0"
 
+    def begin(self, world: World) -> None:
+        self._unwritten: list[tuple[str, bytes]] = []
+        self._late: list[tuple[str, bytes]] = []
+        super().begin(world)
+
     def rows(self) -> list[Row]:
         rows = [
             (template.replace("/camera/[uint]", "/camera/[camera_id]"), *rest)
             for template, *rest in super().rows()
         ]
-        camera, cam, intensity = self.with_camera, "vget /camera/[camera_id]", "/light/directional/intensity"
+        camera, cam, intensity = self.with_camera, "/camera/[camera_id]", "/light/directional/intensity"
         own: list[Row] = [
             ("vget /unrealcv/list_cmd", "Templates of all commands", self._list),
             ("vget /cameras/ids", "Index and stable id of each camera", self._ids),
             ("vset /world/pause_all_except_pawn", "Pauses all but the pawn", lambda: self._freeze(True)),
             ("vset /world/resume_all", "Goes on", lambda: self._freeze(False)),
             ("vset /annotation/object/[str]", "Annotates it", self.with_object(sets("annotated", True))),
+            ("vset /annotation/world", "Annotates all objects", lambda: self._annotate(True)),
+            ("vset /annotation/world/clear", "Annotates none", lambda: self._annotate(False)),
+            (f"vget {cam}/use_fast_capture", "Whether files come late", camera(lambda c: f"{c.is_fast:d}")),
+            (f"vset {cam}/use_fast_capture [uint]", "Sets it", camera(sets("is_fast"))),
             (f"vget {intensity}", "Intensity of the sun", lambda: "3.14"),
             (f"vset {intensity} [float]", "Sets it", "Set DirectionalLight intensity to {:.2f}".format),
-            (f"{cam}/panoramic [str] [uint] [uint]", "A panorama", camera(self._panorama)),
+            (f"vget {cam}/panoramic [str] [uint] [uint]", "A panorama", camera(self._panorama)),
         ]
         if self.settings.shared_memory == "serving":
             depth = camera(self._panoramic_depth)
-            own.append((f"{cam}/panoramic/depth_shared [uint] [uint]", "Its depth", depth))
+            own.append((f"vget {cam}/panoramic/depth_shared [uint] [uint]", "Its depth", depth))
         return [*rows, *own]  # type: ignore[list-item]
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
@@ -168,6 +177,23 @@ class PluginDev(Plugin11):
 
     def _ids(self) -> str:
         return json.dumps([{"index": i, "id": _stable_id(c)} for i, c in enumerate(self.world.cameras)])
+
+    def _annotate(self, annotated: bool) -> None:
+        for actor in self.world.objects.values():
+            actor.annotated = annotated
+
+    def save(self, camera: Camera, name: str, data: bytes) -> None:
+        """Write a file; with fast captures, not before the next frame."""
+        if camera.is_fast:
+            self._unwritten.append((name, data))
+        else:
+            super().save(camera, name, data)
+
+    def tick(self) -> None:
+        for file in self._late:
+            self.files.write(*file)
+        self._late, self._unwritten = self._unwritten, []
+        super().tick()
 
     def _freeze(self, paused: bool) -> str:
         self.world.paused = paused

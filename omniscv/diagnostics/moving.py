@@ -10,7 +10,7 @@ from omniscv.diagnostics.server import RawCamera, largest_object
 from omniscv.errors import ServerRefusedError
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.driver import SETTLED
-from omniscv.sources.unreal.instants import clock_of, object_names, object_poses
+from omniscv.sources.unreal.instants import clock_of, movable_objects, object_names, object_poses
 from omniscv.sources.unreal.objects import colors
 from omniscv.sources.unreal.protocol import IS_PAUSED, VERSION, numbers
 
@@ -59,11 +59,14 @@ class MovingWorld:
         return Finding("world pauses", f"yes, by a command that {how}")
 
     def _follows(self) -> Finding:
-        """Move the object with the most pixels, and count the frames that do not show the move yet."""
+        """Move the movable object with the most pixels, and count the frames that do not show it yet."""
         title = "captures follow a move"
-        name = largest_object(self._camera, colors(self._connection))
+        movable = movable_objects(self._connection)
+        table = {name: color for name, color in colors(self._connection).items() if name in movable}
+        name = largest_object(self._camera, table)
         if name is None:
-            return Finding(title, "unknown: no object in sight", "warning", "give --position where one is")
+            value = "unknown: no object in sight can be moved"
+            return Finding(title, value, "warning", "give --position where one can; or set its mobility")
         location = f"/object/{name}/location"
         start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
         before = self._camera.pixels("depth")

@@ -86,6 +86,8 @@ class SceneSource(Source):
             self.scene = scene if instant.time is None else scene.at(instant.time)
             drawn, undrawn = instant.placed(self.rest_poses)
             self._moved = {**instant.poses, **drawn}
+            if static := sorted(self._moved.keys() & scene.static):
+                raise ValueError(f"expected objects that can be moved, got {static[0]}, which is static")
             if self._moved:
                 poses = {name: (pose.rotation, pose.position) for name, pose in self._moved.items()}
                 self.scene = self.scene.at(self.scene.time, poses)

@@ -65,12 +65,21 @@ TEXTURE = ("objects", "It", "texture")
         (("room", "floor"), CROSSED, "room: floor: expected corners counter-clockwise, of edges"),
         (("room", "floor"), [*SQUARE[:3], [-2, 2]], "room: floor: expected neighbouring corners that differ"),
         (("room", "walls"), [], "room: walls: expected a list of at least 1, got []"),
+        (("objects", "It", "movable"), "no", "It: movable: expected true or false, got 'no'"),
         (("pattern",), {"kind": "plaid"}, "pattern: kind: expected direction or waves, got 'plaid'"),
     ],
 )
 def test_nonsense_is_refused_with_its_word(path, value, message):
     with pytest.raises(ValueError, match=f"^bad: {re.escape(message)}[^\n]*$"):
         Scene("bad", changed(path, value))
+
+
+def test_the_room_and_what_says_so_are_static():
+    assert Scene("good", GOOD).static == set(Scene("good", GOOD).objects) - {"It"}
+    assert "It" in Scene("fixed", changed(("objects", "It", "movable"), False)).static
+    moving = {**GOOD["objects"]["It"], "movable": False, "moving": {"kind": "steady"}}
+    with pytest.raises(ValueError, match=r"^bad: It: movable: expected true with a motion"):
+        Scene("bad", changed(("objects", "It"), moving))
 
 
 @pytest.mark.parametrize("text", ["- 1", "a: [", "a: 2001-99-99", "[" * 5000, "\xff"])

@@ -157,12 +157,20 @@ class Journal:
         self._changes += 1  # after the change: an instant that another thread describes meanwhile is older
 
 
+_CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
 _PRINTED_M, _PRINTED = 1.1e-4, 4e-4  # of positions, and entries of a rotation: 0.3.10 prints two decimals
 
 
 def object_names(connection: Connection) -> list[str]:
     """Return the names of all objects, in the server's order."""
     return names(connection.text(OBJECTS))
+
+
+def movable_objects(connection: Connection) -> list[str]:
+    """Return the names of the objects that the game may move, without cameras."""
+    objects = [name for name in object_names(connection) if not name.startswith(_CAMERAS)]
+    mobilities = connection.texts([f"vget /object/{name}/mobility" for name in objects])
+    return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
 
 
 def object_poses(connection: Connection, objects: Iterable[str]) -> dict[str, Pose]:

@@ -22,6 +22,7 @@ from omniscv.sources.unreal.instants import (
     Layer,
     clock_of,
     locations_and_rotations,
+    movable_objects,
     object_names,
     object_poses,
     pose_commands,
@@ -31,8 +32,6 @@ from omniscv.sources.unreal.instants import (
 from omniscv.sources.unreal.objects import upright_box
 from omniscv.sources.unreal.protocol import BOUNDS, DIALECTS, changes_world, described, numbers
 from omniscv.sources.world import Freeze, World
-
-_CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
 
 
 class UnrealWorld(World):
@@ -144,7 +143,7 @@ class UnrealWorld(World):
         if self.freeze in ("puppet", "pause"):
             self._set_paused(True)
         if self.freeze == "pause":
-            objects = instant.poses or self._movable()
+            objects = instant.poses or movable_objects(self._connection)
             for name, pose in object_poses(self._connection, objects).items():
                 self._journal.note("seen", name, pose, ())
         else:
@@ -248,12 +247,6 @@ class UnrealWorld(World):
         self._clock.set(paused)
         self._stands = paused
 
-    def _movable(self) -> list[str]:
-        """Return the names of the objects that the game may move."""
-        objects = [name for name in object_names(self._connection) if not name.startswith(_CAMERAS)]
-        mobilities = self._connection.texts([f"vget /object/{name}/mobility" for name in objects])
-        return [name for name, mobility in zip(objects, mobilities, strict=True) if mobility == "Movable"]
-
     def _place(self, poses: Mapping[str, Pose], what: Literal["pose", "drawn"] = "pose") -> None:
         """Move and turn objects; if one cannot be moved, restore all and raise ServerRefusedError."""
         texts = locations_and_rotations(self._connection, poses)
@@ -263,8 +256,12 @@ class UnrealWorld(World):
             for name, pose in poses.items():
                 self._journal.note(what, name, pose, back[name])
             try:
-                self._connection.set(pose_commands(poses))
-                self._check_placed(poses)
+                try:
+                    self._connection.set(pose_commands(poses))
+                except ServerRefusedError:  # plugin 0.3.10 refuses to move a static object
+                    self._check_placed(poses)
+                    raise
+                self._check_placed(poses)  # the others reply ok
             except ServerRefusedError:
                 self._connection.texts([command for commands in back.values() for command in commands])
                 raise

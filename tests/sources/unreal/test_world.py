@@ -7,8 +7,10 @@ import pytest
 from support.unreal import agrees, relayed
 from support.worlds import DIALECTS, MOVED, SCENE, ahead, placed, serve, turned
 
+import mock_server
 import omniscv
 from omniscv.errors import ServerRefusedError, SourceError
+from omniscv.geometry.instant import Instant
 
 STILL = {"time_step_s": 0.0}
 
@@ -183,17 +185,18 @@ def test_a_pause_whose_reply_is_lost_is_not_sent_twice_where_it_toggles(dialect)
         assert not server.world.paused
 
 
-def test_an_object_that_cannot_move_is_refused_and_nothing_else_moves():
-    def change(command, forward):
-        if command == "vget /object/Pole/mobility":
-            return "Static"
-        return "ok" if command.startswith("vset /object/Pole/") else forward(command)
-
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_static_objects_are_not_moved_nor_varied_and_nothing_else_moves(dialect):
+    expected = "can be moved, got 'Layout_Floor', whose mobility is 'Static'"
+    both = {"Ball": MOVED, "Layout_Floor": MOVED}
+    drawn = {"objects": {"Layout_Floor": {"shift": [0.0, 0.0, 1.0]}}}
     with (
-        serve("N1", **STILL) as server,
-        relayed(server, change) as uri,
-        omniscv.open_source(uri) as source,
+        mock_server.serve("four-wall", dialect=dialect, size=(8, 8)) as server,
+        omniscv.open_source(server.uri) as source,
     ):
-        with pytest.raises(ServerRefusedError, match="can be moved, got 'Pole', whose mobility is 'Static'"):
-            source.world.move("Pole", MOVED)
+        before = located(server, "Ball")
+        for instant in (Instant(both), Instant.drawn(drawn)):
+            with pytest.raises(ServerRefusedError, match=expected):
+                source.at(instant)
         assert source.state == ""
+        np.testing.assert_allclose(located(server, "Ball"), before, atol=1e-2)  # as printed
