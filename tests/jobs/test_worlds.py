@@ -33,6 +33,8 @@ def job(out, **keys):
         "poses": [{"position": [0.1 * i, 0, 1.2]} for i in range(4)],
         "modes": ["lit", "object_mask", "depth"],
         "truth": {"boxes": True, "boxes3d": True},
+        "strategy": "cube",
+        "face_size": 32,
         "out": str(out),
         "vary": VARY,
     }
@@ -72,7 +74,9 @@ def frames_of(out):
 @pytest.mark.parametrize("source", ["scene", "mock"])
 def test_images_and_truth_show_the_world_that_was_drawn(tmp_path, source):
     """What is drawn is placed by hand in a scene of its own, which is traced."""
-    make.make(job(tmp_path / "d", source=f"{source}://four-wall", poses=[{"position": [0, 0, 1.2]}]))
+    size = {"scene": "auto", "mock": 64}[source]
+    poses = [{"position": [0, 0, 1.2]}]
+    make.make(job(tmp_path / "d", source=f"{source}://four-wall", face_size=size, poses=poses))
     (frame,) = frames_of(tmp_path / "d").values()
     drawn = frame.varied["objects"]
     room = mock_server.load_scene("four-wall")
