@@ -6,8 +6,6 @@ writers for cameras, names and poses that the format cannot carry. Nothing is ap
 """
 
 from omniscv.calibration.files import (
-    FormatName,
-    RigFormat,
     dumps,
     formats,
     load,
@@ -29,8 +27,6 @@ from omniscv.calibration.opencv import (
 
 __all__ = [
     "Fit",
-    "FormatName",
-    "RigFormat",
     "dumps",
     "fit",
     "formats",

@@ -14,14 +14,14 @@ Source: COLMAP 4.2, ``src/colmap/sensor/models.h``, ``scene/reconstruction_io_te
 import re
 import struct
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from omniscv.arguments import numbers, shown, within
-from omniscv.calibration import intrinsics
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Form, Values
+from omniscv.calibration.forms import Form
+from omniscv.calibration.intrinsics import check_first_is_origin
+from omniscv.calibration.nodes import Values, whole
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
@@ -70,7 +70,7 @@ def _lenses(content: Content) -> dict[str, Values]:
         with within(f"line {number}"):
             if len(words) < 4:
                 raise ArgumentError(f"expected 'CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]', got {shown(line)}")
-            name = str(intrinsics.whole_number("CAMERA_ID", words[0]))
+            name = str(whole("CAMERA_ID", words[0]))
             if name in cameras:
                 raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
             cameras[name] = dict(
@@ -98,7 +98,7 @@ def _of_binary(data: bytes) -> str:
 class Colmap(Form):
     """The row of COLMAP; names are ids, and a comment tells cameras that COLMAP sees in part."""
 
-    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
         return write_colmap({name: mounted.camera for name, mounted in cameras.items()})
 
 
@@ -111,6 +111,9 @@ COLMAP = Colmap(
     size="WIDTH HEIGHT",
     shift=0.0,
     split=_lenses,
+    poses=(("rigs.txt", "T_c_b"),),
+    label="{1}",
+    from_first=True,
     refused="FOV, THIN_PRISM_FISHEYE, DIVISION with two focal lengths",
 )
 
@@ -124,13 +127,14 @@ def write_colmap(cameras: Mapping[str, Camera]) -> str:
     ]
     for name, camera in cameras.items():
         with within(name):
-            camera_id = intrinsics.whole_number("name", name)
-            values: dict[str, Any] = COLMAP.values_of(camera)
+            if not re.fullmatch(r"[1-9]\d{0,8}", name, re.ASCII):
+                raise ArgumentError(f"name: expected a whole number >= 1, got {shown(name)}")
+            values = COLMAP.values_of(camera)
         if _sees_backwards(camera):
-            lines.append(f"# {camera_id}: COLMAP uses only the rays less than 90 degrees off the axis.")
+            lines.append(f"# {name}: COLMAP uses only the rays less than 90 degrees off the axis.")
         size = camera.width, camera.height
         params = size if isinstance(camera, Equirectangular) else values["PARAMS"]
-        lines.append(" ".join(map(str, [camera_id, values["MODEL"], *size, *params])))
+        lines.append(" ".join(map(str, [name, values["MODEL"], *size, *params])))
     return "\n".join(lines) + "\n"
 
 
@@ -177,14 +181,14 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
                     raise ArgumentError(f"expected HAS_POSE 1, got {shown(words[:1])}")
                 pose, words = pose_of(words[1:8]), words[8:]
             sensors[name] = RigCamera(known[name], pose)
-    if len(sensors) != intrinsics.whole_number("NUM_SENSORS", count):
+    if len(sensors) != whole("NUM_SENSORS", count):
         raise ArgumentError(f"rigs.txt: NUM_SENSORS: expected {len(sensors)}, as listed, got {count}")
     return Rig(sensors)
 
 
 def rig_to_colmap(rig: Rig) -> tuple[str, str]:
     """Return ``cameras.txt`` and ``rigs.txt`` of a rig whose cameras are named by their ids."""
-    intrinsics.check_first_is_origin(rig.cameras, "COLMAP")
+    check_first_is_origin(rig.cameras, "COLMAP")
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:
             got = f"{mounted.time_offset:.15g}"

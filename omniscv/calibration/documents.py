@@ -11,6 +11,7 @@ import re
 import zipfile
 from collections.abc import Callable, Iterable
 from functools import cached_property
+from itertools import chain
 from typing import Any, NoReturn
 
 import numpy as np
@@ -221,25 +222,19 @@ def _yaml(values: Any) -> str:
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=1000)
 
 
-def _ini(values: dict[str, Any]) -> str:
-    sections = []
-    for name, section in values.items():
-        lines = (f"{key}={value}" for key, value in section.items())
-        sections.append("\n".join([f"[{name}]", *lines]) + "\n")
-    return "\n".join(sections)
+def _opencv_yaml(values: dict[str, Any]) -> str:
+    """Return what ``cv2.FileStorage`` reads: matrices have their type."""
+    typed = {
+        key: {"rows": len(value), "cols": len(value[0]), "dt": "d", "data": [*chain(*value)]}
+        if isinstance(value, list) and isinstance(value[0], list)
+        else value
+        for key, value in values.items()
+    }
+    return "%YAML:1.0\n---\n" + re.sub(r":(\n +rows:)", r": !!opencv-matrix\1", _yaml(typed))
 
 
 def _words(value: Any) -> str:
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _matrices(values: dict[str, Any]) -> str:
-    """Return lines ``key=value``, matrices as MATLAB writes them."""
-    lines = []
-    for key, value in values.items():
-        rows = [value[i : i + 3] for i in range(0, len(value), 3)] if isinstance(value, list) else []
-        lines.append(f"{key}=[{'; '.join(map(_words, rows))}]" if rows else f"{key}={value}")
-    return "\n".join(lines) + "\n"
 
 
 def _xml(values: dict[str, Any], level: int = 0) -> str:
@@ -253,11 +248,9 @@ def _xml(values: dict[str, Any], level: int = 0) -> str:
 
 SYNTAXES: dict[str, Callable[[Any], str]] = {
     "yaml": _yaml,
-    "opencv-yaml": lambda values: "%YAML:1.0\n---\n" + _yaml(values),
+    "opencv-yaml": _opencv_yaml,
     "json": lambda values: json.dumps(values, indent=1) + "\n",
     "xml": _xml,
-    "ini": _ini,
     "lines": lambda values: "".join(f"{key}: {_words(value)}\n" for key, value in values.items()),
-    "matrices": _matrices,
 }
 """Writers of plain values by syntax."""

@@ -3,21 +3,22 @@
 import json
 import logging
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from omniscv.arguments import one_of, shown, within
-from omniscv.calibration import colmap, nvidia, ocamcalib, opencv, table
+from omniscv.calibration import colmap, nvidia, opencv, table
 from omniscv.calibration.documents import Content
 from omniscv.calibration.fitting import Fit, fit
-from omniscv.calibration.forms import Entry, Form, Node, plain
-from omniscv.calibration.intrinsics import only_camera
+from omniscv.calibration.forms import Entry, Form
 from omniscv.calibration.kalibr import KALIBR
+from omniscv.calibration.nodes import Node, plain
+from omniscv.calibration.ocamcalib import OCAMCALIB
 from omniscv.cameras import Camera, from_dict, names
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, StorageError
@@ -29,55 +30,6 @@ _COLMAP_FILES = ("cameras.txt", "rigs.txt")
 _MARK = "omniscv"
 _NO_RAY = 0.6  # share of the pixels without a ray that gets a warning: a circle in a wide picture has 0.56
 _NEAREST = 3  # forms that a message lists
-
-
-class Text(Form):
-    """A form that is no row: its mark is a pattern of its text, its models are for people."""
-
-    rows = ()
-
-    def is_of(self, content: Content) -> bool:
-        return re.search(self.mark, content.text, re.MULTILINE) is not None
-
-    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        if size is not None:
-            raise ArgumentError(f"size: expected none, {self.name} holds it; got {size[0]} x {size[1]}")
-        return {name: Entry(camera) for name, camera in _TEXTS[self.name][0](content.text).items()}
-
-    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
-        if rig:
-            raise ArgumentError(f"{self.name}: expected a form that carries poses, got one that does not")
-        return _TEXTS[self.name][1]({name: mounted.camera for name, mounted in cameras.items()})
-
-
-_TEXTS: dict[str, tuple[Callable[[str], dict[str, Camera]], Callable[[Mapping[str, Camera]], str]]] = {
-    "ocamcalib": (ocamcalib.read_ocamcalib, ocamcalib.write_ocamcalib),
-    "isaac": (nvidia.read_isaac, nvidia.write_isaac),
-    "ncore": (nvidia.read_ncore, nvidia.write_ncore),
-}
-_NO_ROWS = (
-    Text(
-        "ocamcalib",
-        "OCamCalib: calib_results.txt",
-        r"^#[ \t]*polynomial coefficients",
-        "`scaramuzza`",
-        refused="an affine part that mirrors",
-    ),
-    Text(
-        "isaac",
-        "Isaac Sim: USD as text",
-        r"^[^#\n]*omni:lensdistortion:",
-        "ftheta `ftheta`; opencvPinhole `pinhole`; opencvFisheye `kannala-brandt`",
-        refused="values that change with time",
-    ),
-    Text(
-        "ncore",
-        "NVIDIA NCore",
-        '"pixeldist_to_angle_poly"',
-        "ftheta `ftheta`",
-        refused="the windshield, tangential coefficients, the read-out time",
-    ),
-)
 
 
 # -- our own JSON ---------------------------------------------------------------------------------------
@@ -102,6 +54,7 @@ class Own(Form):
     """Our own JSON, of a camera or a rig."""
 
     rows = ()
+    written = tuple(names())
 
     def is_of(self, content: Content) -> bool:
         return _own(content) is not None
@@ -124,11 +77,11 @@ class Own(Form):
             )
         return {"cam0": Entry(from_dict(values))}
 
-    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
-        if rig:
-            return json.dumps({_MARK: 1, **Rig(cameras).to_dict()}, indent=1)
-        with only_camera(cameras, "our JSON") as mounted:
-            return json.dumps({_MARK: 1, **mounted.camera.to_dict()}, indent=1)
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
+        if not rig and len(cameras) != 1:
+            raise ArgumentError(f"cameras: json holds one camera, got {len(cameras)}: {shown(list(cameras))}")
+        lens = Rig(cameras).to_dict() if rig else next(iter(cameras.values())).camera.to_dict()
+        return json.dumps({_MARK: 1, **lens}, indent=1)
 
 
 JSON = Own("json", "omniscv", _MARK, "every model", shift=0.0, poses=(("", "T_b_c"),))
@@ -136,46 +89,14 @@ JSON = Own("json", "omniscv", _MARK, "every model", shift=0.0, poses=(("", "T_b_
 FORMS: dict[str, Form] = {
     form.name: form
     for form in (
-        JSON,
-        table.CAMODOCAL,
-        table.STELLA,
-        table.ORB,
-        table.SENSOR,
-        KALIBR,
-        opencv.ROS,
-        table.GYROFLOW,
-        table.OPENICC,
-        table.NERFSTUDIO,
-        table.KITTI,
-        table.MIDDLEBURY,
-        colmap.COLMAP,
-        table.BASALT,
-        table.WOODSCAPE,
-        table.ARIA,
-        table.NUSCENES,
-        table.METASHAPE,
-        table.OPENSFM,
-        table.OPENMVG,
-        table.DSO,
-        table.ZED,
-        table.HUGIN,
-        *_NO_ROWS,
-        table.OPEN3D,
-        table.INTRINSICS,
-        opencv.OPENCV,
-        opencv.FISHEYE,
-        opencv.OMNIDIR,
+        JSON, table.CAMODOCAL, table.STELLA, table.ORB, table.SENSOR, KALIBR, opencv.ROS, table.GYROFLOW,
+        table.OPENICC, table.NERFSTUDIO, table.KITTI, table.MIDDLEBURY, colmap.COLMAP, table.BASALT,
+        table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG, table.DSO,
+        table.ZED, table.HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
+        opencv.OPENCV, opencv.FISHEYE, opencv.OMNIDIR,
     )
-}
+}  # fmt: skip
 """In the order in which they are recognised: the first whose marks a file has."""
-
-FormatName = Literal[
-    "json", "camodocal", "stella-vslam", "orb-slam", "kalibr", "sensor", "ros", "gyroflow", "openicc",
-    "nerfstudio", "kitti", "middlebury", "colmap", "basalt", "woodscape", "aria", "nuscenes", "open3d",
-    "intrinsics", "opencv", "opencv-fisheye", "opencv-omnidir", "metashape", "opensfm", "openmvg", "dso",
-    "zed", "hugin", "ocamcalib", "isaac", "ncore",
-]  # fmt: skip
-RigFormat = FormatName
 
 
 def formats() -> list[str]:
@@ -193,7 +114,7 @@ class Loaded(NamedTuple):
     entries: dict[str, Entry]
 
 
-def read(data: bytes | str, format: FormatName | None = None, size: tuple[int, int] | None = None) -> Loaded:
+def read(data: bytes | str, format: str | None = None, size: tuple[int, int] | None = None) -> Loaded:
     """Return the format and the cameras of a file's bytes or text; see :func:`load`."""
     content = Content(data)
     form = _form_of(content) if format is None else FORMS[one_of("format", format, FORMS)]
@@ -201,7 +122,7 @@ def read(data: bytes | str, format: FormatName | None = None, size: tuple[int, i
 
 
 def load(
-    path: str | PathLike[str], format: FormatName | None = None, size: tuple[int, int] | None = None
+    path: str | PathLike[str], format: str | None = None, size: tuple[int, int] | None = None
 ) -> dict[str, Camera]:
     """Return the cameras of a calibration file, by name.
 
@@ -225,7 +146,7 @@ def load(
 
 
 def load_file(
-    path: str | PathLike[str], format: FormatName | None = None, size: tuple[int, int] | None = None
+    path: str | PathLike[str], format: str | None = None, size: tuple[int, int] | None = None
 ) -> Loaded:
     """Return the format and cameras of a file, with poses and the keys that are ignored; see :func:`load`."""
     with within(path):
@@ -233,7 +154,7 @@ def load_file(
 
 
 def loads(
-    text: str | bytes, format: FormatName | None = None, size: tuple[int, int] | None = None
+    text: str | bytes, format: str | None = None, size: tuple[int, int] | None = None
 ) -> dict[str, Camera]:
     """Return the cameras of a calibration file's text, as :func:`load`; ArgumentError for other text."""
     return {name: entry.camera for name, entry in read(text, format, size).entries.items()}
@@ -263,11 +184,7 @@ def _form_of(content: Content) -> Form:
     for form in FORMS.values():
         if form.is_of(content):
             return form
-    if (
-        content.error is not None
-        and not isinstance(content.error, type(None))
-        and "key once" in str(content.error)
-    ):
+    if content.error is not None and "once" in str(content.error):  # a key that is there twice
         raise content.error
     nearest = ", ".join(f"{name} (no {missing})" for name, missing in _nearest(content))
     why = f" ({content.error.message})" if content.error is not None else ""
@@ -302,29 +219,10 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
     return [(name, missing) for _, name, missing in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
 
 
-def markdown() -> str:
-    """Return the table of docs/lens-files.md: every form, from its row."""
-    lines = [
-        "| format | programs | their models and ours | pixel centres at | poses | not carried |",
-        "|---|---|---|---|---|---|",
-    ]
-    for form in FORMS.values():
-        by_model: dict[str, list[str]] = {}
-        for row in form.rows:
-            word = (row.words or ("",))[0].replace("+", "-")
-            by_model.setdefault(row.model, []).append(word + ("" if row.written else " (read only)"))
-        words = {model: ", ".join(dict.fromkeys(filter(None, names))) for model, names in by_model.items()}
-        models = "; ".join(f"{names} `{model}`".strip() for model, names in words.items()) or form.models
-        centres = ".5" if form.shift == 0 else "whole numbers"
-        poses = "yes" if form.poses or form is colmap.COLMAP else ""
-        lines.append(f"| `{form.name}` | {form.programs} | {models} | {centres} | {poses} | {form.refused} |")
-    return "\n".join(lines) + "\n"
-
-
 # -- writing --------------------------------------------------------------------------------------------
 
 
-def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: FormatName) -> None:
+def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: str) -> None:
     """Write cameras as a calibration file.
 
     Args:
@@ -343,7 +241,7 @@ def save(path: str | PathLike[str], cameras: Mapping[str, Camera], format: Forma
         _write(Path(path), dumps(cameras, format, Path(path).suffix))
 
 
-def dumps(cameras: Mapping[str, Camera], format: FormatName, suffix: str = "") -> str:
+def dumps(cameras: Mapping[str, Camera], format: str, suffix: str = "") -> str:
     """Return the text of a calibration file, as :func:`save` writes it.
 
     Args:
@@ -356,34 +254,30 @@ def dumps(cameras: Mapping[str, Camera], format: FormatName, suffix: str = "") -
     form = FORMS[one_of("format", format, FORMS)]
     if not cameras:
         raise ArgumentError("cameras: expected at least one, got none")
-    if isinstance(form, opencv.OpenCV):
-        with only_camera(cameras, "OpenCV") as camera:
-            return opencv.write(form, camera, suffix)
-    return form.write({name: RigCamera(camera) for name, camera in cameras.items()})
+    return form.write({name: RigCamera(camera) for name, camera in cameras.items()}, suffix=suffix)
 
 
-def nearest(camera: Camera, format: FormatName, models: Sequence[str]) -> Fit | None:
-    """Return the best fit of a camera by models that a format has; None where it carries the camera itself.
+def nearest(camera: Camera, format: str) -> Fit | None:
+    """Return the best fit of a camera by the models of a format; None where it carries the camera itself.
 
     Raises:
         ArgumentError: none of the models can be fitted.
     """
+    form = FORMS[one_of("format", format, FORMS)]
+    name = form.label.format(0, 1, name="cam0")
     try:
-        dumps({_NAME_IN.get(format, "cam0"): camera}, format)
+        dumps({name: camera}, format)
         return None
     except ArgumentError as cause:
         fits = []
-        for model in dict.fromkeys(models):
+        for model in form.written:
             with suppress(ArgumentError):
                 found = fit(camera, model)
-                dumps({_NAME_IN.get(format, "cam0"): found.camera}, format)
+                dumps({name: found.camera}, format)
                 fits.append(found)
         if not fits:
             raise ArgumentError(f"{cause.message}; and none of its models can be fitted") from cause
         return max(fits, key=lambda found: (round(found.coverage, 3), -found.rms_px))
-
-
-_NAME_IN = {"colmap": "1", "kitti": "00"}
 
 
 def load_rig(path: str | PathLike[str], size: tuple[int, int] | None = None) -> Rig:
@@ -423,7 +317,7 @@ def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
     return Rig(safe)
 
 
-def save_rig(path: str | PathLike[str], rig: Rig, format: RigFormat) -> None:
+def save_rig(path: str | PathLike[str], rig: Rig, format: str) -> None:
     """Write a rig as a file, or for ``colmap`` as two files in a folder, which is made if missing.
 
     Raises:

@@ -1,27 +1,24 @@
 """Cameras as named numbers, as calibration files hold them.
 
-Forms name the numbers as we do, or by names of :data:`DERIVED`. What the forms share is here too: values from
-untrusted text, and the one camera of a file.
+Forms name the numbers as we do, or by names of :data:`DERIVED`.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import fields
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Callable, Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from omniscv import arguments
-from omniscv.arguments import number, shown, within
+from omniscv.arguments import number
 from omniscv.cameras import Camera, create
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
-from omniscv.records import key_of, mapping, read
-from omniscv.storage.bounded import parse_yaml
 
 HALF_PIXEL = 0.5
 """Added to a principal point of a format that puts pixel centres at whole numbers; ours are at .5."""
+
+COEFFICIENTS = " ".join(f"a{i}" for i in range(20))
+"""Of the polynomial of ``scaramuzza``."""
 
 _ARGUMENTS: dict[str, dict[str, str]] = {
     "pinhole": {"skew": "skew", "distortion": "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"},
@@ -31,11 +28,17 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
     "extended-unified": {"skew": "skew", "alpha": "alpha", "beta": "beta"},
     "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
     "division": {"k": "k"},
-    "scaramuzza": {"coefficients": "a0 a1 a2 a3 a4", "affine": "c d e"},
-    "ftheta": {"polynomial": "c0 c1 c2 c3 c4 c5"},
+    "scaramuzza": {"coefficients": COEFFICIENTS, "affine": "c d e"},
+    "ftheta": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},
+    "ftheta-inverse": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},
     "equirectangular": {},
 }
-"""By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each."""
+"""By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each.
+
+``ftheta-inverse`` is ``ftheta`` by its polynomial from pixel to angle.
+"""
+_DEFAULTS = {"c": 1.0, "lc": 1.0, "most": 180.0}
+"""Numbers that are not 0 where nothing is said."""
 
 MODELS = tuple(_ARGUMENTS)
 """The models that such numbers describe."""
@@ -74,36 +77,24 @@ class Derived(NamedTuple):
         return value if ours == ours[-1:] * len(ours) else None
 
 
-def _longer(numbers: Numbers, width: int, height: int) -> float:
-    return float(max(width, height))
-
-
-def _middle_u(numbers: Numbers, width: int, height: int) -> float:
-    return width / 2
-
-
-def _middle_v(numbers: Numbers, width: int, height: int) -> float:
-    return height / 2
-
-
 DERIVED = {
     "f": Derived("fx fy", "fx fy"),
     "s": Derived("skew", "skew", lambda n, w, h: 1 / (n["fx"] or math.nan)),  # K[0, 1], px
     "ratio": Derived("fy", "fy", lambda n, w, h: n["fx"]),
-    "du": Derived("cx", "cx", offset=_middle_u),  # from the middle of the image
-    "dv": Derived("cy", "cy", offset=_middle_v),
+    "du": Derived("cx", "cx", offset=lambda n, w, h: w / 2),  # from the middle of the image
+    "dv": Derived("cy", "cy", offset=lambda n, w, h: h / 2),
     "f_y": Derived("fx fy", "fy"),  # Metashape: one focal length, and what fx has more
     "b1": Derived("fx", "fx", offset=lambda n, w, h: n["fy"]),
-    "nf": Derived("fx fy", "fx fy", _longer),  # OpenSfM: in units of the longer side, from the middle
-    "nfx": Derived("fx", "fx", _longer),
-    "nfy": Derived("fy", "fy", _longer),
-    "ncx": Derived("cx", "cx", _longer, _middle_u),
-    "ncy": Derived("cy", "cy", _longer, _middle_v),
+    "nf": Derived("fx fy", "fx fy", lambda n, w, h: max(w, h)),  # OpenSfM: in units of the longer side
+    "nfx": Derived("fx", "fx", lambda n, w, h: max(w, h)),
+    "nfy": Derived("fy", "fy", lambda n, w, h: max(w, h)),
+    "ncx": Derived("cx", "cx", lambda n, w, h: max(w, h), lambda n, w, h: w / 2),
+    "ncy": Derived("cy", "cy", lambda n, w, h: max(w, h), lambda n, w, h: h / 2),
+    "fov": Derived("most", "most", lambda n, w, h: 0.5),
+    "rad": Derived("most", "most", lambda n, w, h: 180 / math.pi),
     "_": Derived("", ""),
 }
 """By name in the tables of forms."""
-
-T = TypeVar("T")
 
 
 class Intrinsics(NamedTuple):
@@ -122,7 +113,8 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
     """
     u_0, v_0 = camera.center.tolist()
     focal = getattr(camera, "focal", None)
-    matrix = {"fx": getattr(camera, "fx", focal), "fy": getattr(camera, "fy", focal), "cx": u_0, "cy": v_0}
+    focals = {name: getattr(camera, name, focal) for name in ("fx", "fy")}
+    matrix = {name: value for name, value in focals.items() if value is not None} | {"cx": u_0, "cy": v_0}
     if camera.name == "fisheye-equidistant":
         return [Intrinsics("kannala-brandt", matrix)]
     if camera.name == "fisheye-stereographic":  # the sphere model seen from its pole, where f = 2 focal
@@ -130,31 +122,16 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
         return [unified, _extended(unified)]
     if camera.name not in _ARGUMENTS:
         return []
-    if camera.name == "equirectangular":
-        return [Intrinsics("equirectangular", {"cx": u_0, "cy": v_0})]
-    if camera.name in ("scaramuzza", "ftheta"):
-        return _polynomial(camera, {"cx": u_0, "cy": v_0})
     for argument, names in _ARGUMENTS[camera.name].items():
-        values = np.ravel(getattr(camera, argument, 0.0)).tolist()
+        value = getattr(camera, argument, 0.0)
+        values = np.ravel(180.0 if value is None else value).tolist()
+        if any(values[len(names.split()) :]):
+            return []  # a longer polynomial
         matrix |= zip(names.split(), values, strict=False)
-    exact = Intrinsics(camera.name, matrix)
+    inverse = getattr(camera, "reference", "") == "pixel-to-angle"
+    exact = Intrinsics(camera.name + "-inverse" * inverse, matrix)
     distorted = any(matrix.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
     return [exact, _extended(exact)] if camera.name == "unified" and not distorted else [exact]
-
-
-def _polynomial(camera: Camera, center: Numbers) -> list[Intrinsics]:
-    """Return the numbers of a polynomial; none where the camera has more than those."""
-    (argument, names), *_ = _ARGUMENTS[camera.name].items()
-    terms = getattr(camera, argument).tolist()
-    plain = camera.name == "scaramuzza" or (
-        camera.reference == "angle-to-pixel"  # type: ignore[attr-defined]
-        and camera.linear.tolist() == [1, 0, 0]  # type: ignore[attr-defined]
-        and camera.max_angle_deg is None  # type: ignore[attr-defined]
-    )
-    if not plain or any(terms[len(names.split()) :]):
-        return []
-    affine = dict(zip("cde", getattr(camera, "affine", np.zeros(0)).tolist(), strict=False))
-    return [Intrinsics(camera.name, center | dict(zip(names.split(), terms, strict=False)) | affine)]
 
 
 def _extended(unified: Intrinsics) -> Intrinsics:
@@ -174,24 +151,29 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     """
     terms: dict[str, object] = {}
     for argument, names in _ARGUMENTS[model].items():
-        values = [numbers.get(name, float(name == "c")) for name in names.split()]
+        values = [numbers.get(name, _DEFAULTS.get(name, 0.0)) for name in names.split()]
+        while argument in ("coefficients", "polynomial") and len(values) > 1 and not values[-1]:
+            values.pop()
         if any(values) or argument not in ("skew", "distortion"):
             terms[argument] = values if " " in names else values[0]
     if model == "equirectangular":
         return create(model, width, height)
-    center = {"cx": numbers["cx"], "cy": numbers["cy"]}
-    for name, at in center.items():
-        number(
-            name, at, least=-_FARTHEST_CENTER * max(width, height), most=_FARTHEST_CENTER * max(width, height)
-        )
+    longer = max(width, height)
+    center = {
+        name: number(name, numbers[name], least=-_FARTHEST_CENTER * longer, most=_FARTHEST_CENTER * longer)
+        for name in ("cx", "cy")
+    }
     if model == "scaramuzza":
         return create(model, width, height, center=[*center.values()], **terms)  # type: ignore[arg-type]
-    if model == "ftheta":
-        return create(model, width, height, **center, **terms)  # type: ignore[arg-type]
-    fx, fy = numbers["fx"], numbers["fy"]
-    for name in ("fx", "fy"):
-        least, most = (factor * max(width, height) for factor in _FOCAL)
-        number(name, numbers[name], least=least, most=most)
+    if model.startswith("ftheta"):
+        limit = terms.pop("max_angle_deg")
+        reference = "pixel-to-angle" if model == "ftheta-inverse" else "angle-to-pixel"
+        terms |= {"max_angle_deg": None if abs(limit - 180) < 1e-9 else limit, "reference": reference}  # type: ignore[operator]
+        return create("ftheta", width, height, **center, **terms)  # type: ignore[arg-type]
+    fx, fy = (
+        number(name, numbers[name], least=_FOCAL[0] * longer, most=_FOCAL[1] * longer)
+        for name in ("fx", "fy")
+    )
     if model == "division":
         if fx != fy:
             raise ArgumentError(
@@ -218,21 +200,22 @@ def complete(values: Mapping[str, float], width: int, height: int, shift_px: flo
     return {"cx": width / 2, "cy": height / 2, **ours}
 
 
-def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers | None:
-    """Return a form's numbers, the inverse of :func:`complete`; None where it cannot hold ours."""
+def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers:
+    """Return a form's numbers, the inverse of :func:`complete`; ArgumentError where it cannot hold ours."""
     names = list(names)
     covered = {
         word for name in names for word in (DERIVED[name].covers.split() if name in DERIVED else [name])
     }
-    values: Numbers = {"cx": width / 2, "cy": height / 2}
-    if any(value != values.get(name, 0.0) for name, value in ours.items() if name not in covered):
-        return None
+    values: Numbers = {"cx": width / 2, "cy": height / 2, **_DEFAULTS}
+    for name, value in ours.items():
+        if name not in covered and value != values.get(name, 0.0):
+            raise ArgumentError(f"{name}: expected {values.get(name, 0.0):.6g}, got {value:.6g}")
     sizes = {"W": width, "H": height, "W/2": width / 2, "H/2": height / 2}
     for name in names:
-        value = DERIVED[name].write(ours, width, height) if name in DERIVED else ours.get(name, 0.0)
-        if value is None:
-            return None
-        values[name] = sizes.get(name, value - (shift_px if name in ("cx", "cy") else 0.0))
+        own = DERIVED[name].write(ours, width, height) if name in DERIVED else ours.get(name, 0.0)
+        if own is None:
+            raise ArgumentError(f"{DERIVED[name].covers}: expected the same numbers, got others")
+        values[name] = sizes.get(name, own - (shift_px if name in ("cx", "cy") else 0.0))
     return values
 
 
@@ -244,39 +227,6 @@ def refuse_limit(camera: Camera) -> None:
             f"fov_deg: expected a camera without this limit, which the format cannot carry, got "
             f"{limit:.15g}; save the same camera made without fov_deg"
         )
-
-
-def parse_mapping(text: str) -> dict[str, Any]:
-    """Return a YAML (or JSON) document that is a mapping; ArgumentError for anything else."""
-    return mapping("file", parse_yaml(text))
-
-
-def read_known(cls: type[T], value: object, where: str = "") -> T:
-    """Return a record of a mapping that may have more keys: programs write more than cameras need."""
-    known = {key_of(field) for field in fields(cls)}  # type: ignore[arg-type]
-    return read(cls, {key: item for key, item in mapping(where, value).items() if key in known}, where)
-
-
-def whole_number(name: str, value: object) -> int:
-    """Return a whole number >= 1, given as such or in digits; ArgumentError for anything else."""
-    if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 10:
-        value = int(value)
-    return arguments.whole_number(name, value)
-
-
-@contextmanager
-def only_camera(cameras: Mapping[str, T], program: str) -> Iterator[T]:
-    """Yield the camera of a file that holds one; its name is in the messages of errors.
-
-    Raises:
-        ArgumentError: there are more.
-    """
-    if len(cameras) != 1:
-        got = f"{len(cameras)}: {shown(list(cameras))}"
-        raise ArgumentError(f"cameras: {program}'s file holds one camera, got {got}")
-    ((name, camera),) = cameras.items()
-    with within(name):
-        yield camera
 
 
 def check_first_is_origin(cameras: Mapping[str, RigCamera], program: str) -> None:

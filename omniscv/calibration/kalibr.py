@@ -23,10 +23,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from omniscv.arguments import shown, within
-from omniscv.calibration import intrinsics
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, Row, Values, matrix_of_pose, pose_of_matrix
-from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers
+from omniscv.calibration.forms import Entry, Form, Row, matrix_of_pose, pose_of_matrix
+from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers, check_first_is_origin
+from omniscv.calibration.nodes import Values
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel
 from omniscv.cameras.rig import RigCamera
@@ -71,17 +71,13 @@ class Kalibr(Form):
         focal, (cx, cy) = -camera.eta * camera.focal, (camera.center - HALF_PIXEL).tolist()
         return row, {"xi": camera.xi, "fx": focal, "fy": -focal, "cx": cx, "cy": cy}
 
-    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False) -> str:
-        if wrong := [name for name in cameras if not re.fullmatch(r"cam\d+", name)]:
-            raise ArgumentError(f"name: expected cam0, cam1, ..., got {shown(wrong[0])}")
-        if not rig:
-            return super().write(cameras)
-        if list(cameras) != [f"cam{i}" for i in range(len(cameras))]:
-            raise ArgumentError(
-                f"Kalibr: expected cameras cam0, cam1, ... in order, got {shown(list(cameras))}"
-            )
-        intrinsics.check_first_is_origin(cameras, "Kalibr")
-        return super().write(cameras, rig=True)
+    def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
+        in_order = [f"cam{i}" for i in range(len(cameras))]
+        if list(cameras) != in_order if rig else not all(re.fullmatch(r"cam\d+", name) for name in cameras):
+            raise ArgumentError(f"name: expected cam0, cam1, ... in order, got {shown(list(cameras))}")
+        if rig:
+            check_first_is_origin(cameras, "Kalibr")
+        return super().write(cameras, rig=rig)
 
 
 def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
@@ -132,6 +128,8 @@ KALIBR = Kalibr(
     time=("timeshift_cam_imu", 1.0),
     readout=("line_delay_nanoseconds", 1e-9, True),
     join=_chain,
+    label="cam{0}",
+    from_first=True,
     harmless="^t_cn_cnm1$",
     refused="pinhole-fov",
 )

@@ -13,55 +13,54 @@ The camera frames are half a turn apart: (our x, our y, our z) = (y, x, -z). OCa
 scale columns, and ours does not scale rows, so ``(c', d', e') = (1, e, d) / c``; the rays stay the same if
 ``a_k' = a_k c^(1-k)``. The same two formulas lead back.
 
-Carried: ``scaramuzza``. Not carried: every other model, a limit ``fov_deg``, an affine part that mirrors
-(c <= 0). The inverse polynomial is an approximation: it is ignored in reading, and fitted in writing to
-within 0.01 px, as OCamCalib does.
+Not carried: an affine part that mirrors (c <= 0). The inverse polynomial is an approximation: it is ignored
+in reading, and fitted in writing to within 0.01 px, as OCamCalib does.
 """
 
-from collections.abc import Mapping
+import re
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
 from omniscv.arguments import numbers, shown
-from omniscv.calibration.intrinsics import HALF_PIXEL, only_camera, refuse_limit, whole_number
-from omniscv.cameras import Camera, Scaramuzza
+from omniscv.calibration.documents import Content
+from omniscv.calibration.forms import Form
+from omniscv.calibration.intrinsics import COEFFICIENTS
+from omniscv.calibration.nodes import Values, whole
 from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError
 
 _INVERSE_ERROR_PX = 0.01
 
 
-def read_ocamcalib(text: str) -> dict[str, Camera]:
-    """Return the camera of a ``calib_results.txt``, named ``cam0``."""
-    words = [word for line in text.splitlines() for word in line.partition("#")[0].split()]
+def _read(content: Content) -> dict[str, Values]:
+    """Return the numbers of a ``calib_results.txt``, columns first."""
+    if not re.search(r"^#[ \t]*polynomial coefficients", content.text, re.MULTILINE):
+        return {}
+    words = [word for line in content.text.splitlines() for word in line.partition("#")[0].split()]
     polynomial, words = _counted("polynomial", words)
     _, words = _counted("inverse polynomial", words)
-    center, words = numbers("center, row and column", words[:2], (2,)), words[2:]
-    affine, words = numbers("affine parameters c, d, e", words[:3], (3,)), words[3:]
-    if len(words) != 2:
-        raise ArgumentError(f"image size: expected height and width at the end, got {shown(words)}")
-    height, width = whole_number("height", words[0]), whole_number("width", words[1])
+    row, column = numbers("center, row and column", words[:2], (2,)).tolist()
+    affine = numbers("affine parameters c, d, e", words[2:5], (3,))
+    if len(words) != 7:
+        raise ArgumentError(f"image size: expected height and width at the end, got {shown(words[5:])}")
     coefficients, affine = _exchange_axes(polynomial, affine)
-    return {"cam0": Scaramuzza(width, height, coefficients, affine, center=center[::-1] + HALF_PIXEL)}
+    lens = {"polynomial": coefficients.tolist(), "affine": affine.tolist(), "center": [column, row]}
+    return {"cam0": lens | {"width": words[6], "height": words[5]}}
 
 
-def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
-    """Return the ``calib_results.txt`` of one ``scaramuzza`` camera; its name is not carried."""
-    with only_camera(cameras, "OCamCalib") as camera:
-        if not isinstance(camera, Scaramuzza):
-            raise ArgumentError(f"OCamCalib: expected a camera scaramuzza, got {camera.name}")
-        refuse_limit(camera)
-        polynomial, affine = _exchange_axes(camera.coefficients, camera.affine)
-        inverse = _inverse(polynomial, affine, camera)
-    column, row = camera.center - HALF_PIXEL
+def _write(lens: Values) -> str:
+    """Return the text of numbers that are columns first."""
+    polynomial, affine = _exchange_axes(np.array(lens["polynomial"]), np.array(lens["affine"]))
+    column, row = lens["center"]
+    inverse = _inverse(polynomial, affine, (row, column), (lens["height"], lens["width"]))
     sections = {
         "polynomial coefficients for the DIRECT mapping function (cam2world)": [len(polynomial), *polynomial],
         "polynomial coefficients for the inverse mapping function (world2cam)": [len(inverse), *inverse],
         'center: "row" and "column", starting from 0 (C convention)': [row, column],
         'affine parameters "c", "d", "e"': [*affine],
-        'image size: "height" and "width"': [camera.height, camera.width],
+        'image size: "height" and "width"': [lens["height"], lens["width"]],
     }
     # The blank lines are OCamCalib's: many readers count lines.
     return "".join(
@@ -71,7 +70,7 @@ def write_ocamcalib(cameras: Mapping[str, Camera]) -> str:
 
 def _counted(key: str, words: list[str]) -> tuple[Array, list[str]]:
     """Return the numbers that follow their count, and the rest of the words."""
-    count = whole_number(f"number of coefficients of the {key}", words[0] if words else None)
+    count = whole(f"number of coefficients of the {key}", words[0] if words else None)
     return numbers(key, words[1 : count + 1], (count,)), words[count + 1 :]
 
 
@@ -85,12 +84,11 @@ def _exchange_axes(coefficients: Array, affine: Array) -> tuple[Array, Array]:
         return coefficients * powers, np.array([1.0, e, d]) / c
 
 
-def _inverse(polynomial: Array, affine: Array, camera: Scaramuzza) -> Array:
-    """Return the polynomial of rho by the angle ``atan(z / |(x, y)|)``, least degree first."""
+def _inverse(polynomial: Array, affine: Array, center: tuple[float, float], size: tuple[int, int]) -> Array:
+    """Return the polynomial of rho by the angle ``atan(z / |(x, y)|)``, least degree first; rows first."""
     c, d, e = affine
-    corners = np.array([[0, 0], [camera.width, 0], [0, camera.height], [camera.width, camera.height]])
-    rows_first = (corners - camera.center)[:, ::-1]
-    farthest = np.hypot(*np.linalg.solve(np.array([[c, d], [e, 1.0]]), rows_first.T)).max()
+    corners = np.array([[0, 0], [0, size[1]], [size[0], 0], [*size]]) - 0.5 - np.array(center)
+    farthest = np.hypot(*np.linalg.solve(np.array([[c, d], [e, 1.0]]), corners.T)).max()
     rho = np.linspace(0, farthest, 500)
     angle = np.arctan2(polyval(rho, polynomial), rho)
     # Beyond its maximum the angle repeats rays of other pixels.
@@ -106,3 +104,15 @@ def _inverse(polynomial: Array, affine: Array, camera: Scaramuzza) -> Array:
         f"OCamCalib: expected a polynomial whose inverse is one within {_INVERSE_ERROR_PX} px, "
         f"got no nearer than {error:.3g} px"
     )
+
+
+OCAMCALIB = Form(
+    "ocamcalib",
+    "OCamCalib: calib_results.txt",
+    "polynomial coefficients",
+    f"- scaramuzza polynomial={COEFFICIENTS.replace(' ', ';')} affine=c,d,e center=cx,cy",
+    size="width height",
+    split=_read,
+    dump=_write,
+    refused="an affine part that mirrors",
+)

@@ -19,7 +19,7 @@ four coefficients of it describe another lens.
 Source: OpenCV 5, calib3d; opencv_contrib, ccalib (omnidir.cpp); ROS, sensor_msgs/CameraInfo.
 """
 
-import re
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,13 +28,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, shown
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, Node, Values, canonical, floats, marked, plain, whole
+from omniscv.calibration.forms import Entry, Form
 from omniscv.calibration.intrinsics import Numbers
+from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
 from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
+_log = logging.getLogger("omniscv")
 Floats = NDArray[np.float64]
 
 K = (
@@ -47,32 +49,14 @@ _WORDS = "distortion_model|distortion_type|lens_model|lens_type"
 _LOOSE_WORDS = "camera_model|model|type|model_type|camera_type|calibration_type|projection_model"
 _FLAGS = "fisheye_model|fisheye|is_fisheye|use_fisheye"
 _PLAIN_WORDS = ("radtan", "none", "pinhole", "perspective", "frame")
-_OTHER_WORDS = [
-    "fov",
-    "atan",
-    "doublesphere",
-    "ds",
-    "eucm",
-    "ucm",
-    "omni",
-    "omnidirectional",
-    "mei",
-    "unified",
-    "extendedunified",
-    "thinprismfisheye",
-    "division",
-    "ftheta",
-    "inversebrownconrady",
-    "modifiedbrownconrady",
-    "scaramuzza",
-    "ocam",
-    "radtanthinprismfisheye",
-    "fisheye624",
-    "spherical",
-]
-_K_NAMES, _NAMES = ([plain(name) for name in names.split("|")] for names in (K, f"{K}|{D}"))
-_SIDED = re.compile(
-    rf"(?:(left|right|l|r|cam[0-9]|camera[0-9])\.?)?({'|'.join(_NAMES)})\.?(left|right|l|r|[0-9])?"
+_OTHER_WORDS = (
+    " fov atan doublesphere ds eucm ucm omni omnidirectional mei unified extendedunified thinprismfisheye "
+    "division ftheta inversebrownconrady modifiedbrownconrady scaramuzza ocam radtanthinprismfisheye "
+    "fisheye624 spherical "
+)
+_SIDED = (
+    rf"(?:(?P<name>left|right|l|r|cam[0-9]|camera[0-9])\.?)?(?P<key>{plain(f'{K}|{D}')})\.?"
+    r"(?P<after>left|right|l|r|[0-9])?"
 )
 _FARTHEST_M = 10.0  # cameras of a pair; T is in the unit of the board, which may be mm
 EITHER = "opencv or opencv-fisheye"
@@ -91,20 +75,14 @@ def model_of(node: Node) -> str:
             return "opencv-fisheye"
         if word in _PLAIN_WORDS and (word != "none" or node.has(_WORDS)):
             return "opencv"
-        if word in _OTHER_WORDS or (node.has(_WORDS) and isinstance(node.take(_WORDS), str)):
+        if f" {word} " in _OTHER_WORDS or (node.has(_WORDS) and isinstance(node.take(_WORDS), str)):
             got = shown(node.take(_WORDS, None) or node.take(_LOOSE_WORDS))
             raise ArgumentError(
                 f"distortion_model: expected plumb_bob, rational_polynomial or equidistant, got {got}"
             )
-    if node.has(_FLAGS) and str(flag := node.take(_FLAGS)).lower() in (
-        "0",
-        "1",
-        "true",
-        "false",
-        "0.0",
-        "1.0",
-    ):
-        return "opencv-fisheye" if str(flag).lower() in ("1", "true", "1.0") else "opencv"
+    flag = str(node.take(_FLAGS, "")).lower().removesuffix(".0")
+    if flag in ("0", "1", "true", "false"):
+        return "opencv-fisheye" if flag in ("1", "true") else "opencv"
     given = floats("distortion_coefficients", node.take(D, []) or [])
     return EITHER if len(given) == 4 and any(given) else "opencv"
 
@@ -114,25 +92,34 @@ def lenses(content: Content) -> dict[str, Node]:
     found: dict[str, Node] = {}
     for document in content.documents:
         for path, node in marked(document, [K], accepts=_is_matrix):
-            words = [str(part) for part in path if isinstance(part, str)]
+            words = [part for part in path if isinstance(part, str)]
             name = words[-1] if words else "cam0"
             found[name if name not in found else f"{name}-{len(found)}"] = node
         if not found:
             found |= _sides(document)
         elif len(found) == 2 and isinstance(document, Mapping):
-            _set_stereo(found, document.get("R"), document.get("T"))
+            _set_stereo(found, document)
     return found
 
 
-def _set_stereo(found: dict[str, Node], R: Any, T: Any) -> None:
-    """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``, where T can be metres."""
-    if R is None or T is None:
+def _set_stereo(found: dict[str, Node], pose: Mapping[str, Any]) -> None:
+    """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``, whose unit is that of the board."""
+    if len(found) != 2 or pose.get("R") is None or pose.get("T") is None:
         return
-    matrix = np.column_stack([np.reshape(floats("R", R), (3, 3)), floats("T", T)])
-    if np.linalg.norm(matrix[:, 3]) > _FARTHEST_M:
+    matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
+    apart = float(np.linalg.norm(matrix[:, 3]))
+    if apart > _FARTHEST_M:
+        _log.warning(
+            "T: expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000 if "
+            "it is in mm",
+            apart,
+        )
         return
-    for node, pose in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
-        node.values = {**node.values, "T_stereo": pose.ravel().tolist()}
+    _log.warning(
+        "T: taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart", apart
+    )
+    for node, rows in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
+        node.values = {**node.values, "T_stereo": rows.ravel().tolist()}
 
 
 def _is_matrix(node: Node) -> bool:
@@ -145,25 +132,15 @@ def _sides(document: Any, outer: tuple[Any, ...] = ()) -> dict[str, Node]:
     """Return the cameras of keys such as K1, D1, or left_camera_matrix; R and T lead to the second."""
     if not isinstance(document, Mapping):
         return {}
-    sides: dict[str, Values] = {}
-    shared: Values = {}
-    for key, value in document.items():
-        match = _SIDED.fullmatch(plain(key))
-        if match and (side := match[1] or match[3]) and isinstance(value, Mapping | list | str):
-            sides.setdefault(side, {})[
-                "camera_matrix" if match[2] in _K_NAMES else "distortion_coefficients"
-            ] = value
-        else:
-            shared[key] = value
-    sides = {side: lens for side, lens in sides.items() if "camera_matrix" in lens}
+    sides, shared = families(document, _SIDED)
+    sides = {side: lens for side, lens in sides.items() if Node(lens).has(K)}
     if not sides:
         return {k: v for below in document.values() for k, v in _sides(below, (document, *outer)).items()}
-    pose = {key: shared.pop(key) for key in ("R", "T") if key in shared}
-    long = {"l": "left", "r": "right"}
-    found = {long.get(side, side): Node({**shared, **lens}, outer) for side, lens in sorted(sides.items())}
-    if len(found) == 2:
-        _set_stereo(found, pose.get("R"), pose.get("T"))
-    return {f"cam{name}" if name.isdigit() else name: node for name, node in found.items()}
+    pose: Values = {str(key): shared.pop(key) for key in ("R", "T") if key in shared}
+    long = {"l": "left", "r": "right"} | {str(i): f"cam{i}" for i in range(10)}
+    found = {long.get(side, side): Node({**shared, **sides[side]}, outer) for side in sorted(sides)}
+    _set_stereo(found, pose)
+    return found
 
 
 class OpenCV(Form):
@@ -193,31 +170,40 @@ class OpenCV(Form):
             node.take(path, None)
         return super().entry(node, size)
 
+    def text(self, document: Any, suffix: str) -> str:
+        """Return the text of ``cv2.FileStorage``, by the suffix ``.yml``, ``.xml`` or ``.json``."""
+        import cv2  # slow to load, and reading does without
 
-_COMMON: dict[str, Any] = {
-    "mark": K,
-    "size": _SIZES,
-    "poses": (("T_stereo", "T_c_b"),),
-    "harmless": "^(rectification|projection)matrix$",
-}
-OPENCV = OpenCV(
+        storage = cv2.FileStorage(
+            suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml",
+            cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY,
+        )
+        terms = (1, -1) if "xi" in document else (-1, 1)  # as the samples of the modules have them
+        for key, value in document.items():
+            if isinstance(value, list):
+                value = np.reshape(value, (3, 3) if key == "camera_matrix" else terms)
+            storage.write(key, value)
+        return str(storage.releaseAndGetString())
+
+
+def _form(name: str, programs: str, models: str, **constant: int) -> OpenCV:
+    harmless, poses = "^(rectification|projection)matrix$", (("T_stereo", "T_c_b"),)
+    return OpenCV(name, programs, K, models, size=_SIZES, poses=poses, harmless=harmless, constant=constant)
+
+
+OPENCV = _form(
     "opencv",
     "OpenCV's samples, numpy archives, scripts: K and D in any spelling",
-    models=f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}",
-    **_COMMON,
+    f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}",
+    fisheye_model=0,
 )
-FISHEYE = OpenCV(
+FISHEYE = _form(
     "opencv-fisheye",
     "the same of cv2.fisheye",
-    models=f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0",
-    **_COMMON,
+    f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0",
+    fisheye_model=1,
 )
-OMNIDIR = OpenCV(
-    "opencv-omnidir",
-    "the same of cv2.omnidir",
-    models=f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2",
-    **_COMMON,
-)
+OMNIDIR = _form("opencv-omnidir", "the same of cv2.omnidir", f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2")
 
 
 def _binned(
@@ -354,23 +340,3 @@ def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
     row, values = form.held(camera)
     matrix, terms = (np.array(key.write(values)) for key in row.keys if len(key.names) > 1)
     return matrix.reshape(3, 3), terms, values
-
-
-def write(form: Form, camera: Camera, suffix: str) -> str:
-    """Return the file of a camera for ``cv2.FileStorage``, by the suffix ``.yml``, ``.xml`` or ``.json``."""
-    import cv2  # slow to load, and reading does without
-
-    matrix, terms, values = _arrays(form, camera)
-    document: Values = {"image_width": camera.width, "image_height": camera.height}
-    if form is not OMNIDIR:
-        document["fisheye_model"] = int(form is FISHEYE)
-    document |= {"camera_matrix": matrix, "distortion_coefficients": terms.reshape(-1, 1)}
-    if form is OMNIDIR:
-        document |= {"distortion_coefficients": terms.reshape(1, 4), "xi": values["xi"]}
-    storage = cv2.FileStorage(
-        suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml",
-        cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY,
-    )
-    for key, value in document.items():
-        storage.write(key, value)
-    return str(storage.releaseAndGetString())

@@ -1,25 +1,22 @@
 """Where the cameras of a file stand, for rows whose marks do not say it, and how they are put together."""
 
+import logging
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
-from omniscv.arguments import number, shown
+from omniscv.arguments import number, numbers, shown
 from omniscv.calibration.documents import Content, put_once
-from omniscv.calibration.forms import Entry, Node, Values, canonical, floats, matrix_of_pose
+from omniscv.calibration.forms import Entry, matrix_of_pose
 from omniscv.calibration.intrinsics import Numbers
+from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
+_log = logging.getLogger("omniscv")
 _Sized = tuple[Numbers, tuple[int, int]]
-
-
-def _mappings(content: Content, marks: str) -> list[Node]:
-    """Return the documents that have all marks."""
-    nodes = [Node(value) for value in content.documents if isinstance(value, Mapping)]
-    return [node for node in nodes if all(node.has(mark) for mark in marks.split())]
 
 
 def shutter(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
@@ -31,19 +28,20 @@ def shutter(node: Node, word: str, values: Numbers, width: int, height: int) -> 
 
 
 def orb_cameras(content: Content) -> dict[str, Any]:
+    """Return the cameras of ``Camera.fx``, or of ``Camera1.fx`` and ``Camera2.fx``."""
     cameras: dict[str, Any] = {}
-    for node in _mappings(content, "Camera1.fx|Camera.fx"):
+    for node in mappings(content, "Camera1.fx|Camera.fx"):
         if not any(key.startswith("Camera") and ".fx" in key for key in node.values):
             continue  # another program's "camera" with "fx" in it
-        flat = dict(node.unread())
-        second = {f"Camera1.{path[8:]}": value for path, value in flat.items() if path.startswith("Camera2.")}
-        if not second:
-            cameras[f"cam{len(cameras)}"] = flat
-        else:
-            first = {k: v for k, v in flat.items() if not k.startswith(("Camera2.", "Tlr"))}
-            cameras[f"cam{len(cameras)}"] = first | {"Stereo.T_c1_c2": np.eye(4).tolist()}
-            shared = ("Camera.type", "Camera.width", "Camera.height", "Stereo.T_c1_c2", "Tlr")
-            cameras[f"cam{len(cameras)}"] = second | {key: flat[key] for key in shared if key in flat}
+        first = dict(leaves(node.values))
+        second = {key: first.pop(key) for key in [*first] if key.startswith("Camera2.")}
+        cameras[f"cam{len(cameras)}"] = first
+        if second:
+            shared = {key: first.pop(key) for key in [*first] if key in ("Stereo.T_c1_c2", "Tlr")}
+            shared |= {key: value for key, value in first.items() if key.startswith("Camera.")}
+            first["Stereo.T_c1_c2"] = np.eye(4).tolist()
+            second = {key.replace("Camera2.", "Camera1."): value for key, value in second.items()}
+            cameras[f"cam{len(cameras)}"] = second | shared
     return cameras
 
 
@@ -64,33 +62,34 @@ def by_baseline(node: Node, entries: dict[str, Entry]) -> dict[str, Entry]:
 
 
 def join_orb(cameras: dict[str, Values]) -> Values:
+    """Return the keys of one camera or two, which share type and size."""
     first, *others = cameras.values()
-    if len(others) > 1:
-        raise ArgumentError(f"cameras: ORB-SLAM holds two at most, got {len(cameras)}")
-    document = {
-        "File.version": "1.0",
-        **{key: value for key, value in first.items() if key != "Stereo.T_c1_c2"},
-    }
+    document = {"File.version": "1.0", **first}
+    document.pop("Stereo.T_c1_c2", None)
     for other in others:
-        for key in ("Camera.type", "Camera.width", "Camera.height"):
-            if other[key] != first[key]:
-                raise ArgumentError(
-                    f"{key}: expected the same of both cameras, got {first[key]} and {other[key]}"
-                )
+        if len(others) > 1 or any(other[key] != first[key] for key in first if key.startswith("Camera.")):
+            raise ArgumentError(
+                "cameras: expected two at most, of one model and size (ORB-SLAM writes these once), got "
+                f"{len(cameras)}: {shown([*cameras.values()])}"
+            )
         document |= {key.replace("Camera1.", "Camera2."): value for key, value in other.items()}
     return document
+
+
+_FOCAL = "fl_x|camera_angle_x"
+_OF_A_FRAME = re.compile(r"path|matrix|mask|depth|time|index|id$|name|sharp|motion|camera_convention")
 
 
 def frames(content: Content) -> dict[str, Any]:
     """Return the camera of ``transforms.json``, or those of its frames where each has its own numbers."""
     cameras: list[Values] = []
-    for node in _mappings(content, "frames"):
+    for node in mappings(content, "frames"):
         shared = {key: value for key, value in node.values.items() if key != "frames"}
         frames = node.values["frames"] if isinstance(node.values["frames"], list) else []
-        lenses = [Node(frame) for frame in frames if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)]
         of_frames = [
-            {**shared, **{k: v for k, v in lens.values.items() if not _OF_A_FRAME.search(k)}}
-            for lens in lenses
+            {**shared, **{key: value for key, value in frame.items() if not _OF_A_FRAME.search(key)}}
+            for frame in frames
+            if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)
         ]
         if of_frames and len(of_frames) < len(frames):
             raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
@@ -103,12 +102,6 @@ def frames(content: Content) -> dict[str, Any]:
     return {f"cam{i}": lens for i, lens in enumerate(cameras)}
 
 
-_FOCAL = "fl_x|camera_angle_x"
-
-
-_OF_A_FRAME = re.compile(r"path|matrix|mask|depth|time|index|id$|name|sharp|motion|camera_convention")
-
-
 def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
     """Turn a field of view from side to side into a focal length."""
     if "angle" in values:
@@ -118,126 +111,80 @@ def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> _S
 
 
 def kitti(content: Content) -> dict[str, Any]:
+    """Return the cameras of K, D, S, R, T; and of P, the rectified ones, by ``P = K [I | offset]``."""
     cameras: dict[str, Any] = {}
-    for node in _mappings(content, "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2"):
-        values = node.values
+    for node in mappings(content, "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2"):
+        parts, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
         upright = np.eye(4)
-        if "R_rect_00" in values:
-            upright[:3, :3] = np.reshape(floats("R_rect_00", values["R_rect_00"]), (3, 3))
-        for key in values:
-            if match := re.fullmatch(r"K_(\d\d)", key):
-                i = match[1]
-                lens = {"K": values[key], "D": Node(values).take(f"D_{i}"), "S": values.get(f"S_{i}")}
-                if f"R_{i}" in values:
-                    rotation, shift = (floats(name, values[name]) for name in (f"R_{i}", f"T_{i}"))
-                    lens["T"] = np.column_stack([np.reshape(rotation, (3, 3)), shift]).ravel().tolist()
-                cameras[i] = lens
-        for key in values:
-            if match := re.fullmatch(r"P_rect_(\d\d)|P(\d)", key):
-                P = (
-                    np.reshape(floats(key, values[key]), (3, 4))
-                    if len(floats(key, values[key])) == 12
-                    else None
-                )
-                if P is None or not P[0, 0]:
+        if "r" in parts.get("rect00", {}):
+            upright[:3, :3] = np.reshape(floats("R_rect_00", parts["rect00"]["r"]), (3, 3))
+        for name, lens in parts.items():
+            size = lens.get("s")
+            if "k" in lens:
+                cameras[name] = {"K": lens["k"], "D": Node(lens).take("D"), "S": size}
+                if "r" in lens:
+                    R, T = np.reshape(floats("R", lens["r"]), (3, 3)), floats("T", Node(lens).take("T"))
+                    cameras[name]["T"] = np.column_stack([R, T]).ravel().tolist()
+            elif "p" in lens:
+                P = np.array(floats(f"P_{name}", lens["p"]))
+                if P.size != 12 or not P[0]:
                     raise ArgumentError(
-                        f"{key}: expected 3 x 4 numbers of a camera, got {shown(values[key])}"
+                        f"P_{name}: expected 3 x 4 numbers of a camera, got {shown(lens['p'])}"
                     )
-                offset = np.eye(4)
+                P, offset = P.reshape(3, 4), np.eye(4)
                 offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
-                name = f"rect_{match[1]}" if match[1] else key
-                lens = {"K": P[:, :3].ravel().tolist(), "D": [], "T": (offset @ upright)[:3].ravel().tolist()}
-                cameras[name] = lens | {"S": values.get(f"S_rect_{match[1]}")}
+                label = name.replace("rect", "rect_") if "rect" in name else f"P{name}"
+                T_c_0 = (offset @ upright)[:3].ravel().tolist()
+                cameras[label] = {"K": P[:, :3].ravel().tolist(), "D": [], "S": size, "T": T_c_0}
     return cameras
 
 
 def join_kitti(cameras: dict[str, Values]) -> Values:
+    """Return the lines of cameras 00, 01, ..."""
     document: Values = {}
     for name, lens in cameras.items():
         if not re.fullmatch(r"\d\d", name):
             raise ArgumentError(f"{name}: expected names 00, 01, ..., got {shown(name)}")
+        T = np.array(lens.get("T", np.eye(4).tolist()))
         document |= {
             f"S_{name}": lens["S"],
             f"K_{name}": lens["K"],
             f"D_{name}": [*lens["D"], *[0.0] * 5][:5],
         }
-        T = np.array(lens.get("T", np.eye(4).tolist()))
         document |= {f"R_{name}": T[:3, :3].ravel().tolist(), f"T_{name}": T[:3, 3].tolist()}
     return document
 
 
 def middlebury(content: Content) -> dict[str, Any]:
+    """Return cam0 and cam1, which is straight to the right by the baseline, mm."""
     cameras: dict[str, Any] = {}
-    for node in _mappings(content, "cam0 width height"):
-        if (
-            not isinstance(node.values["cam0"], str)
-            or len(re.findall(r"[-\d.e+]+", node.values["cam0"])) != 9
-        ):
-            continue
-        size = {key: node.values[key] for key in ("width", "height")}
+    for node in mappings(content, "cam0 width height"):
+        if not re.fullmatch(r"\[([-+\d.e]+[\s;\]]+){9}", str(node.values["cam0"]).strip()):
+            continue  # another program's "cam0"
         baseline = number("baseline", node.values.get("baseline", 0)) / 1000
         for name, x in (("cam0", 0.0), ("cam1", baseline)):
             if name in node.values:
                 T = matrix_of_pose(Pose(np.array([x, 0, 0]), np.eye(3)))
+                size = {key: node.values[key] for key in ("width", "height")}
                 cameras[name] = {"K": node.values[name], **size, "T": T}
     return cameras
 
 
-def join_middlebury(cameras: dict[str, Values]) -> Values:
-    first, *others = cameras.values()
-    document = {"cam0": first["K"]}
-    baseline = 0.0
-    for other in others:
-        T = np.array(other.get("T", np.eye(4).tolist()))
-        if (
-            len(others) > 1
-            or T[1:3, 3].any()
-            or (T[:3, :3] != np.eye(3)).any()
-            or other["width"] != first["width"]
-        ):
-            raise ArgumentError(
-                "middlebury: expected two cameras, the second straight to the right, got others"
-            )
-        document["cam1"], baseline = other["K"], 1000 * T[0, 3]
-        document["doffs"] = other["K"][2] - first["K"][2]
-    return document | {"baseline": float(baseline), "width": first["width"], "height": first["height"]}
-
-
 def basalt(content: Content) -> dict[str, Any]:
+    """Return the cameras of three lists."""
     cameras: dict[str, Any] = {}
-    for node in _mappings(content, "value0.intrinsics"):
+    for node in mappings(content, "value0.intrinsics"):
         rig = node.values["value0"]
         lists = [rig.get(key) for key in ("intrinsics", "resolution", "T_imu_cam")]
         if not all(isinstance(items, list) and len(items) == len(lists[0] or []) for items in lists):
             raise ArgumentError(
                 "value0: expected intrinsics, resolution and T_imu_cam of every camera, got other lists"
             )
-        offset = rig.get("cam_time_offset_ns", 0)
+        shared = {"cam_time_offset_ns": rig.get("cam_time_offset_ns", 0)}
         for lens, size, pose in zip(*lists, strict=True):
-            numbers = lens if isinstance(lens, Mapping) else {}
-            cameras[f"cam{len(cameras)}"] = {
-                **numbers,
-                "resolution": size,
-                "T_imu_cam": pose,
-                "cam_time_offset_ns": offset,
-            }
+            own = {"resolution": size, "T_imu_cam": pose, **shared}
+            cameras[f"cam{len(cameras)}"] = {**(lens if isinstance(lens, Mapping) else {}), **own}
     return cameras
-
-
-def join_basalt(cameras: dict[str, Values]) -> Values:
-    offsets = {values.pop("cam_time_offset_ns", 0.0) for values in cameras.values()}
-    if len(offsets) > 1:
-        raise ArgumentError(f"time_offset: expected one of all cameras, got {sorted(offsets)}")
-    rows = [{**values} for values in cameras.values()]
-    still = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
-    return {
-        "value0": {
-            "T_imu_cam": [row.pop("T_imu_cam", still) for row in rows],
-            "resolution": [row.pop("resolution") for row in rows],
-            "intrinsics": rows,
-            "cam_time_offset_ns": offsets.pop(),
-        }
-    }
 
 
 _ARIA_SIZES = {
@@ -247,22 +194,15 @@ _ARIA_SIZES = {
     "camera-et-left": (640, 480),
     "camera-et-right": (640, 480),
 }
-
-
 """Full resolution by label: a factory calibration, which has no sizes, is of these images."""
 
 
 def aria(content: Content) -> dict[str, Any]:
+    """Return the cameras by their labels; their quaternions as four numbers."""
     cameras: dict[str, Any] = {}
-    for document in content.documents:
-        if not isinstance(document, Mapping) or "CameraCalibrations" not in document:
-            continue
-        entries, sizes = document["CameraCalibrations"], document.get("ImageSizes")
-        if (
-            not isinstance(entries, list)
-            or not entries
-            or not all(isinstance(entry, Mapping) for entry in entries)
-        ):
+    for node in mappings(content, "CameraCalibrations"):
+        entries, sizes = node.values["CameraCalibrations"], node.values.get("ImageSizes")
+        if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
             raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
         if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(entries)):
             raise ArgumentError(f"ImageSizes: expected one of each camera, got {shown(sizes)}")
@@ -271,7 +211,14 @@ def aria(content: Content) -> dict[str, Any]:
             if label in cameras:
                 raise ArgumentError(f"Label: expected each label once, got {label} again")
             size = sizes[i] if sizes is not None else entry.get("ImageSize", _ARIA_SIZES.get(label))
-            cameras[label] = {**entry, "ImageSize": None if size is None else list(size)}
+            cameras[label] = lens = {**entry, "ImageSize": None if size is None else list(size)}
+            pose = lens.get("T_Device_Camera")
+            if isinstance(pose, Mapping) and "UnitQuaternion" in pose:
+                turn = pose["UnitQuaternion"]
+                if not isinstance(turn, list) or len(turn) != 2:
+                    raise ArgumentError(f"UnitQuaternion: expected [w, [x, y, z]], got {shown(turn)}")
+                xyz = numbers("UnitQuaternion: [x, y, z]", turn[1], (3,)).tolist()
+                lens["T_Device_Camera"] = {**pose, "UnitQuaternion": [turn[0], *xyz]}
     return cameras
 
 
@@ -279,27 +226,25 @@ def join_aria(cameras: dict[str, Values]) -> Values:
     """Return the document; sizes are written where they are not those of the labels."""
     entries = []
     sizes = [values.pop("ImageSize") for values in cameras.values()]
-    still = {"Translation": [0.0, 0.0, 0.0], "UnitQuaternion": [1.0, [0.0, 0.0, 0.0]]}
+    still = {"Translation": [0.0, 0.0, 0.0], "UnitQuaternion": [1.0, 0.0, 0.0, 0.0]}
     for label, values in cameras.items():
-        projection = {"Projection": values["Projection"]}
-        pose = {"T_Device_Camera": values.get("T_Device_Camera", still)}
-        time = {"TimeOffsetSec_Device_Camera": values.get("TimeOffsetSec_Device_Camera", 0.0)}
-        entries.append({"Label": label, "SerialNumber": "", "Calibrated": True, **projection, **pose, **time})
+        pose = {**values.pop("T_Device_Camera", still)}
+        w, *xyz = pose["UnitQuaternion"]
+        own = {"T_Device_Camera": pose | {"UnitQuaternion": [w, xyz]}, "TimeOffsetSec_Device_Camera": 0.0}
+        entries.append({"Label": label, "SerialNumber": "", "Calibrated": True, **own, **values})
     known = all(tuple(size) == _ARIA_SIZES.get(label) for label, size in zip(cameras, sizes, strict=True))
     return {"CameraCalibrations": entries} | ({} if known else {"ImageSizes": sizes})
 
 
 def nuscenes(content: Content) -> dict[str, Any]:
+    """Return the sensors that have intrinsics; all pictures of nuScenes are of one size."""
     cameras: dict[str, Any] = {}
     for document in content.documents:
-        for entry in document if isinstance(document, list) else []:
-            if isinstance(entry, Mapping) and entry.get("camera_intrinsic") and "translation" in entry:
-                name = str(entry.get("channel", entry.get("token", f"cam{len(cameras)}")))
-                cameras[name] = {"width": 1600, "height": 900, **entry}
+        for _, node in marked(document, ["camera_intrinsic", "translation", "rotation"]):
+            if node.values["camera_intrinsic"]:
+                name = str(node.values.get("channel", node.values.get("token", f"cam{len(cameras)}")))
+                cameras[name] = {"width": 1600, "height": 900, **node.values}
     return cameras
-
-
-STILL = {"translation": [0.0, 0.0, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
 
 
 def metashape(content: Content) -> dict[str, Any]:
@@ -307,63 +252,48 @@ def metashape(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
 
     def visit(value: Any, name: str) -> None:
-        if isinstance(value, list):
-            for item in value:
+        if isinstance(value, Mapping):
+            name = str(value.get("label", name))
+            listed = value.get("calibration")
+            lenses = [
+                lens for lens in (listed if isinstance(listed, list) else [listed]) if _is_metashape(lens)
+            ]
+            if lenses:
+                adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
+                cameras[name if name not in cameras else f"{name}-{len(cameras)}"] = (adjusted or lenses)[0]
+        if isinstance(value, Mapping | list):
+            for item in value.values() if isinstance(value, Mapping) else value:
                 visit(item, name)
-        if not isinstance(value, Mapping):
-            return
-        name = str(value.get("label", name))
-        listed = value.get("calibration")
-        lenses = [
-            lens for lens in (listed if isinstance(listed, list) else [listed]) if isinstance(lens, Mapping)
-        ]
-        if lenses:
-            adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
-            unique = name if name not in cameras else f"{name}-{len(cameras)}"
-            cameras[unique] = (adjusted or lenses)[0]
-        for key, below in value.items():
-            if key != "calibration":
-                visit(below, name)
 
     for document in content.documents if content.text.lstrip().startswith("<") else []:
         visit(document, "cam0")
-    return {name: lens for name, lens in cameras.items() if Node(lens).has("f|width|resolution")}
-
-
-def only(form: str, cameras: Mapping[str, Values]) -> Values:
-    """Return the only camera; ArgumentError where there are several."""
-    if len(cameras) != 1:
-        raise ArgumentError(f"cameras: {form} holds one camera, got {len(cameras)}: {shown(list(cameras))}")
-    return next(iter(cameras.values()))
-
-
-def openmvg(content: Content) -> dict[str, Any]:
-    cameras: dict[str, Any] = {}
-    names: dict[int, str] = {}
-    for node in _mappings(content, "intrinsics"):
-        listed = node.values["intrinsics"]
-        for entry in listed if isinstance(listed, list) else []:
-            value = entry.get("value") if isinstance(entry, Mapping) else None
-            if not isinstance(value, Mapping) or not isinstance(value.get("ptr_wrapper"), Mapping):
-                continue
-            key = int(number("polymorphic_id", value.get("polymorphic_id", 0))) & 0x3FFFFFFF
-            names.setdefault(key, str(value.get("polymorphic_name")))
-            data = value["ptr_wrapper"].get("data", {})
-            lens = {name: item for name, item in data.items() if not isinstance(item, Mapping)}
-            for below in data.values():
-                lens |= below if isinstance(below, Mapping) else {}
-            cameras[str(entry.get("key", len(cameras)))] = {"model": names[key], **lens}
     return cameras
 
 
-def join_openmvg(cameras: dict[str, Values]) -> Values:
-    entries = []
-    for i, values in enumerate(cameras.values()):
-        data = {key: value for key, value in values.items() if key != "model"}
-        wrapped = {"id": 0x80000001 + i, "data": data}
-        identity = {"polymorphic_id": 0x40000000 + i + 1, "polymorphic_name": values["model"]}
-        entries.append({"key": i, "value": {**identity, "ptr_wrapper": wrapped}})
-    return {"sfm_data_version": "0.3", "root_path": "", "views": [], "intrinsics": entries, "extrinsics": []}
+def _is_metashape(lens: Any) -> TypeGuard[Mapping[str, Any]]:
+    return isinstance(lens, Mapping) and Node(lens).has("f|width|resolution")
+
+
+def openmvg(content: Content) -> dict[str, Any]:
+    """Return the intrinsics, whose name stands in the first of a kind, and whose values are nested."""
+    cameras: dict[str, Any] = {}
+    names: dict[int, str] = {}
+    for document in content.documents:
+        for path, node in marked(document, ["value.ptr_wrapper.data", "value.polymorphic_id"]):
+            value = node.values["value"]
+            if "intrinsics" not in path:  # but views
+                continue
+            key = int(number("polymorphic_id", value["polymorphic_id"])) & 0x3FFFFFFF
+            names.setdefault(key, str(value.get("polymorphic_name")))
+            if "width" in (lens := dict(_merged(value["ptr_wrapper"]["data"]))):
+                cameras[str(node.values.get("key", len(cameras)))] = {"model": names[key], **lens}
+    return cameras
+
+
+def _merged(data: Any) -> Values:
+    below = [_merged(value) for value in data.values() if isinstance(value, Mapping)]
+    own = {key: value for key, value in data.items() if not isinstance(value, Mapping)}
+    return {key: value for values in (*below, own) for key, value in values.items()}
 
 
 _DSO = re.compile(
@@ -374,60 +304,47 @@ _DSO = re.compile(
 
 
 def dso(content: Content) -> dict[str, Any]:
+    """Return the camera of four lines."""
     match = _DSO.fullmatch(content.text.replace("\t", " "))
     if match is None:
         return {}
-    values = floats("numbers", match[2])
-    size = int(match[3]), int(match[4])
+    values, size = floats("numbers", match[2]), [int(match[3]), int(match[4])]
     if len(values) > 4 and values[2] < 1 and values[3] < 1:  # in parts of the size
-        scale = [*size, *size]
-        values[:4] = [value * factor for value, factor in zip(values[:4], scale, strict=True)]
+        values[:4] = [value * side for value, side in zip(values[:4], size * 2, strict=True)]
         values[2:4] = [value - 0.5 for value in values[2:4]]
-    return {"cam0": {"model": match[1], "numbers": values, "size": list(size)}}
-
-
-def dso_text(values: Values) -> str:
-    numbers, size = values["numbers"], " ".join(map(str, values["size"]))
-    words = " ".join(map(str, [*numbers, 0.0][: max(5, len(numbers))]))
-    return f"{values['model']} {words}\n{size}\nnone\n{size}\n"
+    return {"cam0": {"model": match[1], "numbers": values, "size": size}}
 
 
 _ZED_SIZES = {
-    "2K": (2208, 1242),
-    "FHD": (1920, 1080),
-    "FHD1200": (1920, 1200),
-    "HD": (1280, 720),
-    "HD1200": (1920, 1200),
-    "SVGA": (960, 600),
-    "VGA": (672, 376),
-    "4K": (3840, 2160),
-    "QHDPLUS": (3200, 1800),
-}
+    "2K": [2208, 1242], "FHD": [1920, 1080], "FHD1200": [1920, 1200], "HD": [1280, 720],
+    "HD1200": [1920, 1200], "SVGA": [960, 600], "VGA": [672, 376], "4K": [3840, 2160],
+    "QHDPLUS": [3200, 1800],
+}  # fmt: skip
 
 
 def zed(content: Content) -> dict[str, Any]:
-    cameras = {}
-    for node in _mappings(content, "STEREO|LEFT_CAM_HD|LEFT_CAM_VGA|LEFT_CAM_FHD"):
+    """Return the cameras of sections such as LEFT_CAM_HD, which have the same keys."""
+    cameras: dict[str, Any] = {}
+    for node in mappings(
+        content, "LEFT_CAM_2K|LEFT_CAM_HD|LEFT_CAM_VGA|LEFT_CAM_FHD|LEFT_CAM_HD1200|LEFT_CAM_SVGA"
+    ):
         for name, section in node.values.items():
             match = re.fullmatch(r"(?:LEFT|RIGHT)_CAM_(\w+)", name)
             if match and isinstance(section, Mapping):
-                size = _ZED_SIZES.get(match[1])
-                cameras[name] = {**section, "size": None if size is None else list(size)}
+                cameras[name] = {**section, "size": _ZED_SIZES.get(match[1])}
+            elif isinstance(section, Mapping) and (
+                odd := [key for key in section if _ZED_LENS.fullmatch(key)]
+            ):
+                raise ArgumentError(f"{name}.{odd[0]}: expected this key in sections of cameras, got it here")
+    keys = {name: sorted(map(str.lower, lens)) for name, lens in cameras.items()}
+    for name, own in keys.items():
+        if own != (first := next(iter(keys.values()))):
+            odd = sorted(set(own) ^ set(first))
+            raise ArgumentError(f"{name}: expected the keys of the other cameras, got more or fewer: {odd}")
     return cameras
 
 
-def join_zed(cameras: dict[str, Values]) -> Values:
-    sections = {}
-    for i, (name, values) in enumerate(cameras.items()):
-        size = tuple(values.pop("size"))
-        word = next((word for word, known in _ZED_SIZES.items() if known == size), None)
-        if word is None or i > 1:
-            sizes = ", ".join(f"{w}x{h}" for w, h in _ZED_SIZES.values())
-            raise ArgumentError(f"{name}: expected two cameras at most, of a size among {sizes}; got {size}")
-        sections[name if name.endswith(f"_CAM_{word}") else f"{('LEFT', 'RIGHT')[i]}_CAM_{word}"] = values
-    return sections
-
-
+_ZED_LENS = re.compile(r"f[xy]|c[xy]|[kp]\d", re.IGNORECASE)
 _HUGIN_IMAGE = re.compile(r"([A-Za-z]+)(\S*)")
 
 
@@ -445,9 +362,8 @@ def hugin(content: Content) -> dict[str, Any]:
                 raise ArgumentError(f"expected all of a, b, c, d, e, g, t or none, got {shown(line)}")
             for key, value in words.items():
                 if value.startswith("="):
-                    words[key] = (
-                        images[int(value[1:])].get(key, "0") if int(value[1:]) < len(images) else "nan"
-                    )
+                    known = images[int(value[1:])] if int(value[1:]) < len(images) else {key: "nan"}
+                    words[key] = known.get(key, "0")
             images.append(words)
     cameras: dict[str, Any] = {}
     for image in images:
@@ -460,37 +376,46 @@ def hugin(content: Content) -> dict[str, Any]:
 
 def hugin_numbers(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
     """Panotools: ``r (a r^3 + b r^2 + c r + 1 - a - b - c)``, r = 1 at half the shorter side."""
-    terms = {key: number(key, node.take(key, 0)) for key in "abcgtv"}
-    a, b, c, g, t, v = terms.values()
+    a, b, c, g, t, v = (number(key, node.take(key, 0)) for key in "abcgtv")
     if g or t:
         raise ArgumentError(f"g, t: expected no shear (it is not modelled), got {g:.15g} and {t:.15g}")
     unit, angle = min(width, height) / 2, np.radians(number("v", v, above=0, most=360))
     first = 1 - a - b - c
     if word == "0":
         if a or c:
-            raise ArgumentError(
-                f"a, c: expected 0 (odd powers of f0 are not modelled), got {a:.15g} and {c:.15g}"
-            )
+            got = f"{a:.15g} and {c:.15g}"
+            raise ArgumentError(f"a, c: expected 0 (odd powers of f0 are not modelled), got {got}")
         focal = width / 2 / np.tan(number("v", v, below=180) * np.pi / 360)
-        return values | {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}, (
-            width,
-            height,
-        )
-    if word == "4":
+        own = {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}
+    elif word == "4":
         if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
             raise ArgumentError(
                 "f4: expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e, got another"
             )
         return {}, (width, height)
-    scale = width / angle / unit  # of an angle to r
-    powers = [unit * factor * scale ** (i + 1) for i, factor in enumerate((first, c, b, a))]
-    return values | {f"c{i + 1}": float(power) for i, power in enumerate(powers)}, (width, height)
+    else:
+        scale = width / angle / unit  # of an angle to r
+        own = {f"c{i}": float(unit * term * scale**i) for i, term in enumerate((first, c, b, a), 1)}
+    return values | own, (width, height)
 
 
 def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
+    """Refuse stretches and digital lenses."""
     for key in ("input_horizontal_stretch", "input_vertical_stretch"):
         if (value := number(key, node.take(key, 1) or 1)) != 1:
             raise ArgumentError(f"{key}: expected 1 (stretches are not modelled), got {value:.15g}")
     if canonical(lens := node.take("digital_lens", None)) not in ("none", ""):
         raise ArgumentError(f"digital_lens: expected none (it is not modelled), got {shown(lens)}")
+    return values, (width, height)
+
+
+def of_others(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
+    """Say which pixel convention is taken of a file that has our own keys, without our mark."""
+    from omniscv.cameras import names
+
+    if node.values.get("model") in names():
+        _log.warning(
+            "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at whole "
+            "numbers; add the mark where they are at .5"
+        )
     return values, (width, height)

@@ -7,7 +7,7 @@ Sources: the programs' own readers and writers, as of 2026; those of the half pi
 # fmt: off
 # ruff: noqa: E501
 
-from omniscv.calibration import parts
+from omniscv.calibration import documents, parts
 from omniscv.calibration.forms import Form
 
 _K = "fx,0,cx,0,fy,cy,0,0,1"
@@ -32,7 +32,7 @@ ORB = Form("orb-slam", "ORB-SLAM2, ORB-SLAM3",
     KannalaBrandt8 kannala-brandt {_ORB_NUMBERS} {_orb_optional("k1 k2 k3 k4").replace("?", "")}
     """,
     word="Camera.type", size="Camera.width Camera.height", syntax="opencv-yaml", poses=(("Stereo.T_c1_c2|Tlr", "T_b_c"),), split=parts.orb_cameras,
-    join=parts.join_orb, stereo=parts.by_baseline)
+    join=parts.join_orb, stereo=parts.by_baseline, from_first=True)
 
 STELLA = Form("stella-vslam", "stella_vslam, OpenVSLAM",
     "Camera.cols Camera.model", """
@@ -59,11 +59,11 @@ NERFSTUDIO = Form("nerfstudio", "nerfstudio, instant-ngp, NeRF's transforms.json
 
 KITTI = Form("kitti", "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's perspective.txt",
     "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2", f"- pinhole K={_K} D=;k1,k2,p1,p2;k3",
-    size="S", syntax="lines", poses=(("T", "T_c_b"),), split=parts.kitti, join=parts.join_kitti, refused="projections that are no camera's")
+    size="S", syntax="lines", poses=(("T", "T_c_b"),), split=parts.kitti, join=parts.join_kitti, label="0{0}", refused="projections that are no camera's")
 
 MIDDLEBURY = Form("middlebury", "Middlebury's calib.txt, ETH3D's stereo",
-    "cam0 width height", f"- pinhole K={_K}",
-    size="width height", syntax="matrices", poses=(("T", "T_b_c"),), split=parts.middlebury, join=parts.join_middlebury)
+    "cam0 width height", f"< - pinhole K={_K}",
+    size="width height", poses=(("T", "T_b_c"),), split=parts.middlebury)
 
 D = (
     "distortion_coefficients|D|dist|distCoeffs|dist_coeff|dist_coefs|dist_coef|distortion_coeffs|distortion_coeff|"
@@ -92,7 +92,7 @@ INTRINSICS = Form("intrinsics", "RealSense, Orbbec and other depth cameras: fx, 
     < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {_FOUR_K}
     """,
     word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}",
-    syntax="json")
+    syntax="json", finish=parts.of_others)
 
 OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder",
     "intrinsic_matrix width height", f"- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1\n< - pinhole intrinsic_matrix={_K}",
@@ -111,19 +111,20 @@ SENSOR = Form("sensor", "EuRoC's sensor.yaml, ASL, Kimera",
 _FXY = "intrinsics.fx .fy .cx .cy"
 BASALT = Form("basalt", "basalt",
     "value0.intrinsics", f"""
-    pinhole pinhole {_FXY}
-    pinhole-radtan8 pinhole {_FXY} .k1 .k2 .p1 .p2 .k3 .k4 .k5 .k6 .rpmax?=_
-    kb4 kannala-brandt {_FXY} .k1 .k2 .k3 .k4
-    ds double-sphere {_FXY} .xi .alpha
-    eucm extended-unified {_FXY} .alpha .beta
+    < pinhole pinhole {_FXY}
+    < pinhole-radtan8 pinhole {_FXY} .k1 .k2 .p1 .p2 .k3 .k4 .k5 .k6 .rpmax?=_
+    < kb4 kannala-brandt {_FXY} .k1 .k2 .k3 .k4
+    < ds double-sphere {_FXY} .xi .alpha
+    < eucm extended-unified {_FXY} .alpha .beta
     < ucm extended-unified {_FXY} .alpha
     """,
-    word="camera_type", size="resolution", syntax="json", poses=(("T_imu_cam", "px..qw"),), time=("cam_time_offset_ns", 1e-9), split=parts.basalt,
-    join=parts.join_basalt, finish=lambda node, word, values, w, h: (values | ({"beta": 1.0} if word == "ucm" else {}), (w, h)))
+    word="camera_type", size="resolution", time=("cam_time_offset_ns", 1e-9), split=parts.basalt,
+    poses=(("T_imu_cam", "T_imu_cam.px=x .py=y .pz=z .qx .qy .qz .qw"),),
+    finish=lambda node, word, values, w, h: (values | ({"beta": 1.0} if word == "ucm" else {}), (w, h)))
 
 WOODSCAPE = Form("woodscape", "WoodScape",
     "intrinsic.cx_offset intrinsic.k1", "radial_poly ftheta intrinsic.k1=c1 .k2=c2 .k3=c3 .k4=c4 .cx_offset=du .cy_offset=dv .aspect_ratio?=1 .poly_order?=4",
-    word="intrinsic.model", size="intrinsic.width intrinsic.height", syntax="json", poses=(("extrinsic", "xyzw"),),
+    word="intrinsic.model", size="intrinsic.width intrinsic.height", syntax="json", poses=(("extrinsic", "extrinsic.translation=x,y,z extrinsic.quaternion=qx,qy,qz,qw"),),
     constant={"intrinsic.aspect_ratio": 1.0, "intrinsic.poly_order": 4, "name": "cam0"}, refused="an aspect ratio other than 1")
 
 ARIA = Form("aria", "Project Aria's device and online calibrations",
@@ -133,13 +134,13 @@ ARIA = Form("aria", "Project Aria's device and online calibrations",
     < Fisheye62 fisheye624 Projection.Params=f,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1
     < Linear pinhole Projection.Params=fx,fy,cx,cy
     """,
-    word="Projection.Name", size="ImageSize", syntax="json", poses=(("T_Device_Camera", "aria"),), time=("TimeOffsetSec_Device_Camera", 1.0),
+    word="Projection.Name", size="ImageSize", syntax="json", time=("TimeOffsetSec_Device_Camera", 1.0),
+    poses=(("T_Device_Camera", "T_Device_Camera.Translation=x,y,z T_Device_Camera.UnitQuaternion=qw,qx,qy,qz"),),
     split=parts.aria, join=parts.join_aria)
 
 NUSCENES = Form("nuscenes", "nuScenes: calibrated_sensor.json, whose pictures are 1600 x 900",
-    "camera_intrinsic translation rotation", f"- pinhole camera_intrinsic={_K}",
-    size="width height", syntax="json", poses=(("rotation", "wxyz"),), split=parts.nuscenes,
-    join=lambda cameras: [{"token": name, "sensor_token": name, **parts.STILL, **values} for name, values in cameras.items()])
+    "camera_intrinsic translation rotation", f"< - pinhole camera_intrinsic={_K}",
+    size="width height", poses=(("rotation", "translation=x,y,z rotation=qw,qx,qy,qz"),), split=parts.nuscenes)
 
 _TERMS = "k1? k2? k3? p1?=p2 p2?=p1 k4?=0 p3?=0 p4?=0"
 METASHAPE = Form("metashape", "Agisoft Metashape and PhotoScan: lenses and cameras in XML",
@@ -149,7 +150,7 @@ METASHAPE = Form("metashape", "Agisoft Metashape and PhotoScan: lenses and camer
     spherical equirectangular f?=_ cx?=0 cy?=0
     """,
     word="projection|type", size="width|resolution.width height|resolution.height", shift=0.0, syntax="xml", split=parts.metashape, harmless="covariance",
-    join=lambda cameras: {"calibration": parts.only("metashape", cameras)}, sparse=True, refused="K4 of frames, P3, P4; P1 and P2 of fisheyes")
+    dump=lambda lens: documents.SYNTAXES["xml"]({"calibration": lens}), sparse=True, refused="K4 of frames, P3, P4; P1 and P2 of fisheyes")
 
 _NORMED = "focal_x=nfx focal_y=nfy c_x?=ncx c_y?=ncy"
 OPENSFM = Form("opensfm", "OpenSfM, OpenDroneMap: camera_models.json, reconstruction.json",
@@ -163,19 +164,19 @@ OPENSFM = Form("opensfm", "OpenSfM, OpenDroneMap: camera_models.json, reconstruc
     < fisheye62 fisheye624 {_NORMED} k1=k0 k2=k1 k3=k2 k4=k3 k5=k4 k6=k5 p1=p0 p2=p1
     spherical|equirectangular equirectangular
     """,
-    word="projection_type", size="width height", shift=0.0, syntax="json", join=lambda cameras: dict(cameras), refused="dual")
+    word="projection_type", size="width height", shift=0.0, syntax="json", join=dict, refused="dual")
 
 _MVG = "focal_length=f principal_point=cx,cy"
 OPENMVG = Form("openmvg", "OpenMVG: sfm_data.json",
     "intrinsics", f"""
-    pinhole pinhole {_MVG}
-    pinhole_radial_k1 pinhole {_MVG} disto_k1=k1
-    pinhole_radial_k3 pinhole {_MVG} disto_k3=k1,k2,k3
-    pinhole_brown_t2 pinhole {_MVG} disto_t2=k1,k2,k3,p1,p2
-    fisheye kannala-brandt {_MVG} fisheye|disto_fisheye=k1,k2,k3,k4
-    spherical equirectangular
+    < pinhole pinhole {_MVG}
+    < pinhole_radial_k1 pinhole {_MVG} disto_k1=k1
+    < pinhole_radial_k3 pinhole {_MVG} disto_k3=k1,k2,k3
+    < pinhole_brown_t2 pinhole {_MVG} disto_t2=k1,k2,k3,p1,p2
+    < fisheye kannala-brandt {_MVG} fisheye|disto_fisheye=k1,k2,k3,k4
+    < spherical equirectangular
     """,
-    word="model", size="width height", syntax="json", split=parts.openmvg, join=parts.join_openmvg)
+    word="model", size="width height", split=parts.openmvg)
 
 _ICC = "intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx .principal_pt_y=cy .skew?=s"
 OPENICC = Form("openicc", "OpenImuCameraCalibrator",
@@ -189,15 +190,15 @@ OPENICC = Form("openicc", "OpenImuCameraCalibrator",
 
 DSO = Form("dso", "DSO, LSD-SLAM, TUM monoVO: camera.txt",
     "model numbers size", """
-    Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
-    RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
-    EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
+    < Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
+    < RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
+    < EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
     """,
-    word="model", size="size", split=parts.dso, dump=parts.dso_text, refused="FOV (ATAN) with an angle")
+    word="model", size="size", split=parts.dso, refused="FOV (ATAN) with an angle")
 
 ZED = Form("zed", "ZED: SN.conf",
-    "LEFT_CAM_HD", "- pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",
-    size="size", syntax="ini", split=parts.zed, join=parts.join_zed, refused="poses: the signs of RX, CV and RZ are documented nowhere")
+    "LEFT_CAM_HD", "< - pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",
+    size="size", split=parts.zed, refused="poses: the signs of RX, CV and RZ are documented nowhere")
 
 HUGIN = Form("hugin", "Hugin, PTGui, panotools: .pto",
     "p-lines i-lines", """
@@ -210,9 +211,9 @@ HUGIN = Form("hugin", "Hugin, PTGui, panotools: .pto",
 
 GYROFLOW = Form("gyroflow", "gyroflow's lens profiles",
     "fisheye_params.camera_matrix calib_dimension.w", f"""
-    opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4
-    opencv_standard pinhole fisheye_params.camera_matrix={_K} .distortion_coeffs=;{PLAIN}
+    < opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4
+    < opencv_standard pinhole fisheye_params.camera_matrix={_K} .distortion_coeffs=;{PLAIN}
     """,
-    word="distortion_model", size="calib_dimension.w calib_dimension.h", syntax="json", readout=("frame_readout_time", 1e-3, False),
+    word="distortion_model", size="calib_dimension.w calib_dimension.h", readout=("frame_readout_time", 1e-3, False),
     harmless="radialdistortionlimit|^crop$|readoutdirection", finish=parts.gyroflow,
     refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses")

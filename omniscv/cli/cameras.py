@@ -4,8 +4,9 @@ import inspect
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option, Typer
@@ -142,6 +143,7 @@ def fit(
     For programs that lack a model. The errors are the distances, in px, between the two images of a ray.
     """
     from omniscv.calibration import fit, load, save
+    from omniscv.calibration.files import FORMS
     from omniscv.cameras import create, names
 
     if source in names():
@@ -155,7 +157,8 @@ def fit(
         camera = cameras[one_of("--name", only, cameras)]
     result = fit(camera, model)
     if out is not None:
-        save(out, {_NAMES.get(format, name or "cam0").format(1): result.camera}, cast(Any, format))
+        label = FORMS[one_of("--format", format, FORMS)].label.format(0, 1, name=name or "cam0")
+        save(out, {label: result.camera}, format)
     if as_json:
         errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}
         console.as_json({"camera": result.camera.to_dict(), **errors})
@@ -169,10 +172,6 @@ def _report(result: Any) -> None:
         f"largest error {result.max_px:.3g} px, rms {result.rms_px:.3g} px, "
         f"over {100 * result.coverage:.4g} % of the pixels"
     )
-
-
-_NAMES = {"colmap": "{0}", "kalibr": "cam{1}", "kitti": "0{1}"}
-"""How cameras are called in formats that have names of their own: {0} counts from 1, {1} from 0."""
 
 
 @app.command(epilog="Example: omniscv cameras convert camchain.yaml vins.yaml --format camodocal --name cam0")
@@ -192,39 +191,28 @@ def convert(
     """
     from omniscv import calibration
     from omniscv.calibration.files import FORMS, load_file
-    from omniscv.cameras.rig import Rig, RigCamera
+    from omniscv.cameras.rig import Rig
 
     loaded = load_file(source, None, options.size(size) if size else None)
-    entries = (
-        loaded.entries if name is None else {name: loaded.entries[one_of("--name", name, loaded.entries)]}
-    )
+    entries = loaded.entries
+    if name is not None:
+        entries = {name: entries[one_of("--name", name, entries)]}
     form = FORMS[one_of("--format", format, FORMS)]
-    cameras = {key: entry.camera for key, entry in entries.items()}
-    if fit:
-        models = [row.model for row in form.rows if row.written]
-        for key, camera in cameras.items():
-            if (fitted := calibration.nearest(camera, cast(Any, format), models)) is not None:
-                cameras[key] = fitted.camera
-                console.line(f"{key}: {camera.name} as {fitted.camera.name}:")
-                _report(fitted)
-    pattern = _NAMES.get(format)
-    names = {key: pattern.format(i + 1, i) if pattern else key for i, key in enumerate(cameras)}
+    mounts = {}
+    for i, (key, entry) in enumerate(entries.items()):
+        mounts[form.label.format(i, i + 1, name=key)] = mounted = entry.mounted
+        if fit and (fitted := calibration.nearest(mounted.camera, format)) is not None:
+            mounts[form.label.format(i, i + 1, name=key)] = replace(mounted, camera=fitted.camera)
+            console.line(f"{key}: {mounted.camera.name} as {fitted.camera.name}:")
+            _report(fitted)
     posed = len(entries) > 1 and all(entry.pose is not None for entry in entries.values())
-    carries = format == "colmap" or form.poses
-    if posed and carries:
-        rig = Rig(
-            {
-                names[key]: RigCamera(cameras[key], entry.mounted.pose, entry.time_offset)
-                for key, entry in entries.items()
-            }
-        )
-        if format in ("kalibr", "colmap", "orb-slam"):
-            rig = rig.seen_from(next(iter(rig.cameras)))
-        calibration.save_rig(out, rig, cast(Any, format))
+    if posed and form.poses:
+        rig = Rig(mounts)
+        calibration.save_rig(out, rig.seen_from(next(iter(mounts))) if form.from_first else rig, format)
     else:
-        calibration.save(out, {names[key]: camera for key, camera in cameras.items()}, cast(Any, format))
-    lost = "" if carries or not posed else "; the poses are lost: the format has none"
-    console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(cameras)} camera(s){lost}")
+        calibration.save(out, {key: mounted.camera for key, mounted in mounts.items()}, format)
+    lost = "" if form.poses or not posed else "; the poses are lost: the format has none"
+    console.line(f"{source} ({loaded.format}) -> {out} ({format}): {len(mounts)} camera(s){lost}")
 
 
 @app.command(epilog="Example: omniscv cameras describe camchain.yaml")

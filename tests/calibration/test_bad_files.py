@@ -42,10 +42,10 @@ REPLACED = {
     ],
     "isaac": [
         ('"ftheta"', '"lut"', "model: expected one of ftheta"),
-        ("opticalCenter = (19.5, 14.5)", "opticalCenter = (19.5)", "opticalCenter: expected \\(x, y\\)"),
-        ("ftheta:k1", "ftheta:c1", "unknown key 'c1'"),
-        ("maxFov = 190.0", "maxFov = 400.0", "maxFov: expected a finite number"),
-        ("omni:lens", "omni:glass", "expected attributes"),
+        ("opticalCenter = (19.5, 14.5)", "opticalCenter = (19.5)", "opticalCenter: expected 2 finite"),
+        ("ftheta:k1", "ftheta:c1", "missing key 'k1'"),
+        ("maxFov = 190.0", "maxFov = 400.0", "max_angle_deg: expected a finite number"),
+        ("omni:lens", "omni:glass", "expected keys omni:lensdistortion"),
     ],
 }  # fmt: skip
 """By format: a text, and what is replaced in it, by what, and the error's message."""
@@ -79,7 +79,10 @@ CHANGED_KEYS = {
         ({"Label": "camera-front"}, "camera-front: missing key 'ImageSize'"),
         ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection.Name: expected one of"),
         ({"Projection": {"Name": "Fisheye62", "Params": [*F62, 0]}}, "Projection.Params: expected 11 finite"),
-        ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "T_Device_Camera: missing key 'UnitQuaternion'"),
+        (
+            {"T_Device_Camera": {"Translation": [0, 0, 0]}},
+            "T_Device_Camera: missing key 'T_Device_Camera.UnitQuaternion'",
+        ),
         (
             {"T_Device_Camera": {**POSE, "UnitQuaternion": [0, [0, 0, 0]]}},
             "T_Device_Camera: quaternion: expected one of length 1",

@@ -6,7 +6,7 @@ from pathlib import Path
 from support.same_rays import assert_same_rays
 
 from omniscv import calibration
-from omniscv.calibration.files import markdown
+from omniscv.calibration.files import FORMS
 
 PAGE = Path(__file__).parents[2] / "docs" / "calibration.md"
 EXPECTED = {
@@ -21,8 +21,28 @@ EXPECTED = {
 }
 
 
+def markdown() -> str:
+    """The table of docs/lens-files.md: every form, from its row."""
+    lines = [
+        "| format | programs | their models and ours | pixel centres at | poses | not carried |",
+        "|---|---|---|---|---|---|",
+    ]
+    for form in FORMS.values():
+        by_model: dict[str, list[str]] = {}
+        for row in form.rows:
+            word = (row.words or ("",))[0].replace("+", "-")
+            read_only = " (read only)" if form.written and not row.written else ""
+            by_model.setdefault(row.model.removesuffix("-inverse"), []).append(word + read_only)
+        words = {model: ", ".join(dict.fromkeys(filter(None, names))) for model, names in by_model.items()}
+        models = "; ".join(f"{names} `{model}`".strip() for model, names in words.items()) or form.models
+        cells = [f"`{form.name}`" + ("" if form.written else ", read only"), form.programs, models]
+        cells += [".5" if form.shift == 0 else "whole numbers", "yes" if form.poses else "", form.refused]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
 def test_the_table_of_lens_files_is_that_of_the_rows() -> None:
-    """To write it anew: ``omniscv.calibration.files.markdown()``."""
+    """It is written anew by ``python tests/calibration/test_documented.py``."""
     assert markdown() in (PAGE.parent / "lens-files.md").read_text(encoding="utf-8")
 
 
@@ -39,3 +59,9 @@ def test_the_page_shows_files_of_every_format(tmp_path: Path) -> None:
     assert names == EXPECTED
     assert_same_rays(shown["opencv-fisheye"]["cam0"], shown["kalibr"]["cam0"])
     assert_same_rays(shown["opencv-fisheye"]["cam0"], shown["colmap"]["1"])
+
+
+if __name__ == "__main__":
+    table = PAGE.parent / "lens-files.md"
+    before, after = re.split(r"^\|.*\|$", table.read_text(encoding="utf-8"), flags=re.M | re.S)
+    table.write_text(before + markdown().rstrip() + after, encoding="utf-8")

@@ -1,0 +1,246 @@
+"""The mapping of a camera in a file: its keys in any spelling, its numbers, and what was not read."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import whole_number as checked_whole
+from omniscv.calibration.documents import Content
+from omniscv.errors import ArgumentError
+
+Values = dict[str, Any]
+
+_SYNONYMS = {
+    "radtan": "plumbbob radialtangential radialtangential4 radialtangential5 brownconrady brown opencv "
+    "radtan4 radtan5 radtan8 rational rationalpolynomial opencvstandard standard opencvpinhole",
+    "equidistant": "equi kannalabrandt kannalabrandt4 kannalabrandt8 kb kb4 kb8 fisheye "
+    "opencvfisheye fisheyeopencv fisheyekb4",
+    "none": "undistorted nodistortion null no ideal rectified",
+}
+_CANONICAL = {word: canon for canon, words in _SYNONYMS.items() for word in words.split()}
+
+_GEOMETRY = re.compile(
+    r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
+    r"mirror|linedelay|readout|shutter|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
+)
+"""Plain keys that may change the geometry: refused unless a row models them or they are neutral."""
+
+MISSING = object()
+
+
+def plain(key: str) -> str:
+    """Return a key in lower case without signs between its words."""
+    return re.sub(r"[-_ ]", "", key).lower()
+
+
+def canonical(word: object) -> str:
+    """Return the canonical word of a model: synonyms that are certain, in any case."""
+    word = re.sub(r"[^a-z0-9]|^distortion\.", "", "none" if word is None else str(word).lower())
+    return _CANONICAL.get(word, word)
+
+
+class Node:
+    """The mapping of a camera, and which of its keys were read.
+
+    Args:
+        values: the mapping.
+        outer: mappings around it, which may hold the size.
+    """
+
+    def __init__(self, values: Mapping[str, Any], outer: Sequence[Mapping[str, Any]] = ()) -> None:
+        self.values, self.outer = values, outer
+        self.used: set[str] = set()
+        self.absent: set[str] = set()
+
+    def take(self, paths: str, default: Any = MISSING, outer: bool = False) -> Any:
+        """Return the value at one of several paths, ``a|b``.
+
+        Raises:
+            ArgumentError: none is there and there is no default, or two are, with different values.
+        """
+        found: list[tuple[str, Any]] = []
+        for values in (self.values, *(self.outer if outer else ())):
+            found = found or [(path, value) for path in paths.split("|") for value in _at(values, path)]
+        self.used |= {plain(path) for path, _ in found}
+        if any(value != found[0][1] for _, value in found):
+            both = " and ".join(path for path, _ in found)
+            raise ArgumentError(f"{both}: expected one of them, got both with different values")
+        if not found and default is MISSING:
+            raise ArgumentError(f"missing key {paths.partition('|')[0]!r}")
+        return found[0][1] if found else default
+
+    def has(self, paths: str) -> bool:
+        """Return whether one of several paths is there."""
+        return any(True for path in paths.split("|") for _ in _at(self.values, path))
+
+    def unread(self) -> Iterator[tuple[str, Any]]:
+        """Yield the keys that were not taken, and their values; of those beside it only what is geometry."""
+        beside = {
+            key: value  # but for other cameras
+            for key, value in (self.outer[0] if self.outer else {}).items()
+            if not (isinstance(value, Mapping) and value.keys() & self.values.keys())
+        }
+        for values in (self.values, beside):
+            for path, value in leaves(values):
+                key = plain(path)
+                if any(key == used or key.startswith(f"{used}.") for used in self.used):
+                    continue
+                if values is self.values or any(map(_GEOMETRY.search, key.split("."))):
+                    yield path, value
+
+    def check_rest(self, harmless: str = "$^") -> tuple[str, ...]:
+        """Return the keys that are ignored.
+
+        Args:
+            harmless: a pattern of plain keys that look like geometry and are none.
+
+        Raises:
+            ArgumentError: a key may change the geometry, and its value is not neutral.
+        """
+        ignored = []
+        for path, value in self.unread():
+            parts = plain(path).split(".")
+            key = next(filter(_GEOMETRY.search, parts), "")
+            odd = key and (not _is_neutral(value, key) or re.search(r"[^\w.]\d", path) is not None)
+            if (odd or self._misspells(parts[-1])) and not re.search(harmless, plain(path)):
+                raise ArgumentError(
+                    f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
+                )
+            ignored.append(path)
+        return tuple(ignored)
+
+    def _misspells(self, key: str) -> bool:
+        """Return whether a key that nobody knows is like one that is not there."""
+        near = get_close_matches(key, self.absent, 1, 0.8 if len(key) > 3 else 0.5) if len(key) > 1 else []
+        return bool(near) or sorted(key) in map(sorted, self.absent)
+
+
+def _at(values: Any, path: str) -> Iterator[Any]:
+    """Yield the values at a path, whose dots may stand in keys or between mappings."""
+    if not isinstance(values, Mapping):
+        return
+    yield from (value for key, value in values.items() if plain(key) == plain(path))
+    head, dot, rest = path.partition(".")
+    while dot:
+        for key in [key for key in values if plain(key) == plain(head)]:
+            yield from _at(values[key], rest)
+        more, dot, rest = rest.partition(".")
+        head = f"{head}.{more}"
+
+
+def leaves(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield paths and values of nested mappings; matrices with ``data`` are values."""
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value and "data" not in value:
+            yield from leaves(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+def _is_neutral(value: object, key: str) -> bool:
+    """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
+    if key.startswith(("fix", "zero")) or (
+        re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")
+    ):
+        return True  # flags of OpenCV's calibration
+    if value in (None, "") and re.match(r"[kps]\d", key):
+        return False
+    if value is None or (isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0")):
+        return True
+    try:
+        values = floats("", value)
+    except ArgumentError:
+        return False
+    side = int(len(values) ** 0.5)
+    return not any(values) or (
+        side > 1 and side**2 == len(values) and values == np.eye(side).ravel().tolist()
+    )
+
+
+# -- numbers -------------------------------------------------------------------------------------------
+
+
+def floats(name: str, value: object) -> list[float]:
+    """Return the numbers of a scalar, a text of them, nested lists, or a matrix with its ``data``."""
+    if isinstance(value, Mapping):
+        if "data" not in value:
+            raise ArgumentError(f"{name}: missing key 'data'")
+        name, value = f"{name}: data", value["data"]
+    if isinstance(value, str):
+        text = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", value.strip())
+        value = re.split(r"[\s,;]+", text.strip()) if text.strip() else []
+    if not isinstance(value, list):
+        return [number(name, value)]
+    while any(isinstance(row, list) for row in value):
+        if len(value) > 64 or not all(isinstance(row, list) for row in value):
+            raise ArgumentError(f"{name}: expected numbers, got {shown(value)}")
+        value = [item for row in value for item in row]
+    return numbers(name, value, (len(value),)).tolist() if value else []
+
+
+def whole(name: str, value: object) -> int:
+    """Return a number of pixels: a whole number, which may be given as a float or in digits."""
+    size = number(name, value[0] if isinstance(value, list) and len(value) == 1 else value)
+    return checked_whole(name, int(size) if size.is_integer() else value)
+
+
+# -- where cameras stand -------------------------------------------------------------------------------
+
+
+def marked(
+    value: Any,
+    marks: Sequence[str],
+    path: tuple[str | int, ...] = (),
+    outer: tuple[Mapping[str, Any], ...] = (),
+    accepts: Callable[[Node], bool] = lambda node: True,
+) -> Iterator[tuple[tuple[str | int, ...], Node]]:
+    """Yield the mappings that have all marks, outermost first, and where they stand."""
+    if isinstance(value, Mapping):
+        node = Node(value, outer)
+        if all(node.has(mark) for mark in marks) and accepts(node):
+            yield path, node
+            return
+        outer = (value, *outer)
+    if isinstance(value, Mapping | list) and len(path) < 8:
+        for key, below in value.items() if isinstance(value, Mapping) else enumerate(value):
+            if isinstance(below, Mapping | list):
+                yield from marked(below, marks, (*path, key), outer, accepts)
+
+
+def mappings(content: Content, marks: str) -> list[Node]:
+    """Return the documents that have all marks."""
+    nodes = [Node(value) for value in content.documents if isinstance(value, Mapping)]
+    return [node for node in nodes if all(node.has(mark) for mark in marks.split())]
+
+
+def families(values: Mapping[str, Any], pattern: str) -> tuple[dict[str, Values], Values]:
+    """Return the mappings of cameras whose keys stand side by side, such as K1 and D1; and the other keys.
+
+    Args:
+        values: the keys of all.
+        pattern: of plain keys, with groups ``key``, ``name`` and ``after``, which may be the name as well.
+    """
+    cameras: dict[str, Values] = {}
+    others: Values = {}
+    for key, value in values.items():
+        match = re.fullmatch(pattern, plain(key))
+        if match and (name := match["name"] or match["after"]) and isinstance(value, Mapping | list | str):
+            cameras.setdefault(name, {})[match["key"]] = value
+        else:
+            others[key] = value
+    return cameras, others
+
+
+def put(values: Values, path: str, value: Any) -> None:
+    """Set a value at a path; keys that a dot belongs to start with ``Camera``, ``Stereo`` or ``File``."""
+    *above, last = [path] if _DOTTED.match(path) else path.split(".")
+    for key in above:
+        values = values.setdefault(key, {})
+    values[last] = value
+
+
+_DOTTED = re.compile(r"Camera1\.|Camera\.(?:type|width|height)$|Stereo\.|File\.")
