@@ -125,6 +125,10 @@ class Server:
         """Cameras and objects of the level that is open."""
         return self._dialect.world
 
+    def open_level(self, name: str) -> None:
+        """Open another scene of this package in the next frame, as ``vset /action/game/level`` does."""
+        self._dialect.open_level(name)
+
     @property
     def uri(self) -> str:
         """The address that ``omniscv.open_source`` takes."""

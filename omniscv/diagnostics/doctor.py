@@ -36,7 +36,7 @@ from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.opening import open_connection
-from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LIT_VIEW_MODE, SCENE, VERSION
+from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LEGACY, LIT_VIEW_MODE, SCENE, VERSION
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
@@ -46,6 +46,7 @@ _PRINTED = 1e-3  # servers print three decimals
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
 _WARM, _MOST, _BACK_DEG = 24, 0.99, 150  # frames that are given; share of the pixels; a turn
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
+_RIGHT_EYE = "vget /camera/1/location"
 _UNKNOWN = "do not record: this server is of no known kind"
 
 Pairs = dict[str, list[tuple[Picture, Picture]]]
@@ -103,6 +104,7 @@ def examine_address(
                 settled,
                 *([] if quick else [warm_up(camera)]),
                 capabilities(camera),
+                *right_eye(connection, camera),
                 normals(camera),
                 sizes(pairs, camera),
                 *(field_of_view(mode, pairs, camera, kind) for mode in aligned),
@@ -211,12 +213,19 @@ def capabilities(camera: RawCamera) -> Finding:
     return Finding("capabilities", value if all(can.values()) else f"{value}; recordings allow for it")
 
 
+def right_eye(connection: Connection, camera: RawCamera) -> list[Finding]:
+    """Report a second camera of plugin 0.3.10; nothing of other servers."""
+    if camera.driver.table is not LEGACY or connection.texts([_RIGHT_EYE])[0].startswith("error"):
+        return []
+    return [Finding("cameras", "two: captures use camera 0, the left eye")]
+
+
 def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
     """Report whether the modes' pictures have one size."""
     by_mode = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
     if len(set(by_mode.values())) == 1:
         return Finding("picture size", f"{by_mode['lit']} px in all modes")
-    masks_of_window = camera.driver.mask_fov_deg is not None
+    masks_of_window = camera.driver.table is LEGACY
     value = ", ".join(f"{mode} {size}" for mode, size in by_mode.items())
     return Finding("picture size", value, "warning" if masks_of_window else "bad", _WINDOW)
 
@@ -226,12 +235,13 @@ def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Find
     name = f"field of view, {mode.removeprefix('object_')}"
     mask_fov_deg = camera.driver.mask_fov_deg if mode == "object_mask" else None
     reported = mask_fov_deg or camera.fov_deg
+    of_actor = mode == "object_mask" and camera.driver.table is LEGACY and mask_fov_deg is None
     fov = fitted_fov(pairs[mode], reported, kind if mode == "depth" else "")
     if fov is None:
         return _unmeasured(name, "nothing to align")
-    value = f"{fov:.1f} degrees, {reported:.1f} reported"
+    value = f"{fov:.1f} degrees, {reported:.1f} reported" + ", by a CameraActor" * of_actor
     if abs(fov - reported) > 1:
-        return Finding(name, value, "bad", "FOV 90 in unrealcv.ini, no CameraActor in the level")
+        return Finding(name, value, "bad", "FOV 90 in unrealcv.ini")
     height, width = pairs[mode][0][0].pixels.shape[:2]
     enough = reported >= across(width, height) - _PRINTED
     value += "" if enough else ": less than 90 up and down"

@@ -223,8 +223,8 @@ class Connection:
     Attributes:
         endpoint, address: of the server; as users write it.
         client: the current one, which may be broken; None before the first.
-        scene: by command, the replies that name the project and, where it is known, the level. Every new
-            connection must give the same, or SceneChangedError is raised.
+        scene: by command, the replies that name the project and the level, or all objects where no command
+            names the level. Every new connection must give the same, or SceneChangedError is raised.
 
     Raises:
         ArgumentError: a time that is not above 0, or retries below 0.
@@ -276,7 +276,7 @@ class Connection:
         known, actual = list(self.scene.values()), list(replies)
         if actual != known:
             self.close()  # so that it is compared again before anything else is sent
-            before, now = (", level ".join(map(shown, names)) for names in (known, actual))
+            before, now = (" with ".join(map(shown, names)) for names in (known, actual))
             expected = f"{self.address}: expected the scene {before}, got {now}"
             raise SceneChangedError(f"{expected}; open the source again")
 

@@ -16,6 +16,7 @@ from omniscv.sources.unreal.protocol import (
     EXPOSURE_METHOD,
     FIX_EXPOSURE,
     LEVEL,
+    OBJECTS,
     SCENE,
     VERSION,
     CameraTable,
@@ -223,10 +224,13 @@ class CameraDriver(ABC):
     def _prepare(self) -> None:
         """Read the game's identity, fix its exposure if requested, and make mask colours distinct."""
         self._version, scene = (name(self.connection.text(command)) for command in (VERSION, SCENE))
-        has_level = self.connection.supports(LEVEL)
-        levels = {LEVEL: name(self.connection.text(LEVEL))} if has_level else {}
-        self.connection.scene = self.connection.scene or {SCENE: scene, **levels}
-        self.scene_identity = SceneIdentity(scene, levels.get(LEVEL, ""))
+        level = name(self.connection.text(LEVEL)) if self.connection.supports(LEVEL) else ""
+        # Plugin 0.3.10 names no level, and lists the objects that the level had when it began.
+        told = {LEVEL: level} if level else {}
+        if self.connection.plugin.dialect == "0.3.10":
+            told = {OBJECTS: self.connection.text(OBJECTS)}
+        self.connection.scene = self.connection.scene or {SCENE: scene, **told}
+        self.scene_identity = SceneIdentity(scene, level)
         if self._options.fix_exposure:
             # Of the whole game: the vignette, and auto exposure where no camera has its own.
             own = self._options.exposure not in (None, "game")

@@ -25,6 +25,7 @@ rotations take two frames (protocol reference, section 7.2). The last two show w
 _MAX_POLLS = 20  # replies after which a pose that still changes counts as moving
 _VERTICAL = float(np.sin(np.radians(89.9)))  # the plugin limits pitch to 89.9 degrees
 _PRINTED = 6e-4  # poses and fields of view are printed with three decimals
+_TRIED_DEG = 60.0  # a field of view in which the window shows less than in most
 _STRAY_CM = 0.02  # of a pawn from where it was set: single precision, two kilometres from the origin
 
 
@@ -32,9 +33,10 @@ class LegacyDriver(CameraDriver):
     """Drives the player's camera, the only one.
 
     Its pictures have the size of the plugin's settings. Object masks come from the game's window, with its
-    size and the field of view of the settings. Pitch and roll are limited to 89.9 degrees: captures carry the
-    view they were taken from. After a move the pose is polled until it rests. It is read again after the
-    pictures, which count only if nothing has moved meanwhile. The window's keys and mouse stay switched off.
+    size and the field of view of the settings, or the camera's where the level holds a CameraActor. Pitch and
+    roll are limited to 89.9 degrees: captures carry the view they were taken from. After a move the pose is
+    polled until it rests. It is read again after the pictures, which count only if nothing has moved
+    meanwhile. The window's keys and mouse stay switched off.
     """
 
     table = LEGACY
@@ -59,6 +61,8 @@ class LegacyDriver(CameraDriver):
             ]
         pictures = {mode: picture for mode in self.table.images if (picture := self._first_picture(mode))}
         self.stale_frames.note((pose, fov), pictures)
+        if "object_mask" in pictures and self._window_follows(fov_deg):
+            self.mask_fov_deg = None
         self.connection.text(LIT_VIEW_MODE)
         if "lit" not in pictures:
             raise self._refused(f"a picture from {LEGACY.image(0, 'lit')!r}, got none")
@@ -97,6 +101,15 @@ class LegacyDriver(CameraDriver):
                 fresh = self.stale_frames.accepts(state, frames)
             self._aimed = view
             yield from captures
+
+    def _window_follows(self, fov_deg: float) -> bool:
+        """Return whether masks have the camera's field of view: they change with it, and back again."""
+        other = _TRIED_DEG if abs(fov_deg - _TRIED_DEG) > 1 else _TRIED_DEG / 2
+        masks = []
+        for angle in (fov_deg, other, fov_deg):
+            self.connection.set([f"vset /camera/0/{LEGACY.fov} {angle:.3f}"])
+            masks.append(self._first_picture("object_mask"))
+        return masks[0] == masks[2] != masks[1]
 
     def _first_picture(self, mode: str) -> bytes | None:
         """Return what the camera shows before it is moved; None for a mode that does not work."""

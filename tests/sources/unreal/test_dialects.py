@@ -110,15 +110,16 @@ def test_one_round_of_captures_disturbs_neither_the_stream_nor_the_window():
         assert server.statistics.counts["vget /unrealcv/version"] == 1
 
 
-def test_masks_have_the_windows_size_and_field_of_view():
+@pytest.mark.parametrize("actor", [False, True])
+def test_masks_have_the_windows_size_and_its_field_of_view_or_that_of_a_camera_actor(actor):
     with (
-        serve(size=(64, 48), window=(80, 60)) as server,
+        serve(size=(64, 48), window=(80, 60), camera_actor=actor, right_eye=True) as server,
         omniscv.open_source(server.uri) as source,
     ):
         view = View(Pose.from_angles(CENTER, 30.0), 70.0, 200, 100)
         found = {c.mode: c for c in source.capture(Request(view, mode) for mode in MODES)}
         for mode, capture in found.items():
-            expected = (90.0, 80, 60) if mode == "object_mask" else (70.0, 64, 48)
+            expected = (70.0 if actor else 90.0, 80, 60) if mode == "object_mask" else (70.0, 64, 48)
             assert (capture.view.fov_deg, capture.view.width, capture.view.height) == expected
             assert capture.pixels.shape[:2] == (expected[2], expected[1])
             assert agrees(capture, source, ROOM), mode

@@ -259,15 +259,25 @@ def test_things_thinner_than_a_pixel_come_and_go():
     assert found == {"things that come and go"}
 
 
-@pytest.mark.parametrize(("window", "fov_deg", "says"), [((88, 64), 90, "up and down"), ((64, 64), 70, "70")])
-def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera(window, fov_deg, says):
-    with visited(dialect="0.3.10", window=window, fov_deg=fov_deg) as (_, camera):
+@pytest.mark.parametrize(
+    ("window", "fov_deg", "actor", "says", "verdict"),
+    [
+        ((88, 64), 90, False, "up and down", "bad"),
+        ((64, 64), 70, False, "70", "bad"),
+        ((64, 64), 70, True, "90.0 reported, by a CameraActor", "ok"),
+    ],
+)
+def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera(window, fov_deg, actor, says, verdict):
+    options = {"window": window, "fov_deg": fov_deg, "camera_actor": actor, "right_eye": actor}
+    with visited(dialect="0.3.10", **options) as (connection, camera):
+        eyes = [finding.value for finding in doctor.right_eye(connection, camera)]
+        assert eyes == ["two: captures use camera 0, the left eye"] * actor
         camera.lag = 3
         pairs = doctor.turned_pairs(camera)
         assert doctor.sizes(pairs, camera).verdict == ("ok" if window == (64, 64) else "warning")
         assert doctor.field_of_view("lit", pairs, camera, "ray").verdict == "ok"
         mask = doctor.field_of_view("object_mask", pairs, camera, "ray")
-        assert mask.verdict == "bad"
+        assert mask.verdict == verdict
         assert says in mask.value
 
 

@@ -100,7 +100,7 @@ def test_another_level_behind_the_same_connection_is_refused(game):
     """The game goes on, and so does the connection: only its level is another."""
     with omniscv.open_source(game.server.uri) as source:
         list(source.capture(REQUESTS[:6]))
-        game.server.world.scene = mock_server.load_scene("six-wall")
+        game.server.open_level("six-wall")
         with pytest.raises(SceneChangedError):
             list(source.capture(REQUESTS[6:12]))
 
@@ -111,6 +111,6 @@ def test_another_level_in_a_batch_of_one_tick_is_refused():
         omniscv.open_source(server.uri, freeze="batch") as source,
     ):
         list(source.capture(REQUESTS[:6]))
-        server.world.scene = mock_server.load_scene("six-wall")
+        server.open_level("six-wall")
         with pytest.raises(SceneChangedError):
             list(source.capture(REQUESTS[6:12]))
