@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import light, modalities
-from omniscv.compose.depth import NEAR_PLANE_M
 from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
@@ -129,7 +128,8 @@ class Composition:
         # (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled.
         parallax = None if known is None else known.direction_error
         if parallax is None and offsets_w is not None:
-            parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / NEAR_PLANE_M, np.float32)
+            near_m = self._source.capabilities.near_m
+            parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / near_m, np.float32)
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)

@@ -17,6 +17,7 @@ from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
 from omniscv.geometry.surfaces import (
+    LEAST_M,
     Cell,
     Precision,
     Shape,
@@ -32,8 +33,6 @@ from omniscv.geometry.surfaces import (
 )
 from omniscv.sources.base import View
 
-NEAR_PLANE_M = 0.1
-"""Engines draw no nearer surface."""
 _AHEAD_PX = 1.5
 """The parallax is measured from the nearest pixel, and an edge lies within one of the pixel that shows it."""
 _SLOPE_ERRORS = 2.0
@@ -116,7 +115,7 @@ def sample_depth(
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
     parallax = np.empty_like(lookup.x)
-    least = max(float(stack.min()), NEAR_PLANE_M)
+    least = max(float(stack.min()), LEAST_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
     reach_px = int(np.ceil(farthest_m * projections[:, :2].max() / least * _MARGIN)) + 2
     around = [_surroundings(face, reach_px) for face in stack]
@@ -266,7 +265,7 @@ def _displace(
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         aside = np.sqrt(max(0.0, size * size - along * along))
         r, c = nearest_pixel(shape, px, py)
-        near = max(around.least[k, r, c], NEAR_PLANE_M / length)
+        near = max(around.least[k, r, c], LEAST_M)
         parallax[i] = _MARGIN * aside / (near * length)
         first = k * shape[0] * shape[1]
         point = surface_point(depth, first, shape, px, py, fx, pictures.precision)

@@ -26,17 +26,16 @@ from numpy.typing import NDArray
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats
 
-STEP_M = 0.004
-STEP_RELATIVE = 0.001
-"""How far neighbours on one surface may lie off the line through the other two: less than a phantom point
-would be noticed by (2 cm), more than half floats jump (0.05 %)."""
-CONTINUED_M = 0.01
-CONTINUED_RELATIVE = 0.002
-"""How far a surface is continued in depth beyond the last pixel that shows it: it may end there."""
+STEP = 0.0025
+"""How far neighbours on one surface may lie off the line through the other two, relative to their depth: more
+than half floats jump (0.05 %). All lengths are relative, so that the same holds at every scale."""
+CONTINUED = 0.006
+"""How far a surface is continued in depth beyond the last pixel that shows it, relative to its depth: it may
+end there."""
 _FLOAT32 = 2.0**-24  # relative rounding error
 COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
-LEAST_M = 1e-6  # a server may send a depth of 0
+LEAST_M = 1e-9  # a server may send a depth of 0
 
 
 class Precision(NamedTuple):
@@ -261,8 +260,7 @@ def _bend(before: float, a: float, b: float, after: float, at: float, noise: flo
     both = max(both, step if opposite and least > noise else 0.0)
     both = max(both, cusp if not opposite and least > 2.0 * noise else 0.0)
     one = at * left + (1.0 - at) * right + noise
-    near = max(a, b)
-    none = (CONTINUED_M * near + CONTINUED_RELATIVE) * near
+    none = CONTINUED * max(a, b)
     if before > 0.0 and after > 0.0:
         return both
     return one if before > 0.0 or after > 0.0 else none
@@ -289,7 +287,7 @@ def continued(
     across, known_across = _slope((far_left, left, z, right, far_right), dx)
     along, known_along = _slope((far_up, up, z, down, far_down), dy)
     inverse = 1.0 / z + across * dx + along * dy
-    most = CONTINUED_M + CONTINUED_RELATIVE * z
+    most = CONTINUED * z
     limited = min(max(inverse, 1.0 / (z + most)), 1.0 / max(z - most, 0.5 * z))
     length = stored_length(r, c, shape, focal, precision)
     error = 3.0 * rounding(z, length, precision) / (z * z) + abs(inverse - limited)
@@ -360,8 +358,7 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
 @njit(cache=True, nogil=True)
 def allowed_step(z: float) -> float:
     """Return how far 1/z may be off a line through neighbours on the same surface."""
-    inverse = inverse_depth(z)
-    return float((STEP_M * inverse + STEP_RELATIVE) * inverse)
+    return float(STEP * inverse_depth(z))
 
 
 @njit(cache=True, nogil=True, forceinline=True)
@@ -369,7 +366,7 @@ def _continues(before: float, a: float, b: float, after: float) -> bool:
     """Return whether a and b lie on one line with the neighbours on both sides, or are nearly equal; all
     1/z."""
     near = max(a, b)
-    step, allowed = b - a, STEP_M * near * near + STEP_RELATIVE * near
+    step, allowed = b - a, STEP * near
     from_left = (before > 0.0) & (abs(step - (a - before)) <= allowed)
     from_right = (after > 0.0) & (abs(step - (after - b)) <= allowed)
     return bool((a > 0.0) & (b > 0.0) & ((abs(step) <= allowed) | (from_left & from_right)))

@@ -39,7 +39,7 @@ _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
 _IN_A_CELL = 0.75  # of a cell: how far a ray goes at once where nothing is near
 _REFINEMENTS = 12  # steps, at most, to find where a ray meets a surface
 _MET = 1e-6  # of the distance: ends them; the plane through the surface gives the reach
-_ON_SURFACE = 0.003  # distance of a refined crossing from its surface, metres and relative (half floats)
+_ON_SURFACE = 0.003  # distance of a refined crossing from its surface, relative to the centre's (half floats)
 _SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each other meet the same surface
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
@@ -51,7 +51,7 @@ _SHORT = 0.25
 """Of the reach: a hidden part up to this long widens the bound, a longer one makes the pixel unsure."""
 _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
 
-FAR_M = 1e6
+FAR_M = 1e12
 """Distance at which the direction to a point of the sky is the ray's own."""
 
 
@@ -309,7 +309,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + (last_step + step), np.pi)
                 at, gap = _refined(shell, arc, behind, before)
-                if abs(gap) <= _ON_SURFACE * (1.0 + h / np.sin(at)):
+                if abs(gap) <= _ON_SURFACE * h / np.sin(at):
                     met_at = at
                     passed = min(passed, _noted(arc, hits, i, at, _passed_beside(shell, arc, at, ahead)))
                     break
@@ -392,7 +392,7 @@ def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
     hits.reach[i], hits.error[i], hits.direction_error[i], jump = _met_at(shell, arc, _toward(arc, psi))
     if jump > 0.0:  # it may pass the edge of that surface, and meet anything behind
         hits.error[i] = np.inf
-    if abs(hits.reach[i] - along_ray) > _ON_SURFACE * (1.0 + arc.h / s):  # too grazing for a plane
+    if abs(hits.reach[i] - along_ray) > _ON_SURFACE * arc.h / s:  # too grazing for a plane
         hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
     focal = shell.lenses[look_up(shell, _toward(arc, psi))[0], 9]
     if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / focal):

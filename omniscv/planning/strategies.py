@@ -261,7 +261,7 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
     shared_m = float(np.abs(origins_w - center_w).max())
     nearest_m = 1.0
     if around is not None:
-        nearest_m = min(1.0, around.least - float(np.linalg.norm(center_w - around.center_w)))
+        nearest_m = around.least - float(np.linalg.norm(center_w - around.center_w))
     claims: dict[str, Any] = {}
     if shared_m > max(_SHARED * nearest_m, SAME_M):
         claims["check"] = Hits.unknown(len(origins_w))

@@ -50,6 +50,8 @@ class Capabilities:
         lens: of every view; None for square pixels with the optical axis in the middle.
         min_size: the smallest width and height of a view, px.
         dialect: the server's dialect; of other sources, what they are, such as ``recording``.
+        near_m: no surface is nearer to an optical centre, metres: bounds the marks of masks at shared centres
+            where no depth is captured.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
         moves: whether the world may change between two captures; captures that must show one instant are
             then checked for motion (:mod:`omniscv.sources.stillness`).
@@ -67,6 +69,7 @@ class Capabilities:
     lens: Lens | None = None
     min_size: int = 1
     dialect: str = ""
+    near_m: float = 0.1
     transfer: Transfer = "unknown"
     moves: bool = False
     varies: frozenset[str] = frozenset()

@@ -16,6 +16,7 @@ from omniscv import modalities
 from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.surfaces import STEP
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
@@ -35,7 +36,6 @@ _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
 _ROWS = 64  # of a face that are looked up at a time
-_SAME_M, _SAME_RELATIVE = 0.004, 0.001  # as omniscv.geometry.surfaces tells surfaces apart
 
 
 class PictureSource(Source):
@@ -443,7 +443,7 @@ def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]
         rows = np.concatenate([across[:1], inverse, across[1:]])
         neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
         change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
-        allowed = (_SAME_M * inverse + _SAME_RELATIVE + 2 * step_m * inverse) * inverse
+        allowed = (STEP + 2 * step_m * inverse) * inverse
         for before, after in neighbours:
             bend = np.abs(before - 2 * inverse + after)
             change += 0.5 * np.maximum(np.abs(before - inverse), np.abs(after - inverse)) + 0.25 * bend

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from omniscv.geometry.surfaces import (
-    CONTINUED_M,
-    CONTINUED_RELATIVE,
+    CONTINUED,
     Precision,
     stored_length,
     surface_point,
@@ -41,7 +40,7 @@ def test_a_pixel_without_neighbours_has_the_bound_of_an_unknown_slope():
     depth[4, 4] = z = 2.0
     point = surface_point(depth.ravel(), 0, depth.shape, 4.4, 4.7, 100.0, Precision())
     assert point.inverse == 1 / z
-    assert z * z * point.error >= CONTINUED_M + CONTINUED_RELATIVE * z
+    assert z * z * point.error >= CONTINUED * z
 
 
 @pytest.mark.parametrize(("r", "c"), [(0, 0), (3, 11), (7, 5)])
