@@ -169,7 +169,7 @@ for _row in (
     Modality("occluded", ("bool",), 0, "nearest", "png", captured=False,
              doc="the optical centre is not visible from the camera's position"),
     Modality("relit", ("bool",), 0, "nearest", "png", captured=False,
-             doc="colours changed by more than two levels, so that faces agree at their edges"),
+             doc="colours changed so that faces agree at their edges"),
     Modality("light", ("uint8",), 0, "nearest", "png", captured=False,
              doc="bits: 1 dome, 2 translucent, 4 mismatch, 8 view-dependent, 16 clipped, 32 relit"),
     Modality("unsure", ("bool",), 0, "nearest", "png", captured=False,

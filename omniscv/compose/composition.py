@@ -143,7 +143,7 @@ class Composition:
                 faces = self._faces(viewpoint, of_mode)
                 if row.name == "lit" and self._task.options.seams != "keep":
                     mended = self._mend(of_mode, captures.get("object_mask", ()))
-                    relit = sampler.sample("nearest", mended.relit)
+                    relit = sampler.sample(self._filter, mended.relit) > 0
                     self._canvas.put_part("relit", viewpoint.pixels, relit)
                     self._seams.append(mended.report)
                     faces = mended.pixels

@@ -7,7 +7,7 @@ STEM.depth.exr (.tiff, .npy)   float32 metres along the ray
 STEM.normals.exr               float32, camera frame
 STEM.depth_error.exr           float16 metres that depth may be off; float32 in other forms
 STEM.label_edge.png            255 where a label may be the neighbour's
-STEM.relit.png                 255 where closing seams changed a colour by more than two levels
+STEM.relit.png                 255 where closing seams changed a colour
 STEM.light.png                 8-bit, what light makes doubtful: see :mod:`omniscv.compose.light_checks`
 STEM.unsure.png                255 where no capture verified a pixel
 STEM.occluded.png              255 where the optical centre is not visible from the camera position

@@ -48,8 +48,6 @@ _COUPLING = 20.0
 _SURE = 1.5  # steps within so many of their standard errors are texture
 _SMOOTH_PX, _FADE_PX = 8, 16  # of what the cells leave, along the edge and into the face
 _OVERLAP = 1 / 32  # of a face beyond each side, from which faces fade into each other
-RELIT = 2.0
-"""Levels: pixels that change by more are marked ``relit``."""
 
 
 class Gains(NamedTuple):
@@ -159,12 +157,12 @@ class Mended:
 
     Attributes:
         pixels: as captured, (h, w, 3) each.
-        relit: (h, w) bool each, changed by more than :data:`RELIT`.
+        relit: (h, w) uint8 each, 255 where the colour changed.
         report: for the image's JSON: steps across edges before and after, gains, changes; why it was refused.
     """
 
     pixels: tuple[NDArray[Any], ...]
-    relit: tuple[NDArray[np.bool_], ...]
+    relit: tuple[NDArray[np.uint8], ...]
     report: dict[str, Any]
 
     @property
@@ -230,11 +228,11 @@ def mend(
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))
     report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
     report["change_p99"] = float(np.quantile(change[:, ::_SPARSE, ::_SPARSE], 0.99))
-    return Mended(tuple(colors), tuple((change > RELIT).any(axis=-1)), report)
+    return Mended(tuple(colors), tuple(np.where(change.any(axis=-1), np.uint8(255), np.uint8(0))), report)
 
 
 def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | None = None) -> Mended:
-    relit = tuple(np.zeros(picture.shape[:2], np.bool_) for picture in pixels)
+    relit = tuple(np.zeros(picture.shape[:2], np.uint8) for picture in pixels)
     return Mended(tuple(pixels), relit, {**(report or {}), "refused": why})
 
 

@@ -270,7 +270,8 @@ def test_an_image_is_mended_in_colour_alone(uneven):
     for layer in ("depth", "labels", "object_mask", "depth_error"):
         np.testing.assert_array_equal(kept[layer], mended[layer])
     change = np.abs(kept.lit.astype(int) - mended.lit).max(axis=-1)
-    assert mended["relit"][change > 4].mean() > 0.99  # it is the nearest pixel's, colours are of four
+    assert mended["relit"][change > 0].all()
+    assert change[mended["relit"]].mean() > 1
     (report,) = mended.provenance["seams"]
     assert report["steps_after"]["median"] < 0.5 < report["steps"]["median"]
     with RecordedSource(uneven) as source:
