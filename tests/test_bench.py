@@ -34,7 +34,11 @@ LONG = ("accuracy", "cluster", "growth", "speed", "start", "stores")
     ],
 )
 def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
-    found = benches.figures(name, quick=True)
+    check(benches.figures(name, quick=True))
+
+
+def check(found):
+    """The one form of figures."""
     rows = [(figure.table, figure.name, figure.unit, figure.peer, figure.limit) for figure in found]
     assert len(set(rows)) == len(rows) > 0
     for figure in found:
@@ -43,6 +47,12 @@ def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
         others = [other.value for other in (figure.peer, figure.limit) if other]
         assert all(math.isfinite(each) and each > 0 for each in (figure.ours, *others)), figure
         assert figure.ratio == (figure.ours / others[0] if others else None)
+
+
+@pytest.mark.skipif(not find_spec("torch"), reason="needs PyTorch: scripts/test-torch")
+def test_images_of_a_device(benches):
+    """They are compared with composed ones before they are timed."""
+    check(benches.figures("torch", quick=True, device="cpu"))
 
 
 @pytest.fixture

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +23,20 @@ from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
 from omniscv.torch.sampling import (
-    TILES,
-    Lookup,
+    DeviceLookup,
+    DeviceTiles,
     ProcessorLookup,
     ProcessorTiles,
     check_central,
-    directions_of,
-    look_up,
 )
 from omniscv.truth.classes import ClassRules, class_rules
 
 _FINEST = 1  # px: all faces of a recording are larger, so it returns its finest ones
 _RAYS_AT_ONCE = {"cpu": 1 << 17}
-_RAYS_ON_A_DEVICE = 1 << 23
+_RAYS_ON_A_DEVICE = 1 << 26
 """Rays of a block: they fit into a processor's cache, and into a gigabyte on a device."""
-_BY_KERNELS = ("cpu",)
-"""Types of devices for which the kernels of :mod:`omniscv.compose` sample; for others PyTorch does."""
+_ON_PROCESSOR = ("cpu",)
+"""Types of devices for which the kernels of :mod:`omniscv.compose` sample; for others Triton's do."""
 
 Rules = str | Path | Mapping[str, Any] | ClassRules
 
@@ -44,8 +44,8 @@ Rules = str | Path | Mapping[str, Any] | ClassRules
 class Faces:
     """Six faces around an optical centre, from which images of any orientation are sampled on a device.
 
-    Colour is bilinear. Labels and depth are those of the nearest pixel, equal to the bit to those of
-    ``omniscv.render`` with ``filter="nearest"``. The constructor captures all faces.
+    Colour is bilinear. Labels and depth are those of the nearest pixel, as ``omniscv.render`` composes them
+    with ``filter="nearest"`` before it rounds depth. The constructor captures all faces.
 
     Args:
         source: a recording, or another source of a still world; not needed afterwards.
@@ -54,14 +54,14 @@ class Faces:
         face_size: px of a 90 degree face; None: the finest faces of a recording.
         truth_scale: factor by which masks, depth and normals are captured finer than colours.
         classes: rules, as in ``classes.yaml``, or such a file, for images with ``classes``.
-        device: of the tensors; it must have float64.
+        device: of the tensors; it must have float64, and Triton unless it is the processor.
 
     Attributes:
         position: of all images.
 
     Raises:
         ArgumentError: an unknown mode, no ``face_size`` for a live source, a world that moves, or a device
-            without float64.
+            without float64 or Triton.
         MissingCaptureError: the recording lacks a face.
     """
 
@@ -79,7 +79,7 @@ class Faces:
         self._device = _check(source, face_size, device)
         self.position = numbers("position", position, (3,))
         options = RenderOptions("cube", face_size=face_size or _FINEST, truth_scale=truth_scale)
-        self._by_kernels = self._device.type in _BY_KERNELS
+        self._on_processor = self._device.type in _ON_PROCESSOR
         self._tiles: dict[str, tuple[tuple[View, ...], Any]] = {}
         self._class_of: Tensor | None = None
         for mode, (views, faces) in _capture(source, self.position, modes, options).items():
@@ -91,8 +91,14 @@ class Faces:
                 if classes is not None:
                     self._class_of = _class_of(class_rules(classes), objects).to(self._device)
             kind = modalities.get(mode).interpolation
-            on_device = None if self._by_kernels else TILES[kind](views, faces, self._device)
-            self._tiles[mode] = views, on_device or ProcessorTiles(kind, faces)
+            self._tiles[mode] = (
+                views,
+                (
+                    ProcessorTiles(kind, faces)
+                    if self._on_processor
+                    else DeviceTiles(kind, views, faces, self._device)
+                ),
+            )
 
     def render(self, camera: Camera, R_w_c: ArrayLike | Tensor) -> dict[str, Tensor]:
         """Return images of a central camera, one for each orientation.
@@ -114,40 +120,52 @@ class Faces:
         values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
         batch = numbers("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
         rotations = [Pose(self.position, R).R_w_c for R in batch]
-        _, valid = directions_of(camera, self._device)
+        valid = _valid(camera, self._device)
         rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
         step = max(1, rays // valid.numel())
-        blocks = [
-            self._sample(camera, valid, rotations[i : i + step]) for i in range(0, len(rotations), step)
-        ]
-        return {name: torch.cat([block[name] for block in blocks]) for name in blocks[0]}
+        starts = range(0, len(rotations), step)
+        blocks = [self._sample(camera, valid, rotations[i : i + step]) for i in starts]
+        if unseen := int(sum(count for _, count in blocks)):  # here the processor waits for the device
+            views = len(next(iter(self._tiles.values()))[0])
+            here = f"{views} views at {self.position.tolist()} m"
+            raise MissingCaptureError(f"expected {here} to see all rays, but {unseen} are in none")
+        if len(blocks) == 1:
+            return blocks[0][0]
+        return {name: torch.cat([layers[name] for layers, _ in blocks]) for name in blocks[0][0]}
+
+    @property
+    def tensors(self) -> dict[str, Tensor]:
+        """By layer, the faces' pixels on the device. Pixels of the same views may be copied into them."""
+        return {name: tiles.tensor for name, (_, tiles) in self._tiles.items()}
 
     @property
     def nbytes(self) -> int:
         """Bytes of the faces in memory."""
-        return sum(tiles.tensor.nbytes for _, tiles in self._tiles.values())
+        return sum(tensor.nbytes for tensor in self.tensors.values())
 
-    def _sample(self, camera: Camera, valid: Tensor, R_w_c: Sequence[Array]) -> dict[str, Tensor]:
-        lookups: dict[tuple[View, ...], Lookup | ProcessorLookup] = {}
-        layers = {}
+    def _sample(
+        self, camera: Camera, valid: Tensor, R_w_c: Sequence[Array]
+    ) -> tuple[dict[str, Tensor], Tensor | int]:
+        """Return layers, and how many rays no view sees."""
+        lookups: dict[tuple[View, ...], DeviceLookup | ProcessorLookup] = {}
+        layers, unseen = {}, 0
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
-                if self._by_kernels:
-                    lookups[views] = ProcessorLookup(camera, views, R_w_c)
-                else:
-                    lookups[views] = look_up(directions_of(camera, self._device)[0], views, R_w_c)
-                if unseen := lookups[views].unseen(valid):
-                    here = f"{len(views)} views at {self.position.tolist()} m"
-                    raise MissingCaptureError(f"expected {here} to see all rays, but {unseen} are in none")
+                lookups[views] = (
+                    ProcessorLookup(camera, views, R_w_c)
+                    if self._on_processor
+                    else DeviceLookup(camera, views, R_w_c, self._device)
+                )
+                unseen += lookups[views].unseen(valid)
             values = tiles.sample(lookups[views])
             row = modalities.get(name)
             if row.interpolation == "direction":
-                turn = torch.from_numpy(np.array(R_w_c)).to(self._device)
-                values = (values.double() @ turn).float()
+                turn = torch.from_numpy(np.array(R_w_c).swapaxes(1, 2)).to(self._device)
+                values = (turn @ values.double()).float()
             layers[name] = _as_images(values, valid, row.outside)
             if name == "labels" and self._class_of is not None:
                 layers["classes"] = self._class_of[layers[name]]
-        return layers
+        return layers, unseen
 
 
 def _check(source: Source, face_size: int | None, device: str | torch.device) -> torch.device:
@@ -155,6 +173,8 @@ def _check(source: Source, face_size: int | None, device: str | torch.device) ->
     checked = torch.device(device)
     if checked.type == "mps":
         raise ArgumentError("device: expected one with float64, such as cpu or cuda; mps has none")
+    if checked.type not in _ON_PROCESSOR and find_spec("triton") is None:
+        raise ArgumentError(f"device: expected Triton for {checked.type}; pip install triton, or use cpu")
     if source.capabilities.moves:
         raise ArgumentError("source: expected a world that stands still; record it, and use the recording")
     if face_size is None and source.recorded_views() is None:
@@ -183,13 +203,14 @@ def _class_of(rules: ClassRules, objects: ObjectTable) -> Tensor:
     return torch.from_numpy(rules.table(names).ids(label_of).astype(np.int64))
 
 
+@lru_cache(maxsize=4)
+def _valid(camera: Camera, device: torch.device) -> Tensor:
+    """Return (H, W) bool."""
+    return torch.from_numpy(np.array(camera.valid())).to(device)
+
+
 def _as_images(values: Tensor, valid: Tensor, outside: float) -> Tensor:
-    """(B, N) or (B, N, C) values as images, channels first; whole numbers of maps as int64."""
-    batch, size = len(values), tuple(valid.shape)
-    if values.ndim == 3:
-        values = values.reshape(batch, *size, -1).movedim(-1, 1).contiguous()
-    elif values.dtype.is_floating_point:
-        values = values.reshape(batch, 1, *size)
-    else:
-        values = values.reshape(batch, *size).long()
+    """(B, N) or (B, C, N) values as images; maps of floats with a channel."""
+    channels = values.shape[1:-1] or (1,) * values.dtype.is_floating_point
+    values = values.reshape(len(values), *channels, *valid.shape)
     return torch.where(valid, values, outside) if outside else values

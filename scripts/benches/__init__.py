@@ -69,9 +69,9 @@ def missing(name: str) -> str:
     return "" if not needed or find_spec(needed) else needed
 
 
-def figures(name: str, quick: bool = False) -> list[Figure]:
-    """Return what a bench measures."""
-    measured: Iterator[Figure] = import_module(f"benches.{name}").measure(quick)
+def figures(name: str, quick: bool = False, **options: str) -> list[Figure]:
+    """Return what a bench measures; ``options`` are its own."""
+    measured: Iterator[Figure] = import_module(f"benches.{name}").measure(quick, **options)
     return list(measured)
 
 

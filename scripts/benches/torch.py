@@ -1,4 +1,4 @@
-"""How fast PyTorch is fed: images on the fly from a recording, and shards; on this machine's processor.
+"""How fast PyTorch is fed: from a recording and from shards; with --device, images that a device makes.
 
 Panoramas of 512 x 256 in lit, labels and depth, a new orientation each, from faces of 256 px. "faces kept"
 samples faces that are decoded already; "faces read each time" decodes them for every image, as omniscv.render
@@ -15,7 +15,6 @@ import numpy as np
 
 import omniscv
 from benches import Figure, Reference, best_ms
-from omniscv import dataset
 from omniscv.geometry import Pose
 from omniscv.planning import RenderOptions
 
@@ -24,9 +23,14 @@ LAYERS = ("lit", "labels", "depth")
 CENTER = (0, 0, 1.5)
 
 
-def measure(quick: bool) -> Iterator[Figure]:
+def measure(quick: bool, device: str = "") -> Iterator[Figure]:
     import torch
 
+    if device:
+        from benches import _device
+
+        yield from _device.measure(quick, device)
+        return
     count, turns, width = (2, 1, 32) if quick else (16, 3, 512)
     cv2.setNumThreads(2)
     torch.set_num_threads(1)  # on a busy machine its threads wait for each other
@@ -71,12 +75,12 @@ def from_shards(path: Path, camera: omniscv.cameras.Camera, count: int, turns: i
     from omniscv.torch import ShardDataset
 
     folder = path.parent
-    with omniscv.open_source(path) as source, dataset.Writer(folder / "dataset") as writer:
+    with omniscv.open_source(path) as source, omniscv.dataset.Writer(folder / "dataset") as writer:
         for i in range(count):
             image = omniscv.render(camera, Pose.from_angles(CENTER, yaw_deg=10 * i), source, MODES)
             writer.add(f"image-{i}", image)
-    dataset.export(folder / "dataset", "webdataset", folder / "shards", max_count=max(1, count // 4))
-    frames, shards = dataset.open(folder / "dataset"), ShardDataset(folder / "shards", LAYERS)
+    omniscv.dataset.export(folder / "dataset", "webdataset", folder / "shards", max_count=max(1, count // 4))
+    frames, shards = omniscv.dataset.open(folder / "dataset"), ShardDataset(folder / "shards", LAYERS)
     workers = DataLoader(shards, batch_size=4, num_workers=2, persistent_workers=True)
     ways: dict[str, Callable[[], object]] = {
         "shards": lambda: list(shards),
@@ -86,7 +90,7 @@ def from_shards(path: Path, camera: omniscv.cameras.Camera, count: int, turns: i
     yield from figures("from shards", best_ms(ways, turns), count, "decoding alone")
 
 
-def decoded(frame: dataset.Frame) -> Sequence[object]:
+def decoded(frame: omniscv.dataset.Frame) -> Sequence[object]:
     """Return the layers of a frame on disk."""
     return [frame.layer(name) for name in LAYERS]
 

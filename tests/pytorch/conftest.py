@@ -3,12 +3,15 @@
 The folder is no ``torch``: beside the tests' own packages that name would be found where PyTorch is not.
 """
 
+import os
 from importlib.util import find_spec
 
 import pytest
 from support.datasets import made
 
 import omniscv
+
+os.environ["TRITON_INTERPRET"] = "1"  # its kernels run on a processor; read when they are imported
 
 collect_ignore = (
     []
