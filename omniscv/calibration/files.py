@@ -22,6 +22,7 @@ from omniscv.calibration.ocamcalib import OCAMCALIB
 from omniscv.cameras import Camera, from_dict, names
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, StorageError
+from omniscv.geometry import Pose
 from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes, read_text
 from omniscv.storage.local import write_text
 
@@ -315,6 +316,21 @@ def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
         )
     safe = {re.sub(r"[^\w.-]+", "_", name).lstrip("."): entry.mounted for name, entry in entries.items()}
     return Rig(safe)
+
+
+def load_on_body(path: str | PathLike[str]) -> dict[str, Pose]:
+    """Return the poses of a file's cameras on their body: by ``T_BS``, ``T_cam_imu``, or of a rig.
+
+    Raises:
+        ArgumentError: the file cannot be read, or a camera has no such pose.
+    """
+    with within(Path(path)):
+        content = Content(read_bytes(Path(path), MOST_JSON_BYTES))
+        entries = _form_of(content).on_body(content)
+        poses = {name: entry.pose for name, entry in entries.items() if entry.pose is not None}
+        if lost := sorted(entries.keys() - poses):
+            raise ArgumentError(f"{lost[0]}: expected the pose on its body (T_BS, T_cam_imu), got none")
+        return poses
 
 
 def save_rig(path: str | PathLike[str], rig: Rig, format: str) -> None:

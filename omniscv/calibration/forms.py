@@ -239,6 +239,10 @@ class Form:
                 entries[name] = self.entry(node, size)
         return entries
 
+    def on_body(self, content: Content) -> dict[str, Entry]:
+        """Return the cameras of a file by name, with their poses on the body that carries them, as an IMU."""
+        return self.read(content)
+
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
         """Return a camera of a file; ArgumentError for what we do not model."""
         word = "+".join(str(node.take(path, "none", outer=True)) for path in self.word.split())

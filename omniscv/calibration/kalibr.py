@@ -54,6 +54,9 @@ class Kalibr(Form):
                 poses[name] = T_body_0.inverse() @ T_body_n
         return {name: entry._replace(pose=poses.get(name)) for name, entry in entries.items()}
 
+    def on_body(self, content: Content) -> dict[str, Entry]:
+        return super().read(content)
+
     def camera(self, row: Row, width: int, height: int, values: Numbers) -> Camera:
         if row.words[0] == "omni+none" and min(values["fx"], values["fy"]) < 0:
             return _mirror(width, height, **values)

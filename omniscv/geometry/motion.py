@@ -53,8 +53,8 @@ class Motion:
         times = self.waypoints.times
         return (times[0], times[-1]) if times is not None and len(times) > 1 else None
 
-    def at(self, time: float | None) -> Pose:
-        """Return the pose at a time, seconds.
+    def at(self, time: float | None, after: float = 0.0) -> Pose:
+        """Return the pose at a time, or some seconds ``after`` it.
 
         Raises:
             ArgumentError: the object moves, and the time is None.
@@ -64,7 +64,9 @@ class Motion:
         if time is None:
             raise ArgumentError("time: expected seconds for an object that moves, got None")
         first, last = self.span
-        return self.waypoints.at(min(max(time, first), last))
+        if not first <= time + after <= last:
+            return self.waypoints[0 if time + after < first else -1]
+        return self.waypoints.at(time, after=after)
 
 
 def object_pose(

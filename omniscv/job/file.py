@@ -209,7 +209,9 @@ class _Keys:
         help="by object: waypoints, {spline: waypoints}, or a trajectory file",
     )
     times: Times | None = checked(
-        read_times, default=None, help="seconds: a list, {start, rate, count}, or poses for the poses' times"
+        read_times,
+        default=None,
+        help="seconds: a list, {start, rate, count}, {rate}, or poses for the poses' times",
     )
     freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is held at one instant")
     exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
@@ -412,17 +414,20 @@ def read(description: object, folder: Path) -> Job:
 def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     """Return the job of one world."""
     for path in _FILES:
-        values = _located(values, path.split("."), folder)
+        values = _located(values, path.split("."), folder, ("", *PRESETS, *_NO_FILES.get(path, ())))
     values = _draw_cameras(values, world)
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     keys = read_record(_Keys, values)
     freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
     posed = at_times(keys.poses, keys.times, "linear" if keys.imu is None else "spline")
+    moved = {name: motion.waypoints.says for name, motion in (keys.motions or {}).items()}
+    lines = [posed.assumed, *(f"motions.{name}: {line}" for name, says in moved.items() for line in says)]
     track = None
     if keys.imu is not None:
         track, passed = _track(keys.imu, keys.poses, posed.times)
-        posed = posed._replace(assumed="\n".join(filter(None, (posed.assumed, passed))))
+        lines.append(passed)
+    posed = posed._replace(assumed="\n".join(filter(None, lines)))
     return Job(
         source=address(keys.source, folder),
         cameras=keys.cameras or {},
@@ -467,23 +472,26 @@ def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[Imu
 
 
 _FILES = (
-    *("rig", "record", "classes", "poses", "poses.file", "sensor.shading"),
+    *("rig", "record", "classes", "poses", "poses.file", "poses.frame", "sensor.shading"),
     *("cameras.*", "cameras.*.file", "cameras.*.preset", "cameras.*.base.preset", "motions.*"),
     *("motions.*.spline", "rig.cameras.*.camera.preset", "rig.cameras.*.camera.base.preset"),
 )
 """Keys whose values may be names of files, relative to the job's file."""
+_NO_FILES = {"poses.frame": ("camera", "body"), "sensor.shading": (NATURAL,)}
+"""Words that such a key has beside names of files."""
 
 
-def _located(value: Any, path: Sequence[str], folder: Path) -> Any:
-    """Return a copy of nested mappings in which the name of a file at a path has a folder before it."""
+def _located(value: Any, path: Sequence[str], folder: Path, words: Sequence[str]) -> Any:
+    """Return a copy of nested mappings in which the name of a file at a path has a folder before it; words
+    are no names."""
     if not path:
-        is_name = isinstance(value, str) and value not in ("", NATURAL, *PRESETS) and not is_url(value)
+        is_name = isinstance(value, str) and value not in words and not is_url(value)
         return str(folder / value) if is_name else value
     if not isinstance(value, Mapping):
         return value
     key, *rest = path
     names = value.keys() if key == EVERY else value.keys() & {key}
-    return {**value, **{name: _located(value[name], rest, folder) for name in names}}
+    return {**value, **{name: _located(value[name], rest, folder, words) for name in names}}
 
 
 def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:

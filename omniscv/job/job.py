@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -22,6 +22,9 @@ from omniscv.records import checked, record
 from omniscv.sensor import Sensor
 from omniscv.sensor.imu import ImuTrack
 from omniscv.sources.registry import SourceOptions
+
+_SINCE_1970 = 1e8
+"""Seconds beyond which times are those since 1970: sources have clocks that start with them."""
 
 
 def _instants(name: str, value: object) -> int | Literal["auto"]:
@@ -112,7 +115,7 @@ class Job:
         motions: by object.
         clock: whether images show the world at the times of the poses.
         exposure: of every image.
-        assumed: of the file of its poses, in one line; empty for nothing.
+        assumed: of files of poses, in lines; empty for nothing.
         brackets: stops of the exposures that colours are merged from, to light; empty for one exposure.
         imu: what the rig carries, and the timed poses whose spline its cameras move on; None without one.
         sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
@@ -130,7 +133,7 @@ class Job:
 
     source: str | tuple[str, ...]
     cameras: Mapping[str, Camera]
-    poses: tuple[Pose, ...]
+    poses: Sequence[Pose]
     out: Path | str
     modes: tuple[str, ...] = ("lit",)
     record: Path | None = None
@@ -205,6 +208,11 @@ class Job:
     def moves(self) -> bool:
         """Whether images show the world at their times."""
         return self.clock or bool(self.motions)
+
+    @property
+    def epoch(self) -> float:
+        """The time at which the world's clock is 0, seconds: the first one, of times since 1970; else 0."""
+        return self.times[0] if self.times and abs(self.times[0]) > _SINCE_1970 else 0.0
 
     @property
     def changes(self) -> bool:

@@ -1,8 +1,9 @@
 """The keys ``poses``, ``motions`` and ``times`` of a job: where its cameras and objects are, and when.
 
 ``poses`` is a list, the name of a trajectory file or ``{file: NAME, frame: body}``, or a description of poses
-to sample (:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``,
-or ``poses``: those of the poses. ``motions`` has waypoints by object::
+to sample (:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``
+(``rate`` alone: from the first pose to the last), or ``poses``: those of the poses. ``motions`` has waypoints
+by object::
 
     motions:                              # metres and degrees, world frame; yaw to the left +
       Chair_1:                            # waypoints: linear between them
@@ -14,23 +15,26 @@ or ``poses``: those of the poses. ``motions`` has waypoints by object::
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, within
+from omniscv.arguments import number, numbers, shown, text, whole_number, within
+from omniscv.calibration.files import load_on_body
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion, object_pose
-from omniscv.geometry.trajectory import Curve, Trajectory, read_trajectory
+from omniscv.geometry.trajectory import Curve, Poses, Trajectory
+from omniscv.geometry.trajectory_files import Frame, read_trajectory
 from omniscv.job.sampling import SampledPoses, read_sampling
 from omniscv.records import checked, mapping, optional, read, record
 
 _STEEP = 0.7071  # of a direction's Z: 45 degrees up or down
 
-Times = tuple[float, ...] | Literal["poses"]
+_MOST_TIMES = 1_000_000
 
 
 class Posed(NamedTuple):
@@ -44,7 +48,7 @@ class Posed(NamedTuple):
         assumed: of the file that they are from, in one line; empty for nothing.
     """
 
-    poses: tuple[Pose, ...]
+    poses: Sequence[Pose]
     times: tuple[float, ...] | None = None
     places: tuple[str, ...] | None = None
     sampling: SampledPoses | None = None
@@ -56,25 +60,32 @@ class PoseFile:
     """The keys of ``poses`` that name a trajectory file."""
 
     file: str = checked(text, default="", help="trajectory file: TUM, KITTI, EuRoC, or CSV with column names")
-    frame: Literal["camera", "body"] | None = checked(
-        one_of,
-        words=("camera", "body"),
+    frame: str | None = checked(
+        optional(text),
         default=None,
-        help="frame of the file's rotations: camera (z forward), body (x forward)",
+        help="frame of the file's rotations: camera (z forward), body (x forward), or a file with T_BS",
     )
 
     def load(self) -> Posed:
-        """Return the poses; say what was assumed if they seem to be of a body, and nothing says which."""
-        path = Path(self.file)
-        trajectory = read_trajectory(path, frame=self.frame or "camera")
-        posed = Posed(trajectory.poses, trajectory.times)
-        upward = np.mean([abs(pose.rotation[2, 2]) > _STEEP for pose in posed.poses])
-        if self.frame is not None or upward < 0.5:
-            return posed
-        taken = "taken as poses of a camera, z forward, which mostly looks up or down"
-        return posed._replace(
-            assumed=f"poses: {path.name}: {taken}; if x is forward, write {{file: {path.name}, frame: body}}"
-        )
+        """Return the poses; say what was assumed, as of a body if nothing says that rotations are of one."""
+        path, frame, says = Path(self.file), self.frame, list[str]()
+        on_body: Frame | None = frame if frame in ("camera", "body") else None  # type: ignore[assignment]
+        if frame is not None and on_body is None:
+            with within("poses.frame"):
+                cameras = load_on_body(frame)
+            name, on_body = next(iter(cameras.items()))
+            says = [f"frame: the poses are of {name}, the first of {len(cameras)} cameras"] * (
+                len(cameras) > 1
+            )
+        trajectory = read_trajectory(path, frame=on_body)
+        says += [f"poses: {path.name}: {line}" for line in trajectory.says]
+        poses = Poses.of(trajectory.poses)
+        upward = np.mean(np.abs(poses.rotations[:, 2, 2]) > _STEEP)
+        if frame is None and upward >= 0.5 and "T_BS" not in "".join(trajectory.says):
+            taken = "taken as poses of a camera, z forward, which mostly looks up or down"
+            advice = f"if x is forward, write {{file: {path.name}, frame: body}}"
+            says.append(f"poses: {path.name}: {taken}; {advice}")
+        return Posed(poses, trajectory.times, assumed="\n".join(says))
 
 
 @record
@@ -170,14 +181,33 @@ def _read_waypoints(name: str, value: object) -> Trajectory:
 
 
 @record
-class _TimeRange:
+class TimeRange:
+    """The key ``times`` as a rate."""
+
     rate: float = checked(number, above=0)
-    count: int = checked(whole_number, most=1_000_000)
-    start: float = checked(number, default=0.0)
+    count: int | None = checked(optional(partial(whole_number, most=_MOST_TIMES)), default=None)
+    start: float | None = checked(optional(number), default=None)
+
+    def seconds(self, own: tuple[float, ...] | None) -> tuple[float, ...]:
+        """Return the times; what is not said is that of the poses' own times.
+
+        Raises:
+            ArgumentError: no count, and poses without times.
+        """
+        first, count = (own or (0.0,))[0] if self.start is None else self.start, self.count
+        if count is None and not own:
+            raise ArgumentError("times: missing key 'count', as the poses have no times")
+        if count is None:
+            span = (own or (0.0,))[-1] - first
+            count = whole_number("times: count", int(max(span, 0) * self.rate + 1e-6) + 1, most=_MOST_TIMES)
+        return tuple(first + i / self.rate for i in range(count))
+
+
+Times = tuple[float, ...] | TimeRange | Literal["poses"]
 
 
 def read_times(name: str, value: object) -> Times:
-    """Return the seconds of a list or of ``{start, rate, count}``, or the word ``poses``."""
+    """Return the seconds of a list, a range, or the word ``poses``."""
     if value == "poses":
         return "poses"
     if isinstance(value, list) and value:
@@ -185,8 +215,7 @@ def read_times(name: str, value: object) -> Times:
     if not isinstance(value, dict):
         wanted = "expected a list of seconds, {start, rate, count}, or 'poses'"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
-    times = read(_TimeRange, value, name)
-    return tuple(times.start + i / times.rate for i in range(times.count))
+    return read(TimeRange, value, name)
 
 
 def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Posed:
@@ -200,6 +229,8 @@ def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Pose
     """
     if times is None or (times == "poses" and (posed.sampling or posed.times)):
         return posed
+    if isinstance(times, TimeRange):
+        times = times.seconds(posed.times)
     if times == "poses":
         raise ArgumentError("times: expected poses with times, got some without; list the times")
     if posed.times is not None and posed.sampling is None:
@@ -207,8 +238,8 @@ def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Pose
             raise ArgumentError("times: expected poses without times of their own, as they have places")
         path = Trajectory(posed.poses, posed.times, curve)
         with within("times"):
-            return Posed(tuple(path.at(time) for time in times), times)
+            return Posed(tuple(path.at(time) for time in times), times, assumed=posed.assumed)
     if len(posed.poses) == 1:
         places = None if posed.places is None else posed.places * len(times)
-        return Posed(posed.poses * len(times), times, places)
+        return Posed((posed.poses[0],) * len(times), times, places, assumed=posed.assumed)
     return posed._replace(times=times)

@@ -124,8 +124,8 @@ def pose_number(job: Job, i: int) -> str:
 def _frames(job: Job, path: Trajectory | None, i: int, delay_s: float = 0.0) -> Iterator[Frame]:
     """Yield the images at a pose, or some seconds later, along the poses as along a trajectory."""
     pose, time = job.poses[i], None if job.times is None else job.times[i] + delay_s
-    if path is not None and time is not None and delay_s:
-        pose = path.at(time, steps_beyond=1)
+    if path is not None and job.times is not None and delay_s:
+        pose = path.at(job.times[i], steps_beyond=1, after=delay_s)
     mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
     offsets = {} if job.rig is None else {name: mount.time_offset for name, mount in job.rig.cameras.items()}
     for name, camera in job.cameras.items():
@@ -187,8 +187,9 @@ def _instant(job: Job, frame: Frame, delay_s: float = 0.0) -> Instant:
     """Return the instant that a frame shows, or some seconds later."""
     if not job.moves:
         return Instant.drawn(frame.varied)
-    at = None if frame.time is None else frame.time + delay_s
-    return Instant.drawn(frame.varied, {name: motion.at(at) for name, motion in job.motions.items()}, at)
+    poses = {name: motion.at(frame.time, delay_s) for name, motion in job.motions.items()}
+    at = None if frame.time is None else frame.time - job.epoch + delay_s
+    return Instant.drawn(frame.varied, poses, at)
 
 
 def _path(job: Job) -> Trajectory | None:

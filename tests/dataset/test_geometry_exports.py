@@ -6,7 +6,7 @@ from plyfile import PlyData
 from support.datasets import made
 
 from omniscv import calibration, dataset
-from omniscv.geometry.trajectory import read_trajectory
+from omniscv.geometry.trajectory_files import read_trajectory
 
 EXPORTS = """
 truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}

@@ -17,7 +17,8 @@ from omniscv.evaluate.odometry import evaluation
 from omniscv.evaluate.odometry.pose_estimation import inner_mask, reconstruct
 from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
 from omniscv.evaluate.registry import Settings
-from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_files import read_trajectory, write_tum
 from omniscv.sources.registry import open_source
 
 ARC = evaluation.flight(60)[:15:3]

@@ -10,8 +10,8 @@ from omniscv.cli import run
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import object_pose
-from omniscv.geometry.trajectory import (
-    Trajectory,
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_files import (
     read_trajectory,
     write_euroc,
     write_kitti,
@@ -185,8 +185,8 @@ def test_a_table_has_the_angles_of_a_pose(rows, tmp_path):
 
 
 def test_a_table_of_quaternions_is_as_tum(tmp_path):
-    (tmp_path / "a.csv").write_text("time,x,y,z,qx,qy,qz,qw\n1,1,2,3,0.1,0.2,0.3,0.9\n2,1,2,4,0,0,0,1\n")
-    (tmp_path / "a.txt").write_text("1 1 2 3 0.1 0.2 0.3 0.9\n2 1 2 4 0 0 0 1\n")
+    (tmp_path / "a.csv").write_text("time,x,y,z,qx,qy,qz,qw\n1,1,2,3,0.1,0.5,0.5,0.7\n2,1,2,4,0,0,0,1\n")
+    (tmp_path / "a.txt").write_text("1 1 2 3 0.1 0.5 0.5 0.7\n2 1 2 4 0 0 0 1\n")
     for frame in ("camera", "body"):
         table, tum = (read_trajectory(tmp_path / name, frame=frame) for name in ("a.csv", "a.txt"))
         assert table.times == tum.times
@@ -197,29 +197,41 @@ def test_a_table_of_quaternions_is_as_tum(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("x,y,yaw\n1,2,3\n", "line 1: expected columns x, y and z, got no z"),
-        ("x,y,z,jaw\n1,2,3,4\n", "line 1: expected names among time, x, .*; got 'jaw'"),
+        ("x,y,yaw\n1,2,3\n", "path.txt: line 1: expected columns x, y and z, got no z"),
+        ("x,y,z,jaw\n1,2,3,4\n", "line 1: expected names of columns among time, x, .*; got 'jaw'"),
         ("x,y,z,qw,yaw\n1,2,3,4,5\n", "line 1: expected qx, qy, qz and qw, or yaw"),
-        ("x,y,z\n1,2\n", "line 2: expected 'x,y,z', got '1 2'"),
-        ("x,y,z\n1,2,up\n", "line 2: expected 'x,y,z', got '1 2 up'"),
+        ("x,y,z\n1,2\n", "line 1: expected 3 columns, as there are names, got 2 in the first row"),
+        ("x,y,z\n1,2,3\n\n1,2\n", "line 4: expected 'x,y,z', got '1,2'"),
+        ("x,y,z\n1,2,up\n", "line 2: expected 'x,y,z', got '1,2,up'"),
         ("x,y,z\n", "expected rows of numbers below the names"),
         ("x,y,z,yaw,yaw_rad\n1,2,3,4,5\n", "line 1: expected each column once, got yaw twice"),
         ("x,y,z,yaw\n1,,3,4\n", "line 2: expected"),
-        ("x;y;z\n1,5;2;3\n", "line 2: expected decimal points, got a comma"),
+        ("x;y;z\n1,5;2;3\n", "line 1: expected decimal points, got a comma"),
+        ("x;y;z\n1;2;3\n1;2;3,5\n", "line 3: expected decimal points, got a comma"),
         ("0,1 1,5 2,0 0,5 0,0 0,0 0,0 1,0\n", "line 1: expected decimal points, got a comma"),
-        ("1403636579763555584.000000 0 0 0 0 0 0 1\n", "time: expected seconds"),
-        ("time,x,y,z\n1403636579763555584,0,0,0\n", "time: expected seconds"),
-        ("#sec,nsec,x,y,z,qx,qy,qz,qw\n1,2,0,0,0,0,0,0,1\n", "expected 8 or 17 columns, got 9"),
-        ("1,2,3,4,5,6,7,8\n", "quaternion of length 1, got"),
-        ("0 0 0 0 0 0 0 0\n", "quaternion: expected one of length 1"),
+        ("time,x,y,z\n1e30,0,0,0\n", "time: expected seconds"),
+        ("0 0 0 0 0 0 0 1\n3e7 0 0 0 0 0 0 1\n6e7 0 0 0 0 0 0 1\n", "steps of 30000000; name the column"),
+        ("# time_h tx ty tz qx qy qz qw\n0 0 0 0 0 0 0 1\n", "expected names of columns|names"),
+        ("time [h],x,y,z\n0,0,0,0\n", "expected a time in s, ms, us, ns; got 'h'"),
+        ("1,2,0,0,0,0,0,0,1\n", "8 or 17 columns with a separator .*got 9 columns without names"),
+        ("1,2,3,4,5,6,7,8\n", "line 1: expected a quaternion of length 1"),
+        ("0 0 0 0 .1 .2 .3 .8\n", "line 1: expected a quaternion of length 1, or names"),
+        ("0 0 0 0 0 0 0 0\n", "line 1: expected a quaternion of length 1, as the rotation is zero"),
+        ("x y z qw qx qy qz\n1 2 3 1 0 0 0\n1 2 3 0 0 0 0\n", "line 3: .*as the rotation is zero"),
         ("", "got none"),
-        ("0 1 2 3 0 0 0\n", "line 1: expected"),
+        ("0 1 2 3 0 0 0\n", "line 1: expected names of the columns, or 8"),
         ("0 0 0 0 0 0 0 1\n0 1 2 3 0 0 0 0\n", "line 2: expected"),
-        ("0 1 2 nan 0 0 0 1\n", "line 1: expected"),
+        ("0 1 2 nan 0 0 0 1\n", "line 1: expected finite numbers"),
+        ("0 1 2 1e10 0 0 0 1\n", "line 1: expected coordinates of at most"),
         ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "increasing"),
         ("1 0 0 0 0 1 0 0 0 0 2 0\n", "line 1: expected the 12 numbers of a rigid"),
-        ("#t\n100,0,0,0,1,0,0,0\n1.5,0,0,0,1,0,0,0\n", "line 3: expected 'nanoseconds"),
-        ("9" * 400 + ",0,0,0,1,0,0,0\n", "line 1: expected 'nanoseconds"),
+        ("1 0 0 0 0 1 0 0 0 0 -1 0\n", "line 1: expected the 12 numbers of a rigid"),
+        ("#t\n100,0,0,0,1,0,0,0\n1.5,0,0,0,1,0,0,0\n", "line 3: expected 'time x y z qw qx qy qz'"),
+        ("9" * 400 + ",0,0,0,1,0,0,0\n", "line 1: expected 'time x y z qw qx qy qz'"),
+        (
+            "0 0 0 0 0 0 0 1\n# rest\n1 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n",
+            "line 4: expected one pose at a time",
+        ),
     ],
 )
 def test_a_wrong_line_is_named(text, says, tmp_path):
@@ -248,6 +260,63 @@ def test_what_a_file_says_of_itself_is_heeded(tmp_path):
     np.testing.assert_allclose(drive.R_w_c @ (0, 0, 1), (1, 0, 0), atol=1e-12)
     down = read("x,y,z,pitch\n0,0,0,30\n", frame="body")  # ROS: about y, which points to the left
     np.testing.assert_allclose(down.R_w_c @ (0, 0, 1), (np.sqrt(0.75), 0, -0.5), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "times", "says"),
+    [
+        ("1403636579763555584.000000 0 0 0 0 0 0 1\n", (1403636579.7635555,), "taken as ns since 1970"),
+        ("1403636579763,0,0,0,1,0,0,0\n", (1403.636579763,), "EuRoC's body"),
+        ("time,x,y,z\n1403636579763,0,0,0\n", (1403636579.763,), "taken as ms since 1970"),
+        ("t_ms,x,y,z\n1500,0,0,0\n", (1.5,), ""),
+        ("x,y,z,timestamp [us]\n0,0,0,1500\n", (0.0015,), ""),
+        ("#sec,nsec,x,y,z,qx,qy,qz,qw\n1,2,0,0,0,0,0,0,1\n", (1.000000002,), ""),
+        ("%time,field.header.seq,field.pose.position.x,field.pose.position.y,field.pose.position.z\n"
+         "1403636579763555584,1,0,0,0\n", (1403636579.7635555,), "taken as ns"),
+        ("0 0 0 0 0 0 0 1\n33 1 0 0 0 0 0 1\n66 2 0 0 0 0 0 1\n", (0, 33, 66), "steps of 33 are taken"),
+        ("time_s,x,y,z\n0,0,0,0\n33,0,0,0\n66,0,0,0\n", (0, 33, 66), ""),
+        ("5 0 0 0 0 0 0 1\n5 0.0001 0 0 0 0 0 1\n6 0 0 0 0 0 0 1\n", (5, 6), "1 rows that repeat"),
+    ],
+)  # fmt: skip
+def test_the_unit_of_times(text, times, says, tmp_path):
+    (tmp_path / "path.txt").write_text(text)
+    read = read_trajectory(tmp_path / "path.txt")
+    assert read.times == times
+    assert len(read) == len(times)
+    assert says in "".join(read.says)
+    assert bool(says) == bool(read.says)
+
+
+def test_the_camera_on_a_body(tmp_path):
+    """EuRoC's ground truth is of its IMU, whose x points up: T_BS of the published cam0, or Kalibr's chain,
+    puts a camera on it."""
+    T_BS = np.array([[0.0148655429818, -0.999880929698, 0.00414029679422, -0.0216401454975],
+                     [0.999557249008, 0.0149672133247, 0.025715529948, -0.064676986768],
+                     [-0.0257744366974, 0.00375618835797, 0.999660727178, 0.00981073058949],
+                     [0, 0, 0, 1]])  # fmt: skip
+    lens = "intrinsics: [458.654, 457.296, 367.215, 248.375]\nresolution: [752, 480]\ncamera_model: pinhole\n"
+    sensor = f"{lens}distortion_model: radial-tangential\ndistortion_coefficients: [-0.28, 0.07, 0, 0]\n"
+    sensor += f"T_BS: {{cols: 4, rows: 4, data: {T_BS.ravel().tolist()}}}\n"
+    (tmp_path / "sensor.yaml").write_text(sensor)
+    chain = f"{lens}distortion_model: radtan\ndistortion_coeffs: [-0.28, 0.07, 0, 0]\n"
+    chain = "  ".join(f"cam0:\n{chain}T_cam_imu: {np.linalg.inv(T_BS).tolist()}\n".splitlines(keepends=True))
+    (tmp_path / "chain.yaml").write_text(chain)
+    q = Rotation.from_euler("ZYX", [30, -88, 10], degrees=True)
+    x, y, z, w = q.as_quat()
+    (tmp_path / "data.csv").write_text(f"1403636579763555584,4.6,-1.7,0.8,{w},{x},{y},{z}\n")
+    T_WB = np.eye(4)
+    T_WB[:3, :3], T_WB[:3, 3] = q.as_matrix(), (4.6, -1.7, 0.8)
+    job = "source: scene://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8}}\nposes: "
+    for poses in ("{file: data.csv, frame: sensor.yaml}", "{file: data.csv, frame: chain.yaml}"):
+        (tmp_path / "job.yaml").write_text(job + poses)
+        read = load(tmp_path / "job.yaml")
+        np.testing.assert_allclose(matrices(read.poses)[0], T_WB @ T_BS, atol=1e-9)
+        assert not read.assumed
+    (tmp_path / "job.yaml").write_text(f"{job}data.csv")
+    assert "the rotation is that of EuRoC's body, an IMU" in load(tmp_path / "job.yaml").assumed
+    (tmp_path / "job.yaml").write_text(f"{job}{{file: data.csv, frame: imu}}")
+    with pytest.raises(ArgumentError, match=r"poses.frame: .*imu: expected a readable file"):
+        load(tmp_path / "job.yaml")
 
 
 def test_a_file_that_cannot_be_read(tmp_path):

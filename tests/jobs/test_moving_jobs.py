@@ -10,9 +10,15 @@ import omniscv
 from omniscv import Pose, RenderOptions
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import object_pose
+<<<<<<< HEAD
 from omniscv.geometry.trajectory import Trajectory, write_tum
 from omniscv.job import Exposure, load
 from omniscv.make import capture, costs, run
+=======
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_files import write_tum
+from omniscv.job import Exposure
+>>>>>>> dfc69002 (Trajectory files are read by columns: a million rows in 3 s; names decide, T_BS places the camera)
 from omniscv.make.moments import moments
 from omniscv.sources.scene import SceneSource
 
@@ -126,6 +132,26 @@ def test_times_of_poses(tmp_path):
     assert [instant_of(moment).time for moment in moments(path)] == [0.0, 0.5, 1.0]
 
 
+def test_times_since_1970(tmp_path):
+    """The world's clock starts with the first; lines of 30 microseconds keep their digits."""
+    start = 1403636579.763555
+    rows = [f"{start + i:.6f} {i} 0 1.2 0.5 -0.5 0.5 -0.5\n" for i in range(3)]
+    (tmp_path / "path.tum").write_text("".join(rows))
+    job = job_of(tmp_path, "times: {rate: 4}", poses="path.tum")
+    assert len(job.poses) == 9
+    assert job.times[-1] - job.times[0] == 2
+    np.testing.assert_allclose([pose.position[0] for pose in job.poses], np.arange(9) / 4, atol=1e-6)
+    assert [instant_of(moment).time for moment in moments(job)][:3] == [0, 0.25, 0.5]
+    frame = next(moments(job)).frames[0]
+    assert frame.time == job.times[0]
+    assert_same(
+        images_of(replace(job, poses=job.poses[:1], times=job.times[:1]))["pano"], rendered(job, 0, poses={})
+    )
+    path = Trajectory(job.poses, job.times)
+    moved = [path.at(job.times[1], after=i * 3e-5).position[0] for i in range(100)]
+    np.testing.assert_allclose(np.diff(moved), 3e-5, rtol=1e-9)
+
+
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     rig = f"""rig: {{cameras: {{left: {{camera: {PANORAMA}}},
       right: {{camera: {PANORAMA}, position: [0.1, 0, 0], time_offset: 0.25}}}}}}"""
@@ -226,6 +252,7 @@ def test_a_plan_counts_every_instant(tmp_path):
         (f"motions: {{Cabinet: {SLIDE}}}", "times: expected them where something moves"),
         (f"times: [7, 8]\nmotions: {{Cabinet: {SLIDE}}}", "the job's times, 7 to 8 s, got 0 to 2 s"),
         ("times: poses", "times: expected poses with times, got some without"),
+        ("times: {rate: 10}", "times: missing key 'count', as the poses have no times"),
         ("times: {rate: 0, count: 3}", "times.rate: expected a finite number > 0"),
         ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),
         ("exposure: {seconds: 1}", "times: expected them where something moves"),

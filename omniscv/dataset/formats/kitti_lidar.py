@@ -22,7 +22,7 @@ from omniscv.dataset.sequences import by_camera, timed, trajectory
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL
-from omniscv.geometry.trajectory import write_kitti, write_kitti_times
+from omniscv.geometry.trajectory_files import write_kitti, write_kitti_times
 from omniscv.records import checked, record
 from omniscv.storage.local import whole_file, write_text
 from omniscv.truth.point_cloud import lidar_of, sweep

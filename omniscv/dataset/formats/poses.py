@@ -1,6 +1,6 @@
 """Trajectories of each camera: ``CAMERA.tum``, ``CAMERA.euroc``, ``CAMERA.kitti`` with ``CAMERA.times``.
 
-The formats are those of :mod:`omniscv.geometry.trajectory`. Poses are in the order of their times, or of the
+The formats are those of :mod:`omniscv.geometry.trajectory_files`. Poses are in the order of their times, or of the
 frames' keys if a frame has no time; then they are numbered from 0. TUM and EuRoC hold poses in the world
 frame; KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
 """
@@ -12,7 +12,7 @@ from omniscv.cameras import Camera
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.frame import Frame
-from omniscv.geometry.trajectory import write_euroc, write_kitti, write_kitti_times, write_tum
+from omniscv.geometry.trajectory_files import write_euroc, write_kitti, write_kitti_times, write_tum
 from omniscv.records import NoOptions
 from omniscv.storage.local import write_text
 

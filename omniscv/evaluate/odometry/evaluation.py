@@ -30,7 +30,8 @@ from omniscv.evaluate.odometry.trajectory_errors import (
 )
 from omniscv.evaluate.registry import Figure, Report, Row, Settings, chart
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.trajectory import Trajectory, read_trajectory, write_tum
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_files import read_trajectory, write_tum
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source
 from omniscv.sources.registry import open_source
