@@ -1,8 +1,8 @@
 """Trajectories of each camera: ``CAMERA.tum``, ``CAMERA.euroc``, ``CAMERA.kitti`` with ``CAMERA.times``.
 
-The formats are those of :mod:`omniscv.geometry.trajectory_files`. Poses are in the order of their times, or of the
-frames' keys if a frame has no time; then they are numbered from 0. TUM and EuRoC hold poses in the world
-frame; KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
+The formats are those of :mod:`omniscv.geometry.trajectory_files`. Poses are in the order of their times, or
+of the frames' keys if a frame has no time; then they are numbered from 0. TUM and EuRoC hold poses in the
+world frame; KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
 """
 
 from collections.abc import Sequence
