@@ -120,11 +120,16 @@ def changed(kind, draw):
 
 def read_by_others(kind, path):
     """Times, positions and rotations as others read them: evo, or csv and SciPy; None where they cannot."""
-    lines = [line.strip() for line in re.split("[\r\n]+", path.read_text("utf-8-sig")) if line.strip()]
+    blank = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x1f", " "))  # as Python has it
+    lines = [
+        line.translate(blank).strip()
+        for line in re.split("[\r\n]+", path.read_text("utf-8-sig"))
+        if line.strip()
+    ]
     lines = [line for line in lines if not line.startswith("# a word")]
     lines = [line.partition("#")[0] or line for line in lines]  # what follows a row is a comment
     separator, plain = HEADS[kind][0], path.with_suffix(".plain")  # evo takes no blank line or end
-    plain.write_text("\n".join(lines) + "\n")
+    plain.write_text("\n".join(" ".join(line.split()) for line in lines) + "\n")
     try:
         if kind == "kitti":
             matrices = np.array(file_interface.read_kitti_poses_file(plain).poses_se3)
