@@ -10,15 +10,10 @@ import omniscv
 from omniscv import Pose, RenderOptions
 from omniscv.errors import ArgumentError
 from omniscv.geometry.motion import object_pose
-<<<<<<< HEAD
-from omniscv.geometry.trajectory import Trajectory, write_tum
-from omniscv.job import Exposure, load
-from omniscv.make import capture, costs, run
-=======
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import write_tum
-from omniscv.job import Exposure
->>>>>>> dfc69002 (Trajectory files are read by columns: a million rows in 3 s; names decide, T_BS places the camera)
+from omniscv.job import Exposure, load
+from omniscv.make import capture, costs, run
 from omniscv.make.moments import moments
 from omniscv.sources.scene import SceneSource
 
