@@ -1,11 +1,11 @@
 """Checks of arguments, for every layer. Errors are one line: "NAME: expected X, got Y"."""
 
 import math
+import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
 _LONGEST_SHOWN = 120
 _LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
 _LONGEST_LABEL = 200  # characters
+_NOT_PORTABLE = frozenset('<>:"/\\|?*')
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices, with any suffix."""
 _LONGEST_STEM = (
     180  # bytes: a file name has 255, of which kind, suffix and the token of a temporary one are left
 )
@@ -158,15 +161,31 @@ def label(name: str, value: object) -> str:
     return str(value)
 
 
-def stem(name: str, value: object) -> str:
-    """Return ``value``, the start of a file name: printable, no folder, and no dot, which ends it in
-    WebDataset; else raise ArgumentError."""
-    if not isinstance(value, str) or not value or value != PurePath(value).name or {".", "\0"} & set(value):
+def stem(name: str, value: object, *, dots: bool = False) -> str:
+    """Return ``value``, the start of a file name on any system: printable, short, no name of a device such as
+    ``con``, no blank or dot at its ends; without ``dots`` none at all, which end it in WebDataset. Else raise
+    ArgumentError."""
+    name_is = value if isinstance(value, str) and value.isprintable() else ""
+    if not dots and "." in name_is.strip("."):
         raise ArgumentError(f"{name}: expected the start of a file name without a dot, got {shown(value)}")
-    if not value.isprintable() or len(value.encode()) > _LONGEST_STEM:
-        wanted = f"the start of a file name of at most {_LONGEST_STEM} printable bytes"
-        raise ArgumentError(f"{name}: expected {wanted}, got {shown(value)}")
-    return value
+    odd = _NOT_PORTABLE & {*name_is} or name_is.strip(" .") != name_is or _DEVICE.fullmatch(name_is)
+    if odd or not 0 < len(name_is.encode()) <= _LONGEST_STEM:
+        wanted = f"printable, of at most {_LONGEST_STEM} bytes, without {' '.join(sorted(_NOT_PORTABLE))}"
+        more = "blanks or dots at its ends, and no device's name as con"
+        raise ArgumentError(
+            f"{name}: expected the start of a file name: {wanted}, {more}; got {shown(value)}"
+        )
+    return name_is
+
+
+def stems(name: str, values: Iterable[object], *, dots: bool = False) -> None:
+    """Raise ArgumentError unless all are as :func:`stem`, and differ in more than the case of letters."""
+    folded = dict[str, str]()
+    for value in values:
+        same = folded.setdefault(stem(name, value, dots=dots).casefold(), str(value))
+        if same != value:
+            wanted = "expected names of files that differ in more than the case of letters"
+            raise ArgumentError(f"{name}: {wanted}, got {same} and {value}")
 
 
 def texts(name: str, value: object) -> tuple[str, ...]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import Reader, number, numbers, one_of, shown, within
+from omniscv.arguments import Reader, number, numbers, one_of, shown, stems, within
 from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
@@ -73,9 +72,7 @@ def _cameras(name: str, value: object) -> dict[str, RigCamera]:
     """Return cameras by name, each a :class:`RigCamera` or its description."""
     if not isinstance(value, Mapping) or not value:
         raise ArgumentError(f"{name}: expected cameras by name, got {shown(value)}")
-    for key in value:
-        if not isinstance(key, str) or key != PurePath(key).name or key.startswith((".", "\0")) or not key:
-            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(key)}")
+    stems(name, value, dots=True)
     cameras: dict[str, RigCamera] = named(_mounted)(name, value)
     return cameras
 

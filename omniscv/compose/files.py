@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
 from omniscv.arguments import one_of, shown
+from omniscv.arguments import stem as start_of_name
 from omniscv.compose.reading import ARRAY
 from omniscv.compose.rounding import as_halves
 from omniscv.errors import ArgumentError, OmniscvError
@@ -112,8 +113,7 @@ def write(
             ``objects.json`` gives a label another object or mask colour.
         OmniscvError: a file cannot be written.
     """
-    if not isinstance(stem, str) or not stem or stem != Path(stem).name:
-        raise ArgumentError(f"stem: expected the start of a file name, got {stem!r}")
+    start_of_name("stem", stem, dots=True)
     check_format(image_format, store, depth_format)
     if objects is not None:
         _objects_with(out / OBJECTS, objects)  # refused before anything is written

@@ -100,7 +100,7 @@ class Writer:
 
     def missing(self, frames: Collection[Frame]) -> set[str]:
         """Return the keys of frames that the dataset does not have whole, and with the same values."""
-        if any(frame.key in self._written for frame in frames):
+        if any(frame.key.casefold() in self._written for frame in frames):
             self._settle()
         self.keep(frame.key for frame in frames)
         return {frame.key for frame in frames if not self._holds(frame)}
@@ -190,11 +190,10 @@ class Writer:
             OmniscvError: a file cannot be written.
         """
         with self._lock:
-            if frame.key in self._written:
-                raise ArgumentError(
-                    f"key: expected one that no other frame has, got {shown(frame.key)} again"
-                )
-            self._written.add(frame.key)
+            if frame.key.casefold() in self._written:  # files that differ in case alone are one on Windows
+                wanted = "expected one that no other frame has, in any case of letters"
+                raise ArgumentError(f"key: {wanted}, got {shown(frame.key)} again")
+            self._written.add(frame.key.casefold())
         frame = replace(frame, blank=tuple(blank(image.layers)))
         with ExitStack() as stack:
             folder = stack.enter_context(scratch(self._folder))

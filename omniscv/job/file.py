@@ -27,6 +27,7 @@ from omniscv.arguments import (
     one_of,
     shown,
     stem,
+    stems,
     text,
     texts,
     whole_number,
@@ -100,10 +101,9 @@ def _cameras(name: str, value: object) -> dict[str, Camera]:
     if not isinstance(value, dict) or not value:
         wanted = "expected a mapping from file stem to model and parameters, or to a calibration file"
         raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+    stems(name, value, dots=True)
     cameras: dict[str, Camera] = {}
     for camera, description in value.items():
-        if camera != Path(text(f"{name}: stem", camera)).name or camera.startswith("."):
-            raise ArgumentError(f"{name}: expected names that can be file names, got {shown(camera)}")
         with within(f"{name}.{camera}"):
             if isinstance(description, str):
                 description = {"file": description}
@@ -364,9 +364,10 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
     if not worlds or "source" in shared:
         wanted = "expected worlds by name, in place of source"
         raise ArgumentError(f"worlds: {wanted}, got {'both' if worlds else 'none'}")
+    stems("worlds", worlds)
     jobs = []
     for name, keys in worlds.items():
-        own = mapping(f"worlds.{stem('worlds', name)}", keys, _OF_WORLDS)
+        own = mapping(f"worlds.{name}", keys, _OF_WORLDS)
         split = own.pop("split", "")
         with within(f"worlds.{name}"):
             job = _read_one({**shared, **own}, folder, name)

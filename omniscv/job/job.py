@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from omniscv import modalities, storage
-from omniscv.arguments import number, one_of, whole_number
+from omniscv.arguments import number, one_of, stems, whole_number
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
@@ -253,6 +253,7 @@ def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camer
     others = {name: camera for name, camera in cameras.items() if of_rig.get(name) is not camera}
     if twice := sorted(of_rig.keys() & others.keys()):
         raise ArgumentError(f"cameras: expected names that the rig has not, got {', '.join(twice)}")
+    stems("cameras", [*of_rig, *others], dots=True)
     if not of_rig and not others:
         raise ArgumentError("cameras: expected cameras or a rig, got none")
     return {**of_rig, **others}

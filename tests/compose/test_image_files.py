@@ -182,7 +182,7 @@ def test_no_file_holds_the_time_of_writing(folder):
 
 @pytest.mark.parametrize("stem", ["", ".", "a/b", "../a", "/a", "a/", None, 3])
 def test_a_stem_that_is_no_file_name_is_refused(image, tmp_path, stem):
-    with pytest.raises(ArgumentError, match=r"stem: expected the start of a file name, got"):
+    with pytest.raises(ArgumentError, match=r"stem: expected the start of a file name"):
         image.save(tmp_path / "out", stem=stem)
     assert list(tmp_path.iterdir()) == []
 

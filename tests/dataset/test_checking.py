@@ -73,7 +73,7 @@ def other_split(data):
         (
             "frames.jsonl",
             replaced('"key": "lens-0"', '"key": "../x"'),
-            "key: expected the start of a file name without a dot",
+            "key: expected the start of a file name",
         ),
         (
             "dataset.json",

@@ -8,9 +8,12 @@ from support.datasets import image
 
 from omniscv import dataset
 from omniscv.errors import ArgumentError
+from omniscv.job import load
 from omniscv.viewing.look import look
 
 HARMLESS = ["x: y", 'a"b', "yes", "&a *b", "</script>", "日本", "😀"]
+PORTABLE = ["yes", "x - y", "日本", "😀"]
+NOT_PORTABLE = ["con", "LPT1", "a:b", 'a"b', "<script>", "a?", "a*", "a|b", "a\\b", "x ", " x"]
 REFUSED = ["x" * 10_000, "a\nb", "\u202eab", "\ud800", "a/b", "..", ""]
 
 
@@ -43,7 +46,7 @@ def test_classes_are_read_back_by_their_names(name, picture, tmp_path):
     assert json.loads(data)["classes"]["1"]["name"] == name
 
 
-@pytest.mark.parametrize("split", HARMLESS[:3] + HARMLESS[-1:])
+@pytest.mark.parametrize("split", PORTABLE)
 def test_splits_are_names_of_files_and_yaml_or_refused(split, picture, tmp_path):
     out = written(tmp_path / "out", picture, split=split)
     assert dataset.check(out, deep=True) == []
@@ -66,6 +69,37 @@ def test_names_that_no_file_can_have_are_refused(name, picture, tmp_path):
     if name not in ("a/b", ".."):
         with pytest.raises(ArgumentError, match=r"class: expected a name of at most 200 printable"):
             written(tmp_path / "class", picture, name=name)
+
+
+@pytest.mark.parametrize("name", [*NOT_PORTABLE, "x.", "nul.a"])
+def test_names_that_windows_cannot_have_are_refused_when_a_job_is_read(name, picture, tmp_path):
+    """Cameras, cameras of a rig, worlds, splits, and the keys of frames."""
+    lens, at = {"model": "pinhole", "width": 8, "height": 8}, [{"position": [0, 0, 1]}]
+    job = {"source": "mock://four-wall", "cameras": {"a": lens}, "poses": at}
+    world = {"source": "mock://four-wall"}
+    for wrong in (
+        {**job, "cameras": {name: lens}},
+        {**job, "rig": {"cameras": {name: {"camera": lens}}}},
+        {**{key: job[key] for key in ("cameras", "poses")}, "worlds": {name: world}},
+        {**job, "split": {name: 1.0}},
+    ):
+        with pytest.raises(ArgumentError, match=r"expected the start of a file name"):
+            load(wrong)
+    with pytest.raises(ArgumentError, match=r"key: expected the start of a file name"):
+        dataset.Writer(tmp_path / "out").add(name, picture)
+
+
+def test_names_that_differ_in_case_alone_are_refused(picture, tmp_path):
+    lens, at = {"model": "pinhole", "width": 8, "height": 8}, [{"position": [0, 0, 1]}]
+    job = {"source": "mock://four-wall", "cameras": {"Left": lens, "left": lens}, "poses": at}
+    with pytest.raises(ArgumentError, match=r"more than the case of letters, got Left and left"):
+        load(job)
+    with pytest.raises(ArgumentError, match=r"more than the case of letters, got left and LEFT"):
+        load({**job, "cameras": {"LEFT": lens}, "rig": {"cameras": {"left": {"camera": lens}}}})
+    with dataset.Writer(tmp_path / "out") as writer:
+        writer.add("Room", picture)
+        with pytest.raises(ArgumentError, match="in any case of letters, got 'room' again"):
+            writer.add("room", picture)
 
 
 def test_names_too_long_for_a_format_are_refused_there(picture, tmp_path):

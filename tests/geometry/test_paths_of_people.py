@@ -61,7 +61,7 @@ def table(kind, draw):
 
 def meaning(name):
     """What a name of a column stands for, and its unit."""
-    match = re.fullmatch(r"(.*?)\s*(?:\[(\w*)[^\]]*\]|_(ms|us|ns|s|rad|deg))?", name.strip().lower())
+    match = re.fullmatch(r"(.*?)\s*(?:\[(\w*)[^\]]*\]|_(ms|us|ns|s|rad|deg))?", name.strip(" '\"").lower())
     return NAMES.get(match[1]), match[2] or match[3] or ""
 
 

@@ -103,7 +103,7 @@ CAMERA = {"model": "pinhole", "width": 4, "height": 3}
         ({"cameras": {"a": {"camera": CAMERA, "rotation": [[1, 0, 0]] * 3}}}, "rotation: expected a right-"),
         ({"cameras": {"a": {"camera": CAMERA, "rotation": np.eye(3).tolist(), "yaw_deg": 1}}}, "got both"),
         ({"cameras": {"a": {"camera": CAMERA, "time_offset": "nan"}}}, "time_offset: expected a finite"),
-        ({"cameras": {"a/b": {"camera": CAMERA}}}, "expected names that can be file names"),
+        ({"cameras": {"a/b": {"camera": CAMERA}}}, "cameras: expected the start of a file name"),
     ],
 )
 def test_a_wrong_description_is_refused_in_one_line(data: dict[str, Any], says: str) -> None:
