@@ -40,8 +40,9 @@ LOGGER = logging.getLogger("mock_server")
 _SHOTS = {"shot": "ScreenShot", "screenshot": "ScreenShot", "highresshot": "HighresScreenshot"}
 """Console commands that write the window into a file, and how its name begins."""
 
-_KEYS = {"W": (1.0, 0), "S": (-1.0, 0), "D": (1.0, 1), "A": (-1.0, 1)}
+_KEYS = {"W": (1.0, 0), "S": (-1.0, 0), "D": (1.0, 1), "A": (-1.0, 1), "UP": (1.0, 0), "DOWN": (-1.0, 0)}
 """By key, the sign and the axis, forward or right, along which the pawn goes."""
+_TURNS = {"LEFT": -45.0, "RIGHT": 45.0}  # degrees a second, of the same pawn
 _SPEED = 1200.0  # cm a second, of the engine's flying pawn
 
 _LIMIT = 1e9
@@ -260,10 +261,12 @@ class Dialect(ABC):
             LOGGER.warning("level not opened: %s", cause)
 
     def press(self, key: str, seconds: float) -> None:
-        """Move the pawn as keys W, A, S and D do for so many seconds, at once; other keys do nothing."""
+        """Move or turn the pawn as W, A, S, D and arrows do for so many seconds, at once; no other keys."""
+        player = self.world.player
+        pitch, yaw, roll = player.rotation
+        player.rotation = pitch, yaw + _TURNS.get(key.upper(), 0.0) * max(0.0, seconds), roll
         if key.upper() in _KEYS:
             sign, axis = _KEYS[key.upper()]
-            player = self.world.player
             step = sign * _SPEED * max(0.0, seconds) * axes(player.rotation)[:, axis]
             x, y, z = (player.location + step).tolist()
             player.location = self.world.swept((x, y, z))

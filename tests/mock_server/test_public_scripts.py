@@ -1,11 +1,17 @@
-"""What public scripts ask for beside poses and pictures, over TCP with the official client."""
+"""What public scripts ask for beside poses and pictures, over TCP with the official clients 1.3.2 and 0.3.10.
 
+``scripts/test-versions`` gets the old one, which cannot be installed beside the other.
+"""
+
+import contextlib
 import logging
+import os
 import socket
 
 import cv2
 import numpy as np
 import pytest
+from support.wire import old_client
 
 import mock_server
 from mock_server.objects import axes
@@ -19,10 +25,22 @@ def decode_png(data):
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
 
 
-@pytest.fixture
-def talk(start, connect):
-    """Start a server and return the request function of the official client."""
-    return lambda dialect="L", **options: connect(start(dialect=dialect, size=SIZE, **options)).request
+OLD = os.environ.get("UNREALCV_0_3_10", "")
+needs_old = pytest.mark.skipif(not OLD, reason="UNREALCV_0_3_10 names no folder with client 0.3.10")
+
+
+@pytest.fixture(params=["1.3.2", pytest.param("0.3.10", marks=needs_old)])
+def talk(request, start, connect):
+    """Starts a server, and returns the request function of an official client."""
+    with contextlib.ExitStack() as clients:
+
+        def talk_to(dialect="L", **options):
+            server = start(dialect=dialect, size=SIZE, **options)
+            if request.param == "1.3.2":
+                return connect(server).request
+            return clients.enter_context(old_client(server, OLD))
+
+        yield talk_to
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
@@ -77,6 +95,37 @@ def test_the_mask_follows_the_field_of_view_where_the_level_has_a_camera_actor(t
     wide = request("vget /camera/0/object_mask png")
     request("vset /camera/0/horizontal_fieldofview 40")
     assert (request("vget /camera/0/object_mask png") != wide) == actor
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_moves_and_keys_take_the_pawn_to_what_is_in_the_way(talk, dialect):
+    """The front wall is at x = 300 cm. The tick after a reply may not have come yet."""
+    request = talk(dialect)
+    for commands, location, yaw in (
+        (["vset /camera/0/moveto 100 20 150"], (100, 20, 150), 0),
+        (["vset /camera/0/moveto 1000 20 150"], (300, 20, 150), 0),
+        (["vset /camera/0/location 0 0 150"], (0, 0, 150), 0),
+        (["vset /action/keyboard W 0.1", "vset /action/keyboard a 0.05"], (120, -60, 150), 0),
+        (["vset /action/keyboard Right 2", "vset /action/keyboard Up 0.05"], (120, 0, 150), 90),
+        (["vset /action/keyboard F 1", "vrun slomo 0.5", "vrun slomo 1"], (120, 0, 150), 90),
+    ):
+        assert [request(command) for command in commands] == ["ok"] * len(commands)
+        for _ in range(3):
+            request("vget /unrealcv/version")
+        found = [request(f"vget /camera/0/{what}").split() for what in ("location", "rotation")]
+        np.testing.assert_allclose(np.array(found, float), [location, (0, yaw, 0)], atol=1e-3)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_functions_that_objects_lack_are_refused_and_levels_have_names(talk, dialect):
+    request = talk(dialect)
+    refused = "error Fail to execute the function 'Jump 1 2' of Table"
+    assert request("vexec Table Jump 1 2") == refused
+    assert request("vexec Nobody Jump 1") == "error Can not find actor with id 'Nobody'"
+    if dialect != "L":
+        assert request("vbp Table Jump 1 2") == "error Argument Invalid"
+        assert request("vget /persistent_level/id") == "PersistentLevel"
+        assert request("vget /persistent_level/level_script_actor/id") == "four-wall_C_0"
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)

@@ -1,7 +1,12 @@
 """Talking to a server without, and with, the official client."""
 
+import base64
+import contextlib
+import json
 import socket
 import struct
+import subprocess
+import sys
 import warnings
 
 
@@ -44,6 +49,35 @@ class RawClient:
         """Three synchronous round trips: enough for pose and picture."""
         for _ in range(3):
             self.ask("vget /unrealcv/version")
+
+
+OLD_CLIENT = """
+import base64, json, sys
+sys.path.insert(0, sys.argv[1])
+import unrealcv
+unrealcv.client.message_client.endpoint = sys.argv[2], int(sys.argv[3])
+assert unrealcv.client.connect(timeout=20)
+for line in sys.stdin:
+    reply = unrealcv.client.request(json.loads(line), timeout=20)
+    data = reply if isinstance(reply, bytes) else reply.encode()
+    print(json.dumps([isinstance(reply, str), base64.b64encode(data).decode()]), flush=True)
+"""
+
+
+@contextlib.contextmanager
+def old_client(server, folder):
+    """The request function of the official client 0.3.10, from a folder: both versions have one name."""
+    command = [sys.executable, "-W", "ignore", "-c", OLD_CLIENT, folder, server.host, str(server.port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+
+        def request(text):
+            process.stdin.write(json.dumps(text) + "\n")
+            process.stdin.flush()
+            is_text, data = json.loads(process.stdout.readline())
+            return base64.b64decode(data).decode() if is_text else base64.b64decode(data)
+
+        yield request
+        process.stdin.close()
 
 
 def leave(client):
