@@ -122,6 +122,7 @@ class World:
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
         self.viewmode, self.window = "lit", settings.window_size
+        self.vertex_colors = settings.dialect in ("L", "0.3.10") or "mask-gamma" in faults
         self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
         self.placed_objects = Objects(scene)
         self._may_have_changed = True  # an object, since the last frame
@@ -290,8 +291,7 @@ class World:
             table = np.array(colors, dtype=np.uint8)
             if fault := self.faults.strike("near-colors"):
                 table[2:-1:2] = table[1:-2:2] ^ (int(fault.amount()), 0, 0)
-            shown = pixels.through_vertex_colors(table) if "mask-gamma" in self.faults else table
-            return shown[view.label]
+            return (pixels.through_vertex_colors(table) if self.vertex_colors else table)[view.label]
         if mode == "normal" and not self.faults.strike("lit-normals"):
             return pixels.normals(view.normal)
         if mode == "depth":

@@ -9,6 +9,7 @@ import os
 import re
 import tempfile
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from mock_server.objects import SceneObject, axes
 from mock_server.protocol import to_int32
 from mock_server.scene import load_scene
 from mock_server.settings import Settings, scene_names
-from mock_server.world import World
+from mock_server.world import Camera, World
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,7 @@ class OutputFolder:
 
     def __init__(self, folder: Path | None = None, anywhere: bool = False) -> None:
         self._folder, self._anywhere, self._numbers = folder, anywhere, itertools.count(1)
+        self._frames: deque[list[tuple[str, bytes]]] = deque([[], []])  # files to write later
         self._opened = contextlib.ExitStack()
         self.close = self._opened.close
 
@@ -116,6 +118,16 @@ class OutputFolder:
     def named(self, name: str) -> str:
         """Return the path that a reply names."""
         return os.path.join(self.path, name)
+
+    def write_late(self, name: str, data: bytes) -> None:
+        """Write a file when the next frame ends."""
+        self._frames[-1].append((name, data))
+
+    def tick(self) -> None:
+        """Write the files of the frame before."""
+        for file in self._frames.popleft():
+            self.write(*file)
+        self._frames.append([])
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file and make its folders; a file that cannot be written is missing, as with an engine."""
@@ -174,6 +186,7 @@ class Dialect(ABC):
         if self._next_world is not None:
             self.begin(self._next_world)
             self._next_world = None
+        self.files.tick()
         if self.world.tick() or self.follows_while_paused:
             self.world.player.publish()
             camera = self.world.cameras[0]
@@ -240,16 +253,20 @@ class Dialect(ABC):
         """Run a console command: here those that write the window into a file; others act on the world."""
         if stem := _SHOTS.get(command.lower()):
             times = next((int(word) for word in words if re.fullmatch("[1-9]", word)), 1)
-            width, height = self.world.window
             name = f"Saved/Screenshots/{stem}{self.files.next_name()[3:]}"
-            self.files.write(name, self.window_png((times * width, times * height)))
+            self.files.write(name, self.window_png(times))
 
-    def window_png(self, size: tuple[int, int]) -> bytes:
+    def window(self, times: int = 1) -> Camera:
+        """Return the window's camera, for pictures of so many times its size."""
+        width, height = self.world.window
+        return dataclasses.replace(self.world.cameras[0], size=(times * width, times * height))
+
+    def window_png(self, times: int = 1) -> bytes:
         """Return what the window shows, as PNG; empty if it is too large."""
-        camera = dataclasses.replace(self.world.cameras[0], size=size)
+        camera, mode = self.window(times), self.world.viewmode
         if not camera.has_pixels():
             return b""
-        return pixels.png(self.world.image(self.world.capture(camera), self.world.viewmode, camera))
+        return pixels.png(self.world.image(self.world.capture(camera), mode, camera))
 
     def open_level(self, name: str) -> None:
         """Open a scene of this package in the next frame; an engine, too, replies ok for a level it lacks."""

@@ -73,7 +73,7 @@ class Plugin0310(Dialect):
             (f"{image}/lit [str]", "The same, of that name", lambda i, n: self._to_file(i, "lit", n)),
             (f"{image}/object_mask", "The mask in the window, in a file", self._window_mask),
             (f"{image}/object_mask [str]", "The mask, as png or in a file", self._window_mask),
-            (f"{image}/screenshot", "The window, in a file", lambda _: self._saved(self._window)),
+            (f"{image}/screenshot", "The window, in a file", lambda _: self._saved(self.window_png)),
             (f"vget {cam}/location", "Location, cm", camera(lambda c: numbers(self._location(c)))),
             (f"vget {cam}/rotation", "Pitch, yaw, roll", lambda _: numbers(player.rotation)),
             (f"vget {cam}/pose", "Both", lambda _: f"{numbers(player.location)} {numbers(player.rotation)}"),
@@ -180,17 +180,13 @@ class Plugin0310(Dialect):
         if self.world.faults.strike("refuse-mask"):
             return "error Fail to capture screen"
         self.world.viewmode = "object_mask"
-        return Later(_FILE_FRAMES, self._window) if name == "png" else self._saved(self._window, name)
+        return Later(_FILE_FRAMES, self.window_png) if name == "png" else self._saved(self.window_png, name)
 
-    def _window(self) -> bytes:
-        """Return a PNG of the window, of its size; its field of view is the first, or a CameraActor's."""
-        pose, size = self.world.player.delayed(0, 0), self.world.window
+    def window(self, times: int = 1) -> Camera:
+        """Return the window's camera; its field of view is the first, or a CameraActor's."""
+        pose, size = self.world.player.delayed(0, 0), super().window(times).size
         fov = self.world.cameras[0].fov if self.settings.camera_actor else self.settings.fov_deg
-        camera = Camera("viewport", *pose, fov, size)
-        shown = self.world.image(self.world.capture(camera), self.world.viewmode)
-        return pixels.png(
-            pixels.through_vertex_colors(shown) if self.world.viewmode == "object_mask" else shown
-        )
+        return Camera("viewport", *pose, fov, size)
 
     def _saved(self, make: Callable[[], bytes], name: str = "") -> Later:
         """Write a file later, and reply its path, whether it was written or not."""

@@ -1,6 +1,5 @@
 """The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), and branch 5.2 to 2026-04 (N2)."""
 
-import dataclasses
 import re
 from collections.abc import Callable
 from functools import partial
@@ -85,7 +84,7 @@ class Plugin1(Dialect):
             *self.console_rows("vbp", 2, 11, self._run_blueprint),
             ("vget /persistent_level/id", "Name of the level", lambda: "PersistentLevel"),
             (script, "Its script", lambda: f"{self.world.scene.name}_C_0"),
-            ("vget /screenshot [str]", "What the window shows", self._screenshot),
+            ("vget /screenshot [str]", "The window", lambda f: self._image("screenshot", self.window(), f)),
             (
                 "vget /cameras",
                 "Names of the cameras",
@@ -131,10 +130,6 @@ class Plugin1(Dialect):
         is_player = camera is self.world.cameras[0]
         return numbers(camera.rotation if is_player else through_quaternion(camera.rotation))
 
-    def _screenshot(self, form: str) -> Reply:
-        window = dataclasses.replace(self.world.cameras[0], size=self.world.window)
-        return self._image("screenshot", window, form)
-
     def _image(self, mode: str, camera: Camera, form: str) -> Reply:
         """Return an image as bytes (``form`` is a format), or write it to a file (a name with an ending)."""
         kinds = ("npy",) if mode == "depth" else ("png", "bmp")
@@ -155,12 +150,9 @@ class Plugin1(Dialect):
             data = _ENCODERS[kind](self.world.image(view, shown if window else mode, camera))
         if form.lower() == kind:
             return data
-        self.save(camera, form, data)  # the plugin does not report a file that it cannot write
+        write = self.files.write_late if camera.is_fast else self.files.write
+        write(form, data)  # the plugin does not report a file that it cannot write
         return form
-
-    def save(self, camera: Camera, name: str, data: bytes) -> None:
-        """Write the file of a capture."""
-        self.files.write(name, data)
 
     def _spawn_cube(self, *_: str) -> Reply:
         reply = str(self._spawn("CubeActor"))  # whatever the name

@@ -137,11 +137,6 @@ class PluginDev(Plugin11):
 
     version = "2.0.0"
 
-    def begin(self, world: World) -> None:
-        self._unwritten: list[tuple[str, bytes]] = []
-        self._late: list[tuple[str, bytes]] = []
-        super().begin(world)
-
     def rows(self) -> list[Row]:
         rows = [
             (template.replace("/camera/[uint]", "/camera/[camera_id]"), *rest)
@@ -181,19 +176,6 @@ class PluginDev(Plugin11):
     def _annotate(self, annotated: bool) -> None:
         for actor in self.world.objects.values():
             actor.annotated = annotated
-
-    def save(self, camera: Camera, name: str, data: bytes) -> None:
-        """Write a file; with fast captures, not before the next frame."""
-        if camera.is_fast:
-            self._unwritten.append((name, data))
-        else:
-            super().save(camera, name, data)
-
-    def tick(self) -> None:
-        for file in self._late:
-            self.files.write(*file)
-        self._late, self._unwritten = self._unwritten, []
-        super().tick()
 
     def _freeze(self, paused: bool) -> str:
         self.world.paused = paused
