@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from mock_server.faults import KINDS
-from mock_server.settings import DEPTHS, DIALECTS, FILES, PLATFORMS, SHARED_MEMORY, scene_names
+from mock_server.settings import WORDS, scene_names
 from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
@@ -79,12 +79,13 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add = parser.add_argument_group("server").add_argument
     add("--port", type=int, default=9000, help="0 takes any free port (default 9000)")
     add("--host", help="the address to listen on (default 127.0.0.1)")
-    add("--dialect", help=f"one of {', '.join(DIALECTS)} (default N3)")
-    add("--platform", help=f"one of {', '.join(PLATFORMS)} (default windows)")
-    add("--shared-memory", help=f"one of {', '.join(SHARED_MEMORY)} (default unlisted)")
+    words = {key: f"one of {', '.join(texts)}" for key, texts in WORDS.items()}
+    add("--dialect", help=f"{words['dialect']} (default N3)")
+    add("--platform", help=f"{words['platform']} (default windows)")
+    add("--shared-memory", help=f"{words['shared_memory']} (default unlisted)")
     add("--latency-ms", type=float, help="delay of every reply, ms")
     add("--folder", type=Path, help="where file commands write (default a temporary one)")
-    add("--files", help=f"one of {', '.join(FILES)}: whether names may lead out of it (default folder)")
+    add("--files", help=f"{words['files']}: whether names may lead out of it (default folder)")
     eye = "dialect 0.3.10 has camera 1, 40 cm to the right"
     add("--right-eye", action="store_true", help=eye)
     level = "the level holds a CameraActor: the window of 0.3.10 follows the field of view"
@@ -93,7 +94,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add("--size", type=_size, help="of images, px (default 640x480)")
     add("--window", type=_size, help="of the game's window, px (default as --size)")
     add("--fov", type=float, dest="fov_deg", help="field of view, degrees (default 90)")
-    add("--depth", help=f"one of {', '.join(DEPTHS)} (default half)")
+    add("--depth", help=f"{words['depth']} (default half)")
     step = "seconds that the clock of a moving scene advances in a frame (default 1/60)"
     add("--time-step", type=float, dest="time_step_s", help=step)
     add = parser.add_argument_group("misbehaviour").add_argument

@@ -31,25 +31,17 @@ KINDS = {
     "missing": Kind("the reply is never sent"),
     "wrong-id": Kind("the reply carries the next id"),
     "no-id": Kind("the reply comes without its id"),
-    "clicked": Kind(
-        "'clicked', without an id, comes each VALUE seconds, or before each reply: a click in the window",
-        0.0,
-        3600.0,
-    ),
+    "clicked": Kind("'clicked', as at a click, comes each VALUE seconds; 0: before each reply", 0.0, 3600.0),
     "cut": Kind("only the share VALUE of the payload is sent; the next frame follows at once", 0.5, 1.0),
     "bad-magic": Kind("the frame starts with a wrong magic number"),
     "zero-size": Kind("the frame has a size of 0, and no payload"),
     "huge": Kind("the frame's header says 4 GB"),
     "reset": Kind("the connection is reset after half the reply"),
     "no-greeting": Kind("for each connection: no greeting; requests are answered"),
-    "second-client": Kind(
-        "for each connection: another client is served first, for VALUE seconds", 1.0, 3600.0
-    ),
+    "second-client": Kind("for each connection: another one is served first, VALUE seconds", 1.0, 3600.0),
     # The world; drawn for each image, or for each command or frame where it says so.
     "stale": Kind("for each move: VALUE images still show what the camera saw before", 1.0),
-    "exposure-drift": Kind(
-        "lit: the gain goes VALUE of the way to middle grey; ended by 'r.EyeAdaptationQuality 0'", 0.3, 1.0
-    ),
+    "exposure-drift": Kind("gain goes VALUE of the way to grey, until 'r.EyeAdaptationQuality 0'", 0.3, 1.0),
     "narrow-fov": Kind("images span VALUE degrees less than the camera's field of view", 10.0, 178.0),
     "temporal": Kind("lit: each image keeps the share VALUE of the camera's one before", 0.5, 1.0),
     "lit-normals": Kind("images of normals are the lit ones, as of branch 5.2 before 2026-03-11"),
@@ -58,9 +50,7 @@ KINDS = {
     "refuse-mask": Kind("requests for an object mask are answered by an error"),
     "ignore-pose": Kind("for each command that sets a camera's pose: it is answered ok, and changes nothing"),
     "torn": Kind("the clock advances by VALUE frames just before the image, unless paused", 1.0, 60.0),
-    "late-objects": Kind(
-        "objects are seen as VALUE frames before the last (in 0.3.10: and one more)", 2.0, 60.0
-    ),
+    "late-objects": Kind("objects are as VALUE frames before the last (in 0.3.10: one more)", 2.0, 60.0),
     "ignore-pause": Kind("for each frame: the clock advances though the game is paused"),
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
     "authentication": Kind("for each command: it is refused, because the client has not authenticated"),
@@ -70,43 +60,31 @@ KINDS = {
     "far-origin": Kind("locations are single precision, VALUE km from the world's origin", 100.0),
     "near-plane": Kind("surfaces are not seen nearer than VALUE cm before the camera", 10.0),
     "far-plane": Kind("depth is at most VALUE metres", 100.0),
-    "radial-depth": Kind(
-        "planar depth goes the share VALUE of the way to the distance along the ray", 1.0, 1.0
-    ),
+    "radial-depth": Kind("planar depth goes VALUE of the way to the distance along the ray", 1.0, 1.0),
     "depth-bits": Kind("depth is an integer of VALUE bits for 100 m", 16.0, 32.0),
     "depth-mantissa": Kind("depth is a float with a mantissa of VALUE bits", 7.0, 52.0),
     "mask-blur": Kind("masks: the edges of objects are blended over VALUE pixels", 1.0, 100.0),
     "mask-noise": Kind("masks: colours are off by up to VALUE levels", 2.0, 255.0),
-    "near-colors": Kind(
-        "masks: every second object is VALUE levels beside the one before, however painted", 1.0, 255.0
-    ),
+    "near-colors": Kind("masks: every second object is VALUE levels beside the one before", 1.0, 255.0),
     "distortion": Kind("a lens that sees the share VALUE farther out in the corners", 0.01, 1.0),
     "lit-offset": Kind("lit is shifted by VALUE pixels against the other modes", 1.0, 100.0),
     "mask-offset": Kind("masks are shifted by VALUE pixels against the other modes", 1.0, 100.0),
-    "color-cast": Kind(
-        "lit: red is up to the share VALUE brighter, and blue darker, or the other way, for each image",
-        0.1,
-        1.0,
-    ),
+    "color-cast": Kind("lit: red is up to VALUE brighter and blue darker, or the other way", 0.1, 1.0),
     "depth-scale": Kind("depth is too large by the share VALUE", 0.01, 100.0),
     "jpeg": Kind("8-bit images went through JPEG of quality 100 - VALUE", 10.0, 100.0),
     # The world, permanent.
     "dark-manual": Kind("lit: manual exposure is VALUE stops darker than the scene describes", 2.0, 20.0),
-    "vignette": Kind(
-        "lit: darker by VALUE in the corners (squared radius); ended by 'r.Tonemapper.Quality 1'", 0.4, 1.0
-    ),
+    "vignette": Kind("lit: darker by VALUE in the corners, until 'r.Tonemapper.Quality 1'", 0.4, 1.0),
     "mask-gamma": Kind("masks: 8-bit linear vertex colours, dark ones collide (always so in dialect 0.3.10)"),
     "sky-dome": Kind("the sky is the object SkyDome, a sphere of VALUE metres around the camera", 500.0),
-    "bloom": Kind(
-        "lit: VALUE of the light is spread, in each image alone; ended by 'r.BloomQuality 0'", 0.2, 1.0
-    ),
+    "bloom": Kind("lit: VALUE of the light is spread in each image, until 'r.BloomQuality 0'", 0.2, 1.0),
     "tone": Kind("lit: srgb, film or linear codes; exposure, vignette and bloom act on light", "srgb"),
     "stretched-cine": Kind("cine cameras show the whole height of the filmback: pixels are not square"),
     "gloss": Kind("lit: VALUE (the last object) mirrors what it faces, with half of the light", ""),
     "glass": Kind("VALUE (the last object) is half transparent in lit, and missing in all other modes", ""),
     "object-missing": Kind("VALUE (the last object) is in lit and normals only, until its colour is set", ""),
 }
-"""All faults by name. A fault is ended by a console command, after ``vrun``."""
+"""All faults by name. Some end at a console command, after ``vrun``."""
 
 PERMANENT = (
     "dark-manual", "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "sky-dome",

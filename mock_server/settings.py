@@ -12,17 +12,17 @@ DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2", "Dev"]
 """Dialects by name. The letters are those of the protocol reference; ``1.x`` is the newest of them."""
 
 Depth = Literal["half", "float32"]
-Platform = Literal["windows", "linux"]
-Panorama = Literal["fork", "centred"]
-SharedMemory = Literal["unlisted", "refusing", "serving"]
-Files = Literal["folder", "anywhere"]
 
 DIALECTS: tuple[DialectName, ...] = get_args(DialectName)
-DEPTHS: tuple[Depth, ...] = get_args(Depth)
-PLATFORMS: tuple[Platform, ...] = get_args(Platform)
-PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
-SHARED_MEMORY: tuple[SharedMemory, ...] = get_args(SharedMemory)
-FILES: tuple[Files, ...] = get_args(Files)
+WORDS: dict[str, tuple[str, ...]] = {
+    "dialect": DIALECTS,
+    "depth": get_args(Depth),
+    "platform": ("windows", "linux"),
+    "shared_memory": ("unlisted", "refusing", "serving"),
+    "files": ("folder", "anywhere"),
+    "panorama": ("fork", "centred"),
+}
+"""By setting, the words that it accepts."""
 
 SCENES = Path(__file__).parent / "scenes"
 
@@ -49,7 +49,7 @@ class Settings:
 
     Attributes:
         port: 0 takes any free port.
-        dialect: one of ``DIALECTS``.
+        dialect: one of ``DIALECTS``; other words are those of ``WORDS``.
         host: the address to listen on.
         depth: ``half``: depth is rounded to half floats as in the engine; ``float32``: it is not.
         platform: ``linux``: dialects N1 and later listen on a Unix socket in place of TCP once their first
@@ -81,9 +81,9 @@ class Settings:
     dialect: DialectName = "N3"
     host: str = "127.0.0.1"
     depth: Depth = "half"
-    platform: Platform = "windows"
-    shared_memory: SharedMemory = "unlisted"
-    panorama: Panorama = "fork"
+    platform: str = "windows"
+    shared_memory: str = "unlisted"
+    panorama: str = "fork"
     latency_ms: float = 0.0
     size: tuple[int, int] = (640, 480)
     fov_deg: float = 90.0
@@ -91,21 +91,15 @@ class Settings:
     frames_per_s: float = 60.0
     time_step_s: float = 1 / 60
     folder: Path | None = None
-    files: Files = "folder"
+    files: str = "folder"
     right_eye: bool = False
     camera_actor: bool = False
     faults: Iterable[str] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for key, words in (
-            ("dialect", DIALECTS),
-            ("depth", DEPTHS),
-            ("platform", PLATFORMS),
-            ("shared_memory", SHARED_MEMORY),
-            ("files", FILES if self.host in _LOCAL else FILES[:1]),
-            ("panorama", PANORAMAS),
-        ):
+        for key, words in WORDS.items():
+            words = words[:1] if key == "files" and self.host not in _LOCAL else words
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
             value: Any = getattr(self, key)

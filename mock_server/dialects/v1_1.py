@@ -184,9 +184,8 @@ class PluginDev(Plugin11):
     def _panorama(self, camera: Camera, form: str, width: int, height: int) -> Reply:
         if form != "bmp" or not 0 < width * height <= _MOST_PIXELS:
             return f"error Invalid filename type, filename {form}"
-        hits = self._trace(camera, width, height)[0]
-        lit = np.round(255 * np.clip(hits.color, 0, 1)).astype(np.uint8)
-        data = pixels.bmp(lit)
+        color = self._trace(camera, width, height)[0].color
+        data = pixels.bmp(np.round(255 * np.clip(color, 0, 1)).astype(np.uint8))
         return data[:54] + data[58:]
 
     def _panoramic_depth(self, camera: Camera, width: int, height: int) -> Reply:
@@ -202,12 +201,8 @@ class PluginDev(Plugin11):
     def _trace(self, camera: Camera, width: int, height: int) -> tuple[Any, Any]:
         """Return hits (height, width), and rays in the frame of the faces."""
         fork = self.settings.panorama == "fork"
-        x, y = np.meshgrid(np.arange(float(width)), np.arange(float(height)))
-        if not fork:
-            x, y = x + 0.5, y + 0.5
-        yaw, pitch = 2 * np.pi * x / width - (0 if fork else np.pi), np.pi * (0.5 - y / height)
-        if not fork:
-            yaw = -yaw
+        x, y = np.meshgrid(np.arange(width) + 0.5 * (not fork), np.arange(height) + 0.5 * (not fork))
+        yaw, pitch = 2 * np.pi * (x / width if fork else 0.5 - x / width), np.pi * (0.5 - y / height)
         own = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
         turn = np.eye(3) if fork else axes((0.0, camera.rotation[1], 0.0))
         rays = own @ turn.T @ MIRROR

@@ -5,12 +5,11 @@ depth means. Nothing here is used for captures: the findings say how such a pict
 """
 
 import io
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from omniscv.arguments import shown
 from omniscv.diagnostics import Finding
@@ -137,20 +136,15 @@ def _fit(theirs: Array, faces: list[Picture], camera: RawCamera) -> _Fit:
         fits.append((float(score.max()), turns, float(score.argmax()) * turns * 360 / _SIZE[0]))
     _, turns, yaw_deg = max(fits)
 
-    def misfit(yaw: float, row: float) -> float:
-        ours = _seen(faces, camera, _directions(_Fit(turns, yaw, row, 0.0)))
+    def misfit(yaw_and_row: Array) -> float:
+        ours = _seen(faces, camera, _directions(_Fit(turns, yaw_and_row[0], yaw_and_row[1], 0.0)))
         return 1 - float(np.corrcoef(ours.ravel(), theirs.ravel())[0, 1])
 
-    pixel, row_px = 360 / _SIZE[0], 0.5
-    for _ in range(2):  # one after the other, twice: they hardly depend on each other
-        yaw_deg = _best(lambda yaw, row=row_px: misfit(yaw, row), yaw_deg, pixel)  # type: ignore[misc]
-        row_px = _best(lambda row, yaw=yaw_deg: misfit(yaw, row), 0.25, 1.0)  # type: ignore[misc]
-    return _Fit(turns, yaw_deg, row_px, 1 - misfit(yaw_deg, row_px))
-
-
-def _best(function: Callable[[float], float], start: float, reach: float) -> float:
-    bounds = (start - reach, start + reach)
-    return float(minimize_scalar(function, bounds=bounds, method="bounded", options={"xatol": reach / 100}).x)
+    pixel = 360 / _SIZE[0]
+    bounds = [(yaw_deg - pixel, yaw_deg + pixel), (-0.75, 1.25)]
+    best = minimize(misfit, (yaw_deg, 0.25), method="Powell", bounds=bounds, options={"xtol": 1e-3})
+    yaw_deg, row_px = best.x.tolist()
+    return _Fit(turns, yaw_deg, row_px, 1 - float(best.fun))
 
 
 def _depth(connection: Connection, camera: RawCamera, fit: _Fit) -> list[Finding]:
