@@ -141,7 +141,7 @@ def classes(
     file: Annotated[Path, Argument(metavar="CLASSES.yaml", help="The rules; see docs/datasets.md.")],
 ) -> None:
     """List the class of every object. Exit code 1 if an object has none and the rules make that an error."""
-    from omniscv.truth.classes import class_rules
+    from omniscv.frame.classes import class_rules
 
     rules = class_rules(file)
     class_of = {name: rules.class_of(name) for name in object_names(scene)}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from omniscv import light
 from omniscv.cameras import Camera
+from omniscv.compose import files, pictures
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Mask
@@ -196,10 +197,8 @@ class OmniImage:
         Returns:
             The files, each written whole or not at all.
         """
-        from omniscv.compose.files import write
-
         forms = image_format, store, depth_format
-        return write(self.layers, self.description(), self.objects, Path(out), stem, *forms)
+        return files.write(self.layers, self.description(), self.objects, Path(out), stem, *forms)
 
     def to_srgb(self) -> NDArray[np.uint8]:
         """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.
@@ -226,9 +225,10 @@ class OmniImage:
         """
         from PIL import Image
 
-        from omniscv.compose.pictures import picture, sheet
-
-        return sheet(self) if layer is None else Image.fromarray(picture(self, layer))
+        if layer is None:
+            return pictures.sheet(self)
+        self[layer]  # raises
+        return Image.fromarray(pictures.picture(self, layer))
 
     def show(self, layer: str | None = None) -> None:
         """Show the picture of :meth:`to_pil`: in a notebook, else in the system's viewer of pictures."""

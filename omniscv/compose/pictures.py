@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from omniscv import light
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-    from omniscv.compose.image import OmniImage
+    from omniscv.sources.base import ObjectTable
 
 Picture = NDArray[np.uint8]
 
@@ -23,7 +23,20 @@ _INK = (28, 35, 48)
 _TILE_PX, _EM_PX, _LEFT_PX = 480, 13, 8
 
 
-def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
+class Layered(Protocol):
+    """What is shown of an image."""
+
+    @property
+    def layers(self) -> Mapping[str, NDArray[Any]]: ...
+    @property
+    def valid(self) -> NDArray[np.bool_]: ...
+    @property
+    def objects(self) -> ObjectTable | None: ...
+    @property
+    def transfer(self) -> str: ...
+
+
+def picture(image: Layered, layer: str, most: float | None = None) -> Picture:
     """Return (H, W, 3) uint8 RGB of a layer.
 
     Labels have the colours of their masks; depth goes from red (near) to blue, white is no surface; normals
@@ -33,11 +46,8 @@ def picture(image: OmniImage, layer: str, most: float | None = None) -> Picture:
         image: with the layer.
         layer: its name.
         most: metres at which the colours of depth end; :func:`farthest` of the layer if not given.
-
-    Raises:
-        ArgumentError: the image has no such layer.
     """
-    values = image[layer]
+    values = image.layers[layer]
     if layer == "labels" and image.objects is not None:
         colors = [(0, 0, 0), *(image.objects.colors[name] for name in image.objects.names())]
         shown = np.array(colors, np.uint8)[values]
@@ -80,9 +90,9 @@ def farthest(depth: NDArray[np.float32]) -> float:
     return float(np.quantile(seen, 0.99)) if seen.size else 1.0
 
 
-def transfer_shown(image: OmniImage) -> str:
+def transfer_shown(image: Layered) -> str:
     """Return what the codes of an image's colours say of light, as :func:`picture` shows them."""
-    return image.transfer if image["lit"].dtype == np.uint8 else "srgb"
+    return image.transfer if image.layers["lit"].dtype == np.uint8 else "srgb"
 
 
 def resized(picture: Picture, size: tuple[int, int], transfer: str) -> Picture:
@@ -96,7 +106,7 @@ def resized(picture: Picture, size: tuple[int, int], transfer: str) -> Picture:
     return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS))
 
 
-def sheet(image: OmniImage) -> Image:
+def sheet(image: Layered) -> Image:
     """Return all layers of an image, each under its name: two in a row if they are wide, else three."""
     from PIL import Image
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from omniscv.dataset.pictures import reference
 from omniscv.frame import Frame
+from omniscv.frame.classes import SemanticClass
 from omniscv.storage.local import whole_file
 from omniscv.truth import rle
-from omniscv.truth.classes import SemanticClass
 from omniscv.truth.object_boxes import boxes
 
 _FROM_TRUTH = {

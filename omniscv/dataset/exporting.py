@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 from omniscv import plugins, storage
 from omniscv.arguments import one_of, optional_number, text, within
 from omniscv.cameras import Camera
-from omniscv.dataset import formats
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame, FrameFiles
@@ -105,7 +104,7 @@ class _Outside(Format):
         return files
 
 
-_NAMES = sorted(module.name for module in iter_modules(formats.__path__))
+_NAMES = sorted(module.name for module in iter_modules(import_module("omniscv.dataset.formats").__path__))
 """The formats of this package: each is registered by the module of its name."""
 
 _FORMATS: dict[str, Format] = {}

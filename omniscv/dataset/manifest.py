@@ -23,12 +23,12 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import OBJECTS, versions
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, file_endings
+from omniscv.frame.classes import ClassRules, ClassTable
 from omniscv.sensor.imu import ImuTrack
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 from omniscv.storage.local import locked
 from omniscv.truth import registry as truths
-from omniscv.truth.classes import ClassRules, ClassTable
 
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
 FAILED = "failed.jsonl"

@@ -25,11 +25,11 @@ from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, refuses, tag_picture
 from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
+from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES
 from omniscv.storage.local import remove_parts, remove_scratch, scratch_folder
-from omniscv.truth.classes import ClassRules, class_rules
 
 _SCRATCH = ".omniscv-"
 _AHEAD = 8
@@ -44,7 +44,7 @@ class Writer:
 
     Args:
         out: the folder, by path or URL; made if it does not exist.
-        classes: path or content of a ``classes.yaml``, or :class:`omniscv.truth.classes.ClassRules`; those of
+        classes: path or content of a ``classes.yaml``, or :class:`omniscv.frame.classes.ClassRules`; those of
             a dataset that is resumed if not given.
         resume: continue a dataset that exists.
         image_format: of colour.

@@ -29,6 +29,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
+from omniscv.frame.classes import ClassTable
 from omniscv.frame.files import FileEntry, FrameFiles, read_entries, relative
 from omniscv.geometry import Pose
 from omniscv.records import mapping
@@ -37,7 +38,6 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 if TYPE_CHECKING:
     from omniscv.sensor.imu import ImuTrack
-    from omniscv.truth.classes import ClassTable
 
 
 @dataclass(frozen=True, eq=False, repr=False)

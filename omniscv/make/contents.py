@@ -15,6 +15,7 @@ from omniscv.dataset import exporting
 from omniscv.dataset.exporting import Export
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE
+from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Exposure, Job
 from omniscv.make.moments import Moment, renderer_at
@@ -22,7 +23,6 @@ from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Source, check_modes
 from omniscv.truth import registry as truths
-from omniscv.truth.classes import ClassRules, class_rules
 
 
 def check(job: Job) -> Contents:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,32 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
 from omniscv.geometry.arrays import Floats, Pixels, run
 from omniscv.light import decode, encode
 from omniscv.records import checked, optional, record
 from omniscv.sensor import noise, optics
 
-if TYPE_CHECKING:
-    from omniscv.compose.image import OmniImage
+
+class _Image(Protocol):
+    """What a sensor needs of an image, a dataclass."""
+
+    @property
+    def layers(self) -> Mapping[str, NDArray[Any]]: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def pose(self) -> Pose: ...
+    @property
+    def valid(self) -> NDArray[np.bool_]: ...
+    @property
+    def transfer(self) -> str: ...
+    @property
+    def provenance(self) -> Mapping[str, Any]: ...
+    def __getitem__(self, layer: str) -> NDArray[Any]: ...
+
+
+Image = TypeVar("Image", bound=_Image)
 
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _MOST_KERNELS = 5
@@ -286,11 +305,11 @@ class Sensor:
 
     def apply(
         self,
-        image: OmniImage,
+        image: Image,
         camera: str = "",
         time: float | None = None,
-        lateral: Sequence[OmniImage] = (),
-    ) -> OmniImage:
+        lateral: Sequence[Image] = (),
+    ) -> Image:
         """Return an image with the further layers ``raw``, of a mosaic, and ``sensor``, the picture.
 
         Noise follows from seed, camera, the image's pose and its time.
@@ -316,7 +335,7 @@ class Sensor:
         codes = self.expose(light, camera, frame, transfer=transfer)
         layers = {"sensor": self.develop(codes)} | ({"raw": codes} if codes.ndim == 2 else {})
         provenance = {**image.provenance, "sensor": self.to_dict()}
-        return replace(image, layers={**image.layers, **layers}, provenance=provenance)
+        return replace(image, layers={**image.layers, **layers}, provenance=provenance)  # type: ignore[type-var]
 
 
 _DEFAULTS: Mapping[str, Any] = {

@@ -19,6 +19,7 @@ from omniscv.cameras import Camera, create
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
@@ -29,7 +30,6 @@ from omniscv.torch.sampling import (
     ProcessorTiles,
     check_central,
 )
-from omniscv.truth.classes import ClassRules, class_rules
 
 _FINEST = 1  # px: all faces of a recording are larger, so it returns its finest ones
 _RAYS_AT_ONCE = {"cpu": 1 << 17}

@@ -16,6 +16,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.cache import ByteCache
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.planning import RecordedViews
 from omniscv.records import checked, record
@@ -23,7 +24,6 @@ from omniscv.sources.recording.replay import RecordedSource
 from omniscv.torch.faces import Faces, Rules
 from omniscv.torch.samples import Epochs, Sample, bound_threads, sample_of
 from omniscv.torch.sampling import check_central
-from omniscv.truth.classes import class_rules
 
 Draw = Callable[[np.random.Generator], tuple[Camera, Array]]
 """Draws a central camera and (3, 3) ``R_w_c`` from the generator alone; can be pickled for workers."""

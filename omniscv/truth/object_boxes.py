@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from omniscv.cameras import Camera
+from omniscv.frame.classes import ClassTable
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import NoOptions
-from omniscv.truth.classes import ClassTable
 from omniscv.truth.registry import Observation, Truth, register
 
 Labels = NDArray[np.uint16]

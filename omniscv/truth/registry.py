@@ -16,11 +16,11 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.frame.classes import ClassTable
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import NoOptions, WithOptions
 from omniscv.sources.base import Source
-from omniscv.truth.classes import ClassTable
 
 SHARED_FILE = "truth.json"
 """Suffix of the file that holds the records of several truths, each under its name."""

@@ -18,10 +18,10 @@ from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.frame.classes import ClassTable
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
-from omniscv.truth.classes import ClassTable
 
 LARGEST_RESIDUAL_M = 0.02
 """Largest rms distance of points to the fitted room."""

@@ -12,9 +12,9 @@ from support.datasets import CLASSES, image, job_file, traced_names
 from omniscv import cli, dataset
 from omniscv.cli.dataset import object_names
 from omniscv.errors import ArgumentError, UnmatchedNamesError
+from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.job import load
 from omniscv.make import make
-from omniscv.truth.classes import ClassRules, class_rules
 
 NAMES = st.lists(st.text("abcXY_12", min_size=1, max_size=5), min_size=1, max_size=12, unique=True)
 
@@ -52,7 +52,7 @@ def test_patterns_match_whole_names_and_see_case():
 
 
 def test_nyu40_is_shipped_as_a_table():
-    text = (files("omniscv.truth") / "taxonomies" / "nyu40.csv").read_text(encoding="utf-8")
+    text = (files("omniscv.frame") / "taxonomies" / "nyu40.csv").read_text(encoding="utf-8")
     rows = {row["name"]: int(row["id"]) for row in csv.DictReader(text.splitlines())}
     assert sorted(rows.values()) == list(range(1, 41))
     known = {"wall": 1, "floor": 2, "chair": 5, "door": 8, "ceiling": 22, "lamp": 35, "otherprop": 40}

@@ -15,7 +15,7 @@ from support.observed import framed, observed
 
 import omniscv
 from omniscv import cameras, dataset
-from omniscv.truth.classes import ClassTable, SemanticClass
+from omniscv.frame.classes import ClassTable, SemanticClass
 
 pytestmark = pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # theirs
 

@@ -10,8 +10,8 @@ from support.rooms import L_SHAPE, PLAIN, frame, plain_frame, room_of_plan, scen
 from omniscv import Pose, cameras
 from omniscv.dataset import exporting
 from omniscv.errors import ArgumentError
+from omniscv.frame.classes import ClassTable, SemanticClass
 from omniscv.truth import project_layout
-from omniscv.truth.classes import ClassTable, SemanticClass
 from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)

@@ -10,8 +10,8 @@ from pycocotools import mask as cocomask
 import mock_server
 import omniscv
 from omniscv import truth
+from omniscv.frame.classes import ClassTable, SemanticClass
 from omniscv.truth import rle
-from omniscv.truth.classes import ClassTable, SemanticClass
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, max_side=40)
 

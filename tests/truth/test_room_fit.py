@@ -9,11 +9,11 @@ from omniscv import Pose, Renderer, cameras, open_source
 from omniscv.dataset import Observation, truths
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.frame.classes import ClassTable, SemanticClass
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.scene import SceneSource
 from omniscv.truth import layout, room_of
-from omniscv.truth.classes import ClassTable, SemanticClass
 from omniscv.truth.room_layout import Picture
 
 PANORAMA = cameras.create("equirectangular", 256, 128)

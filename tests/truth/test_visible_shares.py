@@ -10,7 +10,7 @@ import omniscv
 from omniscv import cameras
 from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
-from omniscv.truth.classes import ClassTable, SemanticClass
+from omniscv.frame.classes import ClassTable, SemanticClass
 from omniscv.truth.visibility import centers_ball, groups_apart
 
 SCENE = mock_server.load_scene("four-wall")

@@ -22,9 +22,9 @@ from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import copy_files
 from omniscv.errors import ArgumentError
 from omniscv.frame import IMAGE, Frame
+from omniscv.frame.classes import BACKGROUND
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text
-from omniscv.truth.classes import BACKGROUND
 
 _PICTURES = (".png", ".jpg")
 _SPLITS = {"": "train", "val": "validation"}

@@ -28,7 +28,7 @@ from omniscv.sources.base import (
     View,
     copy_with,
 )
-from omniscv.sources.brackets import Response, exposures_of, merge, response_of
+from omniscv.sources.exposures import Response, exposures_of, merge, response_of
 from omniscv.sources.recording.rows import Row, WorldState, object_from_json, sizes_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.requests import ViewKey

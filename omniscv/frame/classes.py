@@ -162,7 +162,7 @@ class ClassRules:
         content = read(_File, data)
         known: dict[str, int] = {}
         if content.taxonomy != "custom":
-            table = files("omniscv.truth") / "taxonomies" / f"{content.taxonomy}.csv"
+            table = files("omniscv.frame") / "taxonomies" / f"{content.taxonomy}.csv"
             lines = (line.split(",", 1) for line in table.read_text(encoding="utf-8").splitlines()[1:])
             known = {name: int(number) for number, name in lines}
         described = _describe(content.rules, known)
@@ -224,7 +224,7 @@ def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRu
 
 def taxonomies() -> tuple[str, ...]:
     """Return the names of the tables that are shipped."""
-    folder = files("omniscv.truth") / "taxonomies"
+    folder = files("omniscv.frame") / "taxonomies"
     return tuple(sorted(file.name.removesuffix(".csv") for file in folder.iterdir()))
 
 
