@@ -87,8 +87,11 @@ class Content:
         try:
             return _from_yaml(self.text)
         except ArgumentError:
-            if lines := _from_lines(self.text):
-                return [lines]
+            parts = re.split(
+                r"^(?=# oST version)", self.text, flags=re.MULTILINE
+            )  # ROS joins those of a pair
+            if lines := [values for part in parts if (values := _from_lines(part))]:
+                return lines
             raise
 
 

@@ -92,7 +92,8 @@ FORMS: dict[str, Form] = {
     for form in (
         JSON, table.CAMODOCAL, table.STELLA, table.ORB, table.SENSOR, KALIBR, opencv.ROS, table.GYROFLOW,
         table.OPENICC, table.NERFSTUDIO, table.KITTI, table.MIDDLEBURY, colmap.COLMAP, table.BASALT,
-        table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG, table.DSO,
+        table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG,
+        table.ALICEVISION, table.DSO,
         table.ZED, table.HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
         opencv.OPENCV, opencv.FISHEYE, opencv.OMNIDIR,
     )

@@ -16,6 +16,7 @@ from itertools import accumulate, chain
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, shown, within
 from omniscv.calibration import intrinsics
@@ -25,7 +26,7 @@ from omniscv.calibration.nodes import MISSING, Node, Values, canonical, floats, 
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 
 _SIZES = (
     "image_size|img_size|resolution|size|dim|image_resolution|frame_size|imgsize|dims|calibration_resolution"
@@ -446,7 +447,14 @@ def pose_of_matrix(value: object) -> Pose:
     if len(rows) != 16 or rows[12:] != [0, 0, 0, 1]:
         raise ArgumentError(f"expected 4 x 4 numbers with a last row [0, 0, 0, 1], got {shown(value)}")
     matrix = np.array(rows).reshape(4, 4)
-    return Pose(matrix[:3, 3], matrix[:3, :3])
+    return Pose(matrix[:3, 3], rotation_of(matrix[:3, :3]))
+
+
+def rotation_of(rows: ArrayLike) -> Array:
+    """Return a rotation matrix: the nearest one, where the file has few digits (0.1 %)."""
+    matrix = np.reshape(np.asarray(rows, dtype=np.float64), (3, 3))
+    u, lengths, v = np.linalg.svd(matrix)
+    return u @ v if 1e-9 < np.abs(lengths - 1).max() < 1e-3 else matrix
 
 
 def matrix_of_pose(pose: Pose) -> list[list[float]]:

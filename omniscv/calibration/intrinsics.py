@@ -83,6 +83,8 @@ DERIVED = {
     "ratio": Derived("fy", "fy", lambda n, w, h: n["fx"]),
     "du": Derived("cx", "cx", offset=lambda n, w, h: w / 2),  # from the middle of the image
     "dv": Derived("cy", "cy", offset=lambda n, w, h: h / 2),
+    "du0": Derived("cx", "cx", offset=lambda n, w, h: w / 2 + HALF_PIXEL),  # centres at whole numbers
+    "dv0": Derived("cy", "cy", offset=lambda n, w, h: h / 2 + HALF_PIXEL),
     "f_y": Derived("fx fy", "fy"),  # Metashape: one focal length, and what fx has more
     "b1": Derived("fx", "fx", offset=lambda n, w, h: n["fy"]),
     "nf": Derived("fx fy", "fx fy", lambda n, w, h: max(w, h)),  # OpenSfM: in units of the longer side
@@ -90,6 +92,7 @@ DERIVED = {
     "nfy": Derived("fy", "fy", lambda n, w, h: max(w, h)),
     "ncx": Derived("cx", "cx", lambda n, w, h: max(w, h), lambda n, w, h: w / 2),
     "ncy": Derived("cy", "cy", lambda n, w, h: max(w, h), lambda n, w, h: h / 2),
+    "mm": Derived("fx fy", "fx fy", lambda n, w, h: w / (n["sensor"] or math.nan)),
     "fov": Derived("most", "most", lambda n, w, h: 0.5),
     "rad": Derived("most", "most", lambda n, w, h: 180 / math.pi),
     "_": Derived("", ""),

@@ -166,6 +166,8 @@ def _is_neutral(value: object, key: str) -> bool:
 
 def floats(name: str, value: object) -> list[float]:
     """Return the numbers of a scalar, a text of them, nested lists, or a matrix with its ``data``."""
+    if isinstance(value, Mapping) and value.keys() == {"x", "y"}:
+        value = [value["x"], value["y"]]
     if isinstance(value, Mapping):
         if "data" not in value:
             raise ArgumentError(f"{name}: missing key 'data'")

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, shown
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form
+from omniscv.calibration.forms import Entry, Form, rotation_of
 from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 K = (
     "camera_matrix|K|mtx|intrinsic_matrix|camera_intrinsics|intrinsics|intrinsic|cam_matrix|cam_mtx|cameraMat|"
-    "camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|new_K"
+    "camera_matrix_row_major|camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|new_K"
 )
 _UPRIGHT, _SKEWED = "fx,0,cx,0,fy,cy,0,0,1", "fx,s,cx,0,fy,cy,0,0,1"
 _SIZES = f"{WIDTH} {HEIGHT}"
@@ -229,11 +229,11 @@ class Ros(Form):
     """``camera_info``: the camera of the raw picture; and of the rectified one, where that is turned."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        entries = super().read(content, size)
-        for name, node in self.nodes(content).items():
-            turn = floats("rectification_matrix", node.take("rectification_matrix|R", []) or [])
-            P = floats("projection_matrix", node.take("projection_matrix|P", []) or [])
-            if len(turn) != 9 or not any(turn) or np.abs(np.reshape(turn, (3, 3)) - np.eye(3)).max() < 1e-9:
+        entries, nodes = super().read(content, size), self.nodes(content)
+        for name, node in nodes.items():
+            turn = floats("rectification_matrix", node.take("rectification_matrix|R|rectification", []) or [])
+            P = floats("projection_matrix", node.take("projection_matrix|P|projection", []) or [])
+            if len(turn) != 9 or not any(turn) or np.abs(rotation_of(turn) - np.eye(3)).max() < 1e-9:
                 continue
             if len(P) != 12 or not P[0]:
                 raise ArgumentError(
@@ -241,8 +241,9 @@ class Ros(Form):
                 )
             raw = entries[name].camera
             lens = create("pinhole", raw.width, raw.height, fx=P[0], fy=P[5], cx=P[2] + 0.5, cy=P[6] + 0.5)
-            entries[name] = entries[name]._replace(pose=Pose(np.zeros(3), np.eye(3)))
-            entries[f"{name}-rectified"] = Entry(lens, Pose(np.zeros(3), np.reshape(turn, (3, 3)).T))
+            entries[f"{name}-rectified"] = Entry(lens, Pose(np.zeros(3), rotation_of(turn).T))
+            if len(nodes) == 1:  # where the cameras of a pair are, the file does not say
+                entries[name] = entries[name]._replace(pose=Pose(np.zeros(3), np.eye(3)))
         return entries
 
 

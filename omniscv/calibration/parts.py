@@ -260,7 +260,8 @@ def metashape(content: Content) -> dict[str, Any]:
             ]
             if lenses:
                 adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
-                cameras[name if name not in cameras else f"{name}-{len(cameras)}"] = (adjusted or lenses)[0]
+                name = name if name not in cameras else f"{name}-{len(cameras)}"
+                cameras[name] = Node((adjusted or lenses)[0], (value,))  # the sensor may hold the size
         if isinstance(value, Mapping | list):
             for item in value.values() if isinstance(value, Mapping) else value:
                 visit(item, name)
@@ -299,7 +300,7 @@ def _merged(data: Any) -> Values:
 _DSO = re.compile(
     r"\s*(?:(Pinhole|RadTan|EquiDistant|KannalaBrandt|FOV|ATAN):?\s+)?"
     r"((?:[-+.\deE]+ *){4,8})\n\s*(\d+)\s+(\d+)\s*\n"
-    r"\s*(crop|full|none|(?:[-+.\deE]+ *){5}) *\n\s*\d+\s+\d+\s*"
+    r"\s*(crop|full|none|(?:[-+.\deE]+ *){5}) *\n\s*\d+\s+\d+\s*(?:\n[-+.\deE \n]*)?"
 )
 
 
@@ -410,10 +411,10 @@ def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) ->
 
 
 def of_others(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
-    """Say which pixel convention is taken of a file that has our own keys, without our mark."""
+    """Say which pixel convention is taken of a file whose keys are ours as well, without our mark."""
     from omniscv.cameras import names
 
-    if node.values.get("model") in names():
+    if node.has("cx") and node.values.get("model", "pinhole") in names():
         _log.warning(
             "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at whole "
             "numbers; add the mark where they are at .5"

@@ -61,6 +61,7 @@ KITTI = Form("kitti", "KITTI's calib_cam_to_cam.txt and calib.txt, KITTI-360's p
     "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2", f"- pinhole K={_K} D=;k1,k2,p1,p2;k3",
     size="S", syntax="lines", poses=(("T", "T_c_b"),), split=parts.kitti, join=parts.join_kitti, label="0{0}", refused="projections that are no camera's")
 
+# Half pixel of Middlebury and nuScenes: documented nowhere; both were calibrated by programs that take whole numbers.
 MIDDLEBURY = Form("middlebury", "Middlebury's calib.txt, ETH3D's stereo",
     "cam0 width height", f"< - pinhole K={_K}",
     size="width height", poses=(("T", "T_b_c"),), split=parts.middlebury)
@@ -167,6 +168,7 @@ OPENSFM = Form("opensfm", "OpenSfM, OpenDroneMap: camera_models.json, reconstruc
     word="projection_type", size="width height", shift=0.0, syntax="json", join=dict, refused="dual")
 
 _MVG = "focal_length=f principal_point=cx,cy"
+# Half pixel: openMVG, issue 1271 and pull request 1812: centres at whole numbers.
 OPENMVG = Form("openmvg", "OpenMVG: sfm_data.json",
     "intrinsics", f"""
     < pinhole pinhole {_MVG}
@@ -177,6 +179,20 @@ OPENMVG = Form("openmvg", "OpenMVG: sfm_data.json",
     < spherical equirectangular
     """,
     word="model", size="width height", split=parts.openmvg)
+
+# Sources: AliceVision, sfmDataIO/jsonIO.cpp (centres from the middle since 1.2.1, focal lengths in mm since 1.2.2); its lens code
+# is OpenMVG's. pixelRatio changed its meaning in 1.2.5: only 1 is read.
+_AV = "sensorWidth=sensor focalLength=mm principalPoint=du0,dv0 pixelRatio?=1"
+_AV_OLD = "pxFocalLength=f principalPoint=cx,cy"
+ALICEVISION = Form("alicevision", "AliceVision, Meshroom: .sfm, .mg",
+    "intrinsicId principalPoint", "\n".join(f"""
+    < pinhole+none pinhole {_matrix}
+    < radial1+none|pinhole+radialk1 pinhole {_matrix} distortionParams=k1
+    < radial3+none|pinhole+radialk3 pinhole {_matrix} distortionParams=k1,k2,k3
+    < brown+none|pinhole+brown pinhole {_matrix} distortionParams=k1,k2,k3,p1,p2
+    < fisheye4+none|pinhole+fisheye4 kannala-brandt {_matrix} distortionParams=k1,k2,k3,k4
+    """.strip() for _matrix in (_AV, _AV_OLD)),
+    word="type distortionType", size="width height", refused="3DE's models, fisheye1, equidistant; a pixel ratio other than 1")
 
 _ICC = "intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx .principal_pt_y=cy .skew?=s"
 OPENICC = Form("openicc", "OpenImuCameraCalibrator",

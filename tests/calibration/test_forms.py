@@ -281,6 +281,16 @@ CASES: dict[str, tuple[str | bytes, Any, float]] = {
     ),
     "openmvg": (openmvg("pinhole_radial_k3", disto_k3=[-0.12, 0.03, 4e-3]), lambda p: pinhole(p, THREE, SQUARE), HALF),
     "openmvg-brown": (openmvg("pinhole_brown_t2", disto_t2=[-0.12, 0.03, 4e-3, 1e-3, -2e-3]), lambda p: pinhole(p, D5, SQUARE), HALF),
+    "meshroom": (
+        json.dumps({"version": ["1", "2", "6"], "intrinsics": [{"intrinsicId": "7", "width": "640", "height": "480", "sensorWidth": "32", "sensorHeight": "24", "type": "radial3", "initialFocalLength": "15", "focalLength": "15.525", "pixelRatio": "1", "principalPoint": ["2.25", "-1.25"], "distortionInitializationMode": "none", "distortionParams": THREE[:2] + THREE[4:], "undistortionOffset": ["0", "0"], "undistortionParams": ""}]}),
+        lambda p: pinhole(p, THREE, SQUARE),
+        HALF,
+    ),
+    "meshroom-old": (
+        json.dumps({"intrinsics": [{"intrinsicId": 7, "width": 640, "height": 480, "sensorWidth": -1.0, "type": "fisheye4", "pxInitialFocalLength": -1, "pxFocalLength": 310.5, "principalPoint": {"x": 322.25, "y": 238.75}, "distortionParams": KB}]}),
+        lambda p: fisheye(p, KB, SQUARE),
+        HALF,
+    ),
     "nuscenes": (
         json.dumps([{"token": "t", "translation": [1, 0, 0], "rotation": [1, 0, 0, 0], "camera_intrinsic": K}, {"token": "u", "translation": [0, 0, 0], "rotation": [1, 0, 0, 0], "camera_intrinsic": []}]),
         lambda p: pinhole(p, [0.0] * 4),
@@ -363,6 +373,9 @@ def test_poses_of_rigs() -> None:
         np.testing.assert_allclose(
             second.pose.position - first.pose.position, (0.1, 0, 0), atol=1e-12, err_msg=name
         )
+    rounded = [[0.999983, 0.00445005, 0.00385861, 0.1], [-0.00443664, 0.999984, -0.00347621, 0], [-0.00387402, 0.00345903, 0.999986, 0], [0, 0, 0, 1]]  # fmt: skip
+    _, second = loads_rig(orb + both + opencv_matrix("Stereo.T_c1_c2", rounded, 4)).cameras.values()
+    np.testing.assert_allclose(second.pose.rotation, np.array(rounded)[:3, :3], atol=2e-6)  # as printed
     (mounted,) = loads_rig(basalt("ds", xi=-0.2, alpha=0.6)).cameras.values()
     assert (mounted.pose.position.tolist(), mounted.time_offset) == ([0.1, 0.2, 0.3], 1e-3)
 
@@ -451,6 +464,22 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
     assert calibration.loads(json.dumps(foreign))["cam0"].center.tolist() == [320.0, 240.0]
 
 
+def test_files_as_people_have_them() -> None:
+    """A pair of ROS in one file, whose place is not known; Metashape's size of the sensor; extra lines of DSO."""
+    turned = "rectification\n0 0 1\n0 1 0\n-1 0 0\nprojection\n300 0 310 0\n0 300 250 0\n0 0 1 0\n"
+    pair = "".join(
+        CASES["ros-ini"][0].replace("# oST", "# oST version 5.0").replace("[cam]", f"[{side}]") + turned
+        for side in ("left", "right")
+    )
+    assert list(read(pair).entries) == ["left", "right", "left-rectified", "right-rectified"]
+    with pytest.raises(ArgumentError, match="expected the pose of every camera"):
+        loads_rig(pair)
+    sensor = '<document><sensor label="RGB"><resolution width="1000" height="800"/><calibration type="frame">'
+    lens = calibration.loads(f"{sensor}<f>500</f><cx>10</cx></calibration></sensor></document>")["RGB"]
+    assert (lens.width, lens.height, lens.center.tolist()) == (1000, 800, [510.0, 400.0])
+    assert list(calibration.loads(CASES["dso"][0] + "0.5 0 0\n")) == ["cam0"]
+
+
 def test_unknown_files_get_the_nearest_forms(tmp_path: Any) -> None:
     with pytest.raises(ArgumentError, match=r"nearest are .*camodocal \(no projection_parameters\)"):
         calibration.loads("model_type: PINHOLE\nimage_width: 3\nimage_height: 3\n")
@@ -463,7 +492,7 @@ def test_unknown_files_get_the_nearest_forms(tmp_path: Any) -> None:
 PLAIN_TEXTS = {
     name: case
     for name, case in CASES.items()
-    if isinstance(case[0], str) and name not in ("orb-slam2", "orb-slam3-kb", "zed")
+    if isinstance(case[0], str) and name not in ("orb-slam2", "orb-slam3-kb")
 }
 WORDS = ("0", "-1", "null", "1e308", "nan", "foo", "[1, 2]", "7.25", "{}", '"x"')
 
