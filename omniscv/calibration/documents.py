@@ -82,14 +82,13 @@ class Content:
         if start in ("{", "["):
             try:
                 return [_from_json(self.text)]
-            except json.JSONDecodeError:  # of YAML, or of lines that start so
-                pass
+            except json.JSONDecodeError as cause:  # of YAML, or of lines that start so
+                if start == "{" and '\\"' in json.dumps(_from_yaml(self.text), default=str):
+                    raise ArgumentError(f"expected JSON, got a stray quote: {cause}") from cause
         try:
             return _from_yaml(self.text)
         except ArgumentError:
-            parts = re.split(
-                r"^(?=# oST version)", self.text, flags=re.MULTILINE
-            )  # ROS joins those of a pair
+            parts = re.split(r"^(?=# oST version)", self.text, flags=re.MULTILINE)  # of a pair
             if lines := [values for part in parts if (values := _from_lines(part))]:
                 return lines
             raise

@@ -277,6 +277,7 @@ class Form:
             raise ArgumentError(f"{self.word.partition('|')[0].replace(' ', '-')}: {got}")
         read, errors = [], []
         before = set(node.used)
+        node.modelled = {plain(path) for row in fitting for key in row.keys for path in key.paths.split("|")}
         for row in fitting:
             node.used = set(before)
             try:

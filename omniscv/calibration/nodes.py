@@ -54,7 +54,8 @@ class Node:
     def __init__(self, values: Mapping[str, Any], outer: Sequence[Mapping[str, Any]] = ()) -> None:
         self.values, self.outer = values, outer
         self.used: set[str] = set()
-        self.absent: set[str] = set()
+        self.absent: set[str] = set()  # what models have and the file has not
+        self.modelled: set[str] = set()  # what another model of the form has
 
     def take(self, paths: str, default: Any = MISSING, outer: bool = False) -> Any:
         """Return the value at one of several paths, ``a|b``.
@@ -104,8 +105,10 @@ class Node:
         ignored = []
         for path, value in self.unread():
             parts = plain(path).split(".")
-            key = next(filter(_GEOMETRY.search, parts), "")
-            odd = key and (not _is_neutral(value, key) or re.search(r"[^\w.]\d", path) is not None)
+            acting = [*filter(_GEOMETRY.search, parts), *({plain(path)} & self.modelled)]
+            odd = any(not _is_neutral(value, part) for part in acting) or (
+                re.search(r"[^\w.]\d", path) is not None and any(map(_GEOMETRY.search, parts))
+            )
             if (odd or self._misspells(parts[-1])) and not re.search(harmless, plain(path)):
                 raise ArgumentError(
                     f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
@@ -115,7 +118,8 @@ class Node:
 
     def _misspells(self, key: str) -> bool:
         """Return whether a key that nobody knows is like one that is not there."""
-        near = get_close_matches(key, self.absent, 1, 0.8 if len(key) > 3 else 0.5) if len(key) > 1 else []
+        words = [other for other in self.absent if len(other) > 1 < len(key)]
+        near = get_close_matches(key, words, 1, 0.8 if len(key) > 4 else 0.5)
         return bool(near) or sorted(key) in map(sorted, self.absent)
 
 

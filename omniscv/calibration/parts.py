@@ -85,7 +85,8 @@ def frames(content: Content) -> dict[str, Any]:
     cameras: list[Values] = []
     for node in mappings(content, "frames"):
         shared = {key: value for key, value in node.values.items() if key != "frames"}
-        frames = node.values["frames"] if isinstance(node.values["frames"], list) else []
+        listed = node.take("frames")
+        frames = listed if isinstance(listed, list) else []
         of_frames = [
             {**shared, **{key: value for key, value in frame.items() if not _OF_A_FRAME.search(key)}}
             for frame in frames
@@ -159,14 +160,13 @@ def middlebury(content: Content) -> dict[str, Any]:
     """Return cam0 and cam1, which is straight to the right by the baseline, mm."""
     cameras: dict[str, Any] = {}
     for node in mappings(content, "cam0 width height"):
-        if not re.fullmatch(r"\[([-+\d.e]+[\s;\]]+){9}", str(node.values["cam0"]).strip()):
+        if not re.fullmatch(r"\[([-+\d.e]+[\s;\]]+){9}", str(node.take("cam0")).strip()):
             continue  # another program's "cam0"
-        baseline = number("baseline", node.values.get("baseline", 0)) / 1000
+        baseline = number("baseline", node.take("baseline", 0)) / 1000
         for name, x in (("cam0", 0.0), ("cam1", baseline)):
-            if name in node.values:
+            if node.has(name):
                 T = matrix_of_pose(Pose(np.array([x, 0, 0]), np.eye(3)))
-                size = {key: node.values[key] for key in ("width", "height")}
-                cameras[name] = {"K": node.values[name], **size, "T": T}
+                cameras[name] = Node({"K": node.take(name), "T": T}, (node.values,))
     return cameras
 
 
@@ -174,7 +174,7 @@ def basalt(content: Content) -> dict[str, Any]:
     """Return the cameras of three lists."""
     cameras: dict[str, Any] = {}
     for node in mappings(content, "value0.intrinsics"):
-        rig = node.values["value0"]
+        rig = node.take("value0")
         lists = [rig.get(key) for key in ("intrinsics", "resolution", "T_imu_cam")]
         if not all(isinstance(items, list) and len(items) == len(lists[0] or []) for items in lists):
             raise ArgumentError(
@@ -188,12 +188,9 @@ def basalt(content: Content) -> dict[str, Any]:
 
 
 _ARIA_SIZES = {
-    "camera-slam-left": (640, 480),
-    "camera-slam-right": (640, 480),
-    "camera-rgb": (2880, 2880),
-    "camera-et-left": (640, 480),
-    "camera-et-right": (640, 480),
-}
+    "camera-slam-left": [640, 480], "camera-slam-right": [640, 480], "camera-rgb": [2880, 2880],
+    "camera-et-left": [640, 480], "camera-et-right": [640, 480],
+}  # fmt: skip
 """Full resolution by label: a factory calibration, which has no sizes, is of these images."""
 
 
@@ -201,7 +198,7 @@ def aria(content: Content) -> dict[str, Any]:
     """Return the cameras by their labels; their quaternions as four numbers."""
     cameras: dict[str, Any] = {}
     for node in mappings(content, "CameraCalibrations"):
-        entries, sizes = node.values["CameraCalibrations"], node.values.get("ImageSizes")
+        entries, sizes = node.take("CameraCalibrations"), node.take("ImageSizes", None)
         if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
             raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
         if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(entries)):
@@ -211,7 +208,7 @@ def aria(content: Content) -> dict[str, Any]:
             if label in cameras:
                 raise ArgumentError(f"Label: expected each label once, got {label} again")
             size = sizes[i] if sizes is not None else entry.get("ImageSize", _ARIA_SIZES.get(label))
-            cameras[label] = lens = {**entry, "ImageSize": None if size is None else list(size)}
+            cameras[label] = lens = {**entry, "ImageSize": size}
             pose = lens.get("T_Device_Camera")
             if isinstance(pose, Mapping) and "UnitQuaternion" in pose:
                 turn = pose["UnitQuaternion"]
@@ -232,7 +229,7 @@ def join_aria(cameras: dict[str, Values]) -> Values:
         w, *xyz = pose["UnitQuaternion"]
         own = {"T_Device_Camera": pose | {"UnitQuaternion": [w, xyz]}, "TimeOffsetSec_Device_Camera": 0.0}
         entries.append({"Label": label, "SerialNumber": "", "Calibrated": True, **own, **values})
-    known = all(tuple(size) == _ARIA_SIZES.get(label) for label, size in zip(cameras, sizes, strict=True))
+    known = all(size == _ARIA_SIZES.get(label) for label, size in zip(cameras, sizes, strict=True))
     return {"CameraCalibrations": entries} | ({} if known else {"ImageSizes": sizes})
 
 
@@ -241,7 +238,7 @@ def nuscenes(content: Content) -> dict[str, Any]:
     cameras: dict[str, Any] = {}
     for document in content.documents:
         for _, node in marked(document, ["camera_intrinsic", "translation", "rotation"]):
-            if node.values["camera_intrinsic"]:
+            if node.take("camera_intrinsic"):
                 name = str(node.values.get("channel", node.values.get("token", f"cam{len(cameras)}")))
                 cameras[name] = {"width": 1600, "height": 900, **node.values}
     return cameras
@@ -281,20 +278,20 @@ def openmvg(content: Content) -> dict[str, Any]:
     names: dict[int, str] = {}
     for document in content.documents:
         for path, node in marked(document, ["value.ptr_wrapper.data", "value.polymorphic_id"]):
-            value = node.values["value"]
             if "intrinsics" not in path:  # but views
                 continue
-            key = int(number("polymorphic_id", value["polymorphic_id"])) & 0x3FFFFFFF
-            names.setdefault(key, str(value.get("polymorphic_name")))
-            if "width" in (lens := dict(_merged(value["ptr_wrapper"]["data"]))):
-                cameras[str(node.values.get("key", len(cameras)))] = {"model": names[key], **lens}
+            key = int(number("polymorphic_id", node.take("value.polymorphic_id"))) & 0x3FFFFFFF
+            names.setdefault(key, str(node.take("value.polymorphic_name", None)))
+            lens = _merged(node.take("value.ptr_wrapper.data"))
+            cameras[str(node.take("key", len(cameras)))] = {"model": names[key], **lens}
     return cameras
 
 
 def _merged(data: Any) -> Values:
-    below = [_merged(value) for value in data.values() if isinstance(value, Mapping)]
-    own = {key: value for key, value in data.items() if not isinstance(value, Mapping)}
-    return {key: value for values in (*below, own) for key, value in values.items()}
+    """Return the values of nested mappings in one."""
+    return {
+        path.rpartition(".")[2]: value for path, value in leaves(data if isinstance(data, Mapping) else {})
+    }
 
 
 _DSO = re.compile(

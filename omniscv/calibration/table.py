@@ -192,7 +192,7 @@ ALICEVISION = Form("alicevision", "AliceVision, Meshroom: .sfm, .mg",
     < brown+none|pinhole+brown pinhole {_matrix} distortionParams=k1,k2,k3,p1,p2
     < fisheye4+none|pinhole+fisheye4 kannala-brandt {_matrix} distortionParams=k1,k2,k3,k4
     """.strip() for _matrix in (_AV, _AV_OLD)),
-    word="type distortionType", size="width height", refused="3DE's models, fisheye1, equidistant; a pixel ratio other than 1")
+    word="type distortionType", size="width height", harmless="^sensorwidth$", refused="3DE's models, fisheye1, equidistant; a pixel ratio other than 1")
 
 _ICC = "intrinsics.focal_length=fx .aspect_ratio=ratio .principal_pt_x=cx .principal_pt_y=cy .skew?=s"
 OPENICC = Form("openicc", "OpenImuCameraCalibrator",
