@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING, Any
 from mock_server.stop_signal import stop_signal  # at once: its module has the same name
 
 if TYPE_CHECKING:
-    from mock_server.render import ViewHits, render_view
     from mock_server.scene import Hits, Scene, load_scene, summary
     from mock_server.scene_file import Room
     from mock_server.server import Server, serve
     from mock_server.settings import DIALECTS, Depth, DialectName, scene_names
 
-__all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server", "ViewHits",
-           "load_scene", "render_view", "scene_names", "serve", "stop_signal", "summary"]  # fmt: skip
+__all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server",
+           "load_scene", "scene_names", "serve", "stop_signal", "summary"]  # fmt: skip
 
 _HOMES = {
-    "render": ("ViewHits", "render_view"),
     "scene": ("Hits", "Scene", "load_scene", "summary"),
     "scene_file": ("Room",),
     "server": ("Server", "serve"),

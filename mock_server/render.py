@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mock_server.scene import Scene
 
@@ -62,34 +62,19 @@ def pinhole_rays(
     return rays, length
 
 
-def render_view(
+def trace_view(
     scene: Scene,
-    R_w_c: ArrayLike,
-    t_w_c: ArrayLike,
-    fov_deg: float,
-    width: int,
-    height: int,
+    center: Array,
+    rays: Array,
+    length: Array,
     hidden: Iterable[str] = frozenset(),
-    projection: Projection | None = None,
     near_m: float = 0.0,
 ) -> ViewHits:
-    """Trace the ray of each pixel's centre.
+    """Trace the rays of :func:`pinhole_rays` from an optical centre (3,), metres.
 
-    Args:
-        scene: the objects.
-        R_w_c: (3, 3) camera (x right, y down, z forward) to world.
-        t_w_c: (3,) optical centre, metres.
-        fov_deg: horizontal field of view.
-        width, height: px.
-        hidden: names of objects to leave out.
-        projection: fx, fy, cx, cy in px, in place of ``fov_deg``; None for square pixels around the middle.
-        near_m: planar depth from which surfaces are seen.
+    Objects that are ``hidden`` are left out; surfaces are seen from a planar depth of ``near_m``.
     """
-    directions, length = pinhole_rays(
-        np.asarray(R_w_c, dtype=np.float64), fov_deg, (width, height), projection=projection
-    )
     skipped = near_m * length
-    origins = np.asarray(t_w_c) + skipped[..., None] * directions if near_m else t_w_c
-    hits = scene.trace(origins, directions, hidden)
+    hits = scene.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
     distance = hits.distance + skipped
     return ViewHits(hits.label, distance / length, distance, hits.normal, hits.paint)

@@ -61,7 +61,8 @@ class Hits:
 class Scene:
     """Solids with names and textures, or a pattern on the sphere of directions.
 
-    Picklable; safe in several threads and forked processes.
+    Picklable; safe in several threads and forked processes. Methods that take the name of an object raise
+    ValueError if none has it.
 
     Args:
         name: the scene's name.
@@ -116,11 +117,7 @@ class Scene:
         return hashlib.sha256((repr(seen) + moving).encode()).hexdigest()
 
     def bounds(self, name: str) -> tuple[Array, Array]:
-        """Return the least and the greatest corner of an object's bounding box, (3,) metres, world frame.
-
-        Raises:
-            ValueError: no object has that name.
-        """
+        """Return the least and the greatest corner of an object's bounding box, (3,) metres, world frame."""
         return solids.extent(self._of(name, self.solids), np.eye(3))
 
     def box(self, name: str) -> tuple[Array, Array, Array]:
@@ -128,9 +125,6 @@ class Scene:
 
         Returns:
             Its centre (3,), its axes as rows (3, 3), and its size along them (3,); metres, world frame.
-
-        Raises:
-            ValueError: no object has that name.
         """
         rows = self._of(name, self.solids)
         turned = rows[rows[:, 0] != SPHERE]
@@ -144,11 +138,7 @@ class Scene:
         return (low + high) / 2 @ axes, axes, high - low
 
     def vertices(self, name: str) -> Array:
-        """Return (N, 3) mesh points of an object, metres, world frame: those of ``solids.points``.
-
-        Raises:
-            ValueError: no object has that name.
-        """
+        """Return (N, 3) mesh points of an object, metres, world frame: those of ``solids.points``."""
         return solids.points(self._of(name, self.solids))
 
     def _of(self, name: str, rows: Array) -> Array:
@@ -160,9 +150,6 @@ class Scene:
     def pose(self, name: str) -> tuple[Array, Array]:
         """Return an object's pose: ``R_w_o`` (3, 3), the identity as described, and the centre (3,) of its
         box, which rotates with it; metres, world frame.
-
-        Raises:
-            ValueError: no object has that name.
         """
         return self._poses.get(name) or (np.eye(3), self._center(name))
 

@@ -19,7 +19,7 @@ from mock_server.cine import Cine
 from mock_server.faults import Faults
 from mock_server.flaws import Film, mixed
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
-from mock_server.render import ViewHits, pinhole_rays, render_view
+from mock_server.render import ViewHits, pinhole_rays, trace_view
 from mock_server.scene import LATEST_S, Scene
 from mock_server.settings import Settings
 
@@ -96,11 +96,18 @@ class Camera:
         """Return fx, fy, cx, cy, px; None for square pixels around the middle."""
         return self.cine.projection(*self.size) if self.cine.enabled else None
 
+    def center_m(self) -> Array:
+        """Return the optical centre (3,) in the scene's frame, metres."""
+        return MIRROR @ self.location / 100.0
+
+    def rays(self) -> tuple[Array, Array]:
+        """Return (H, W, 3) unit directions in the scene's frame, and (H, W) their lengths per depth."""
+        R_w_c = camera_to_world(self.rotation)
+        return pinhole_rays(R_w_c, self.fov_h_deg(), self.size, projection=self.projection())
+
     def fov_h_deg(self) -> float:
         """Return the horizontal field of view, degrees: the engine applies ``fov`` to the longer side."""
         width, height = self.size
-        if self.cine.enabled:
-            return math.degrees(2 * math.atan(width / 2 / self.cine.projection(width, height).fx))
         if width >= height:
             return self.fov
         return math.degrees(2 * math.atan(math.tan(math.radians(self.fov) / 2) * width / height))
@@ -326,10 +333,8 @@ class World:
         view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.projection(), camera.size)
         key = (*view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
-            pose = camera_to_world(camera.rotation), MIRROR @ camera.location / 100.0
-            self._views[key] = render_view(
-                moment.shown, *pose, camera.fov_h_deg(), *camera.size, hidden, camera.projection(), near_m
-            )
+            center, rays = camera.center_m(), camera.rays()
+            self._views[key] = trace_view(moment.shown, center, *rays, hidden, near_m)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
             len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS
@@ -368,13 +373,8 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
     """Return (H, W, 3) colours where an object mirrors what it faces, with half of the light."""
     color, scene = view.paint(), moment.shown
     at = view.label == scene.label(name)
-    rays, normal = (
-        pinhole_rays(
-            camera_to_world(camera.rotation), camera.fov_h_deg(), camera.size, projection=camera.projection()
-        )[0][at],
-        view.normal[at],
-    )
-    points = MIRROR @ camera.location / 100.0 + rays * view.distance[at][:, None]
+    rays, normal = camera.rays()[0][at], view.normal[at]
+    points = camera.center_m() + rays * view.distance[at][:, None]
     away = rays - 2 * (rays * normal).sum(axis=-1, keepdims=True) * normal
     color[at] = mixed(color[at], scene.trace(points + 1e-6 * normal, away, moment.hidden).color)
     return color
@@ -382,8 +382,7 @@ def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Arra
 
 def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
     """Return the view with a sphere around the camera as background."""
-    R_w_c = camera_to_world(camera.rotation)
-    rays, length = pinhole_rays(R_w_c, camera.fov_h_deg(), camera.size, projection=camera.projection())
+    rays, length = camera.rays()
     sky = view.distance > radius_m
     return dataclasses.replace(
         view,

@@ -206,7 +206,7 @@ class PluginDev(Plugin11):
         own = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
         turn = np.eye(3) if fork else axes((0.0, camera.rotation[1], 0.0))
         rays = own @ turn.T @ MIRROR
-        return self.world.placed().trace(MIRROR @ camera.location / 100.0, rays), own
+        return self.world.placed().trace(camera.center_m(), rays), own
 
 
 def _stable_id(camera: Camera) -> str:

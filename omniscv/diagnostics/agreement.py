@@ -59,13 +59,15 @@ class ViewCapture:
         view: pose and field of view.
         lit: (H, W, 3) float32.
         depth: (H, W) planar metres; ``_FAR_M`` for the sky.
-        mask: (H, W) int64, codes of the mask colours; None where masks are pictures of another camera.
+        mask: (H, W) int64, codes of the mask colours; 0 unless ``has_mask``.
+        has_mask: whether masks are pictures of the same camera.
     """
 
     view: View
     lit: NDArray[np.float32]
     depth: Array
-    mask: NDArray[np.int64] | None
+    mask: NDArray[np.int64]
+    has_mask: bool
 
     @cached_property
     def inverse(self) -> Array:
@@ -76,9 +78,8 @@ class ViewCapture:
     def smooth(self) -> Mask:
         """(H, W) where inverse depth may be interpolated, and the mask has one colour."""
         bend = np.abs(cv2.Laplacian(self.inverse, cv2.CV_64F)) < _SMOOTH * self.inverse
-        if self.mask is not None:
-            codes = self.mask.astype(np.float32)
-            bend &= cv2.dilate(codes, np.ones((3, 3))) == cv2.erode(codes, np.ones((3, 3)))
+        codes = self.mask.astype(np.float32)
+        bend &= cv2.dilate(codes, np.ones((3, 3))) == cv2.erode(codes, np.ones((3, 3)))
         return np.asarray(cv2.erode(bend.astype(np.uint8), np.ones((3, 3), np.uint8)), np.bool_)
 
     @cached_property
@@ -138,10 +139,6 @@ class Overlap:
         least, most = (bound[row] for bound in first.range)
         lit = second.lit[common][same]
         levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
-        if first.mask is None or second.mask is None:
-            return cls(
-                behind, scale, gone, np.zeros(len(lit), np.bool_), levels, np.zeros(len(lit), np.int64)
-            )
         objects = second.mask[common][same]
         return cls(behind, scale, gone, first.mask[row] != objects, levels, objects)
 
@@ -160,10 +157,9 @@ def capture_views(
         metres = depth.astype(np.float64) * (0.01 if unit == "cm" else 1.0)
         planar = metres / view.ray_lengths() if kind == "ray" else metres
         usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
-        codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else None
-        captures.append(
-            ViewCapture(view, lit.astype(np.float32), np.where(depth < UNREAL_SKY, planar, _FAR_M), codes)
-        )
+        codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else np.zeros(lit.shape[:2], np.int64)
+        planar = np.where(depth < UNREAL_SKY, planar, _FAR_M)
+        captures.append(ViewCapture(view, lit.astype(np.float32), planar, codes, usable))
     camera.position = start
     return captures
 
@@ -199,15 +195,14 @@ def findings(
     yield _view_dependent(moved_overlaps, names)
     yield _aligned([*faces, *turned])
     yield _spheres([*faces, *turned], names)
-    if boxes and faces[0].mask is not None:
+    if boxes and faces[0].has_mask:
         yield _boxes([*faces, *turned], names, boxes)
 
 
 def _again(first: ViewCapture, again: ViewCapture) -> Finding:
     lit = float(np.abs(first.lit - again.lit).mean())
     depth = float((np.abs(again.depth / np.maximum(first.depth, 1e-3) - 1) > _DEPTH / 4).mean())
-    both = first.mask is not None and again.mask is not None
-    masks = float((np.asarray(first.mask) != np.asarray(again.mask)).mean()) if both else 0.0
+    masks = float((first.mask != again.mask).mean())
     same = lit <= _AGAIN_LEVELS and max(depth, masks) <= _SHARE
     value = f"colours {lit:.1f} levels off at the mean, {depth:.1%} of depth, {masks:.1%} of masks"
     return Finding.unless(same, "same again", value, "bad", f"pause the game; {_EFFECTS}")
@@ -266,7 +261,7 @@ def _aligned(captures: Sequence[ViewCapture]) -> Finding:
     for axis, direction in ((1, "right"), (0, "down")):
         scores = np.zeros(2 * _MOST_PX + 1)
         for capture in captures:
-            if capture.mask is None:
+            if not capture.has_mask:
                 return Finding(name, "masks are pictures of another camera")
             edges = np.diff(capture.mask, axis=axis) != 0
             steps = np.abs(np.diff(capture.lit, axis=axis)).sum(axis=-1)
@@ -283,8 +278,8 @@ def _spheres(captures: Sequence[ViewCapture], names: Mapping[int, str]) -> Findi
     """Find objects that are spheres around the camera: domes that stand for the sky."""
     domes = []
     distance = np.stack([capture.depth * capture.view.ray_lengths() for capture in captures])
-    if captures[0].mask is not None:
-        mask = np.stack([capture.mask for capture in captures if capture.mask is not None])
+    if captures[0].has_mask:
+        mask = np.stack([capture.mask for capture in captures])
         for code in np.unique(mask[distance < _FAR_M]):
             of_object = distance[mask == code]
             if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
@@ -298,7 +293,7 @@ def _boxes(
 ) -> Finding:
     """Find objects that masks and depth show outside their boxes, or not at all though nothing hides them."""
     points = np.concatenate([capture.points_w.reshape(-1, 3) for capture in captures])
-    mask = np.concatenate([capture.mask.reshape(-1) for capture in captures if capture.mask is not None])
+    mask = np.concatenate([capture.mask.reshape(-1) for capture in captures])
     center = captures[0].view.pose.position
     reach = np.linalg.norm(points - center, axis=1)
     wrong = []
