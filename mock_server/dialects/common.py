@@ -227,15 +227,15 @@ class Dialect(ABC):
         """Return the commands about the plugin itself."""
         return [
             ("vget /unrealcv/status", "State of the server and its configuration", self.status),
-            (
-                "vget /unrealcv/help",
-                "All commands",
-                lambda: "".join(f"{c.template}\n{c.description}\n" for c in self.commands),
-            ),
+            ("vget /unrealcv/help", "All commands", self.help),
             ("vget /unrealcv/echo [str]", "The word itself", echo),
             ("vget /unrealcv/version", "Version of the plugin", lambda: self.version),
             ("vget /scene/name", "Name of the project", lambda: self.project),
         ]
+
+    def help(self) -> str:
+        """Return the templates of all commands, each with its description behind it, a line each."""
+        return "".join(f"{command.template}\n{command.description}\n" for command in self.commands)
 
     def viewmode_rows(self) -> list[Row]:
         """Return the commands about the window's view mode."""

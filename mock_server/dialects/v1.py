@@ -85,11 +85,7 @@ class Plugin1(Dialect):
             ("vget /persistent_level/id", "Name of the level", lambda: "PersistentLevel"),
             (script, "Its script", lambda: f"{self.world.scene.name}_C_0"),
             ("vget /screenshot [str]", "The window", lambda f: self._image("screenshot", self.window(), f)),
-            (
-                "vget /cameras",
-                "Names of the cameras",
-                lambda: "".join(f"{c.name} " for c in self.world.cameras),
-            ),
+            ("vget /cameras", "Their names", lambda: "".join(f"{c.name} " for c in self.world.cameras)),
             ("vset /cameras/spawn", "Adds a camera", self.world.spawn),
             (f"vget {cam}/location", "Location, cm", camera(lambda c: numbers(c.location))),
             (f"vset {cam}/location {THREE}", "Moves it", camera(partial(self._set_pose, "location"))),

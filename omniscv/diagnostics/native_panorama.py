@@ -99,11 +99,8 @@ def _directions(fit: _Fit) -> Array:
     yaw = np.radians(fit.yaw_deg) + fit.turns * 2 * np.pi * np.arange(width) / width
     pitch = np.pi * (0.5 - (np.arange(height) + fit.row_px) / height)
     pitch = pitch[_middle()]
-    flat = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-    rows = np.cos(pitch)[:, None, None] * flat
-    return np.concatenate(
-        [rows, np.broadcast_to(np.sin(pitch)[:, None, None], (*rows.shape[:2], 1))], axis=-1
-    )
+    pitch, yaw = np.meshgrid(pitch, yaw, indexing="ij")
+    return np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=-1)
 
 
 def _middle() -> NDArray[np.bool_]:

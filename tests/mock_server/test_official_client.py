@@ -8,7 +8,6 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from support.expected_views import png
 from support.wire import leave, official_api
 
 import mock_server
@@ -39,7 +38,7 @@ def test_the_official_client(start, connect, dialect):
 @pytest.fixture
 def old(start, tmp_path):
     """A server of plugin 0.3.10."""
-    return start(dialect="0.3.10", size=SIZE, window=(32, 20), folder=tmp_path)
+    return start(dialect="0.3.10", size=SIZE, folder=tmp_path)
 
 
 def test_the_official_client_loses_its_way_when_replies_change_order(old, connect, monkeypatch):
@@ -52,13 +51,6 @@ def test_the_official_client_loses_its_way_when_replies_change_order(old, connec
         client.request("vget /unrealcv/version", timeout=1)
     client.t.join(5)
     assert "Message ID mismatch" in str(died[0])
-
-
-def test_the_official_client_of_0_3_10(old, connect):
-    client = connect(old)
-    assert client.request("vget /unrealcv/version") == "0.3.10"
-    assert client.request(["vget /camera/0/lit png", "vget /objects"])[1].startswith("Ball ")
-    assert png(client.request("vget /camera/0/object_mask png")).shape == (20, 32, 4)
 
 
 def test_the_official_api_of_0_3_10_does_not_construct(old):

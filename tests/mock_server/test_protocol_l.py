@@ -13,21 +13,8 @@ from mock_server.pixels import through_vertex_colors
 SIZE = (40, 30)
 WINDOW = (32, 20)
 # Palette values that vertex colours change, as the reference lists them; all others from 127 up are exact.
-BENT = {
-    23: 21,
-    31: 28,
-    47: 46,
-    55: 53,
-    63: 61,
-    71: 70,
-    79: 78,
-    103: 102,
-    119: 118,
-    35: 34,
-    120: 119,
-    15: 0,
-    145: 144,
-}
+BENT = {23: 21, 31: 28, 47: 46, 55: 53, 63: 61, 71: 70, 79: 78, 103: 102, 119: 118}
+BENT |= {15: 0, 35: 34, 120: 119, 145: 144}
 EXACT = [39, 87, 95, 111, 127, 143, 151, 159, 167, 175, 183, 191, 199, 207, 215, 223, 231, 239, 255]
 
 

@@ -50,12 +50,16 @@ def test_files_have_their_names_and_leave_the_folder_only_if_the_server_was_told
 ):
     folder, outside = tmp_path / "folder", tmp_path / "out"
     request = talk(dialect, folder=folder, files=files)
-    for name in ("run/7/lit.PNG", "../out/a.png", f"{outside}/b.png"):
+    for path in (folder, outside):
+        path.mkdir()
+    (folder / "link").symlink_to(outside)
+    for name in ("run/7/lit.PNG", "../out/a.png", f"{outside}/b.png", "link/c.png", "x/../../out/d.png"):
         assert not request(f"vget /camera/0/lit {name}").startswith("error")
     assert decode_png((folder / "run/7/lit.PNG").read_bytes()).shape[:2] == SIZE[::-1]
-    assert sorted(p.name for p in outside.glob("*")) == (["a.png", "b.png"] if files == "anywhere" else [])
+    written = sorted(path.stem for path in outside.glob("*.png"))
+    assert written == (list("abcd") if files == "anywhere" else [])
     assert [r.levelno for r in caplog.records if "--files anywhere" in r.message] == (
-        [] if files == "anywhere" else [logging.WARNING] * 2
+        [] if files == "anywhere" else [logging.WARNING] * 4
     )
 
 

@@ -282,10 +282,7 @@ TALKS = [
         *SETTLE,
         ("vget /camera/0/location", "50.000 0.000 150.000"),
     ]),
-    Talk("moveto and the screenshot are the player's", "M N1 N2 N3", [
-        ("vset /camera/0/moveto 50 0 150", "ok"),
-        *SETTLE,
-        ("vget /camera/0/location", "50.000 0.000 150.000"),
+    Talk("the screenshot is the player's", "M N1 N2 N3", [
         ("vget /screenshot gif", f"{FILE}gif"),
         ("vset /viewmode object_mask", "ok"),
         ("vget /screenshot png", Same("vget /camera/0/object_mask png")),
