@@ -120,19 +120,10 @@ def record(
     loaded = _described(job, launch or []).load()
     path = loaded.record or Path("capture.sqlite")
     target_of(path)  # refuses what is no file, before a game is launched
-    before = _captures_in(path)
     cube_map = overscan is None and job.file is None
     with display("images", progress) as show:
-        count = capture(loaded, path, show, border_px="overscan" if cube_map else overscan)
-    new = _captures_in(path) - before
+        count, new = capture(loaded, path, show, border_px="overscan" if cube_map else overscan)
     console.line(f"{path}: {count} captures" + ("" if new == count else f", {new or 'none'} new"))
-
-
-def _captures_in(path: Path) -> int:
-    """Return how many captures a recording holds; 0 without one."""
-    from omniscv.sources.recording.inspection import info
-
-    return sum(info(path).captures.values()) if path.exists() and path.stat().st_size else 0
 
 
 def _described(job: JobArguments, games: list[Path]) -> JobArguments:

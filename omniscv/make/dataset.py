@@ -168,6 +168,8 @@ def make(
             _remove_markers(folder, [part.marker])
             return Made(0, made.kept)
     unfinished = _unfinished(folder, part.count)
+    if part in unfinished:  # another process has finished the dataset, and removed the markers
+        return made
     missing = sum(len(_keys(world, other, chosen)) for other in unfinished for world in worlds)
     if chosen is not None and unfinished:
         missing = max(1, missing)  # a part without chosen frames has a marker, too

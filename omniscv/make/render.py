@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache, partial, reduce
 from operator import add
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
 from omniscv.sources.exposures import exposures_of
-from omniscv.sources.recording.rows import view_from_json
+from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
 from omniscv.sources.stillness import verify_still
@@ -132,13 +132,20 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
             yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer})"
 
 
+class Captured(NamedTuple):
+    """The number of captures that a job needs, and of those that its recording did not hold before."""
+
+    needed: int
+    new: int
+
+
 def capture(
     job: Job,
     path: Path,
     progress: Report | None = None,
     *,
     border_px: int | Literal["overscan"] | None = None,
-) -> int:
+) -> Captured:
     """Capture all that a job's images need into a file, without composing them.
 
     Args:
@@ -148,14 +155,11 @@ def capture(
         border_px: how much wider views are on every side; what the widest filter needs, if not given.
             ``overscan``: for the faces of cube maps, if the source can set their size and field of view, that
             of the faces in the file, else 1/16 of a face.
-
-    Returns:
-        The number of captures that the job needs.
     """
     check(job)
-    needed: dict[Request, None] = {}
+    needed, held = dict[Request, None](), _recorded(path)
     meter = Meter(len(job), progress)
-    recorded = _requested_views(path) if border_px == "overscan" else frozenset[View]()
+    recorded = frozenset(view_from_json(row.asked) for row in held if border_px == "overscan")
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
             border_px = _overscan_px(job, source, recorded)
@@ -182,15 +186,16 @@ def capture(
                         _capture_plans, plans=plans, modes=modes, before=needed, report=report
                     )
                     needed |= verify_still(renderer_then.source, modes, capture_plans)
-    return sum(len(exposures_of(request, job.brackets)) if job.brackets else 1 for request in needed)
+    made = [one for each in needed for one in (exposures_of(each, job.brackets) if job.brackets else [each])]
+    return Captured(len(made), len({key_of(request) for request in made} - {row.key for row in held}))
 
 
-def _requested_views(path: Path) -> frozenset[View]:
-    """Return the views that captures of a recording were requested for; none if there is no recording."""
+def _recorded(path: Path) -> list[Row]:
+    """Return the captures of a recording; none if there is no recording."""
     if not path.exists() or not path.stat().st_size:
-        return frozenset()
+        return []
     with closing(Store(path)) as store:
-        return frozenset(map(view_from_json, {row.asked for row in store.listing()}))
+        return store.listing()
 
 
 def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | None:

@@ -9,6 +9,7 @@ import pytest
 from support.command_line import ROOT
 
 from omniscv.cli import run
+from omniscv.make import render
 from omniscv.sources.recording.inspection import info
 
 
@@ -86,6 +87,20 @@ def test_recording_again_says_how_many_captures_are_new(capsys, tmp_path):
     ):
         assert run(["record", "--modes", modes, "--set", "face_size=16", "--out", str(path)]) == 0
         assert capsys.readouterr().out == f"{path}: {count}\n"
+
+
+def test_captures_of_another_process_in_the_same_file_are_not_counted(capsys, tmp_path, monkeypatch):
+    path, opened = tmp_path / "one.sqlite", render.opened
+    arguments = ["record", "--set", "face_size=16", "--out", str(path), "--modes"]
+
+    def opened_while_another_records(*args):
+        monkeypatch.undo()
+        assert run([*arguments, "lit,depth"]) == 0
+        return opened(*args)
+
+    monkeypatch.setattr(render, "opened", opened_while_another_records)
+    assert run([*arguments, "lit"]) == 0
+    assert capsys.readouterr().out == f"{path}: 12 captures\n{path}: 6 captures\n"
 
 
 @pytest.mark.parametrize("command", ["render", "record"])

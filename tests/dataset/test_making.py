@@ -15,6 +15,7 @@ from omniscv import dataset
 from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.job import load
+from omniscv.make import dataset as maker
 from omniscv.make import make
 from omniscv.make.contents import Contents
 
@@ -123,6 +124,23 @@ def test_images_of_render_are_not_mixed_with_a_dataset(tmp_path):
     image().save(job.out)
     with pytest.raises(ArgumentError, match="images of 'render'; write elsewhere"):
         make(job)
+
+
+def test_a_set_that_another_process_has_just_finished_is_complete(tmp_path, monkeypatch):
+    """It has removed the markers when this one looks for them."""
+    job, run = load(job_file(tmp_path)), maker._run
+
+    def run_while_another_finishes(*args, **kw):
+        done = run(*args, **kw)
+        monkeypatch.undo()
+        assert make(job, shard=(1, 2)).missing == 0
+        return done
+
+    monkeypatch.setattr(maker, "_run", run_while_another_finishes)
+    done = make(job, shard=(0, 2))
+    assert done.missing == 0
+    assert done.written > 0
+    assert dataset.check(job.out) == []
 
 
 def test_a_key_has_no_dot_and_is_used_once(tmp_path):

@@ -233,7 +233,7 @@ def test_a_plan_counts_every_instant(tmp_path):
     )
     assert (single, thrice, exposed) == (18, 54, 18 + 12)
     colour = replace(times, modes=("lit",), options=RenderOptions("cube", face_size=16))
-    assert capture(colour, tmp_path / "kept.sqlite") == 3 * 6
+    assert capture(colour, tmp_path / "kept.sqlite").needed == 3 * 6
 
 
 @pytest.mark.parametrize(

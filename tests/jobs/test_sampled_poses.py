@@ -152,7 +152,7 @@ def test_a_job_samples_its_poses_when_its_source_is_open(tmp_path):
     path.write_text(JOB)
     job = load(path)
     planned = {cost.way: cost.requests for cost in costs(job)}
-    assert capture(job, job.record) == planned["auto"]
+    assert capture(job, job.record).needed == planned["auto"]
     live = {file.name: file.read_bytes() for file in run(job)}
     assert {"eye-0.lit.png", "eye-1.lit.png"} <= set(live)
     path.write_text(JOB.replace("scene://four-wall", "room.sqlite").replace("record: room.sqlite\n", ""))

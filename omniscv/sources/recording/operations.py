@@ -109,8 +109,8 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
             numbers.setdefault(f"{source_name.stem}.{cluster}{source_name.suffix}", []).append(row.number)
         if folder.local is not None:  # temporary files are on the file system of the folder
             folder.local.mkdir(parents=True, exist_ok=True)
-            remove_scratch(folder.local, _SCRATCH)
         parent = Path(tempfile.gettempdir()) if folder.local is None else folder.local
+        remove_scratch(parent, _SCRATCH)
         with scratch_folder(parent, _SCRATCH) as scratch:
             for name in numbers:
                 with opened_whole(scratch / name) as target:
