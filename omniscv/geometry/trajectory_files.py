@@ -17,12 +17,11 @@ EuRoC
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 from warnings import catch_warnings
 
 import numpy as np
@@ -32,64 +31,32 @@ from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import FARTHEST, R_LEVEL, Array, Pose
 from omniscv.geometry.trajectory import Poses, Trajectory
+from omniscv.geometry.trajectory_columns import (
+    ANGLES,
+    MATRIX,
+    QUATERNION,
+    UNITS,
+    Dialect,
+    check_decimals,
+    dialect_of,
+    is_names,
+    split,
+)
 from omniscv.storage.bounded import open_regular
 
 Frame = Literal["camera", "body", "object"] | Pose
 
 _NS = 10**9
-_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": _NS}
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
 _SLOW, _TOO_SLOW = 10.0, 1e4  # seconds from row to row: no camera is so slow
 _MOST_BYTES, _BLOCK = 1 << 28, 1 << 16
 _MOST_ANGLE = 1e5  # degrees or radians; more digits than a turn has are lost
-_MANY = 5  # names of columns that a comment does not have by chance
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _KITTI_ROUNDING = 1e-4
 """Largest entry of |R R^T - I| in a file: those of KITTI have seven digits."""
 _UNIT = {"TUM": 1e-2, "EuRoC": 1e-3}
 """How far the length of a quaternion may be off 1 where no names say that it is one."""
 _SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
-
-_TUM, _EUROC = (
-    ["time", "x", "y", "z", "qx", "qy", "qz", "qw"],
-    ["time", "x", "y", "z", "qw", "qx", "qy", "qz"],
-)
-_MATRIX = [f"m{i}" for i in range(12)]
-_ANGLES, _QUATERNION = ("yaw", "pitch", "roll"), ("qx", "qy", "qz", "qw")
-_POSE = r"(?:field\.)?(?:pose\.){0,2}(?:pano_)?"
-_SPELLINGS = (
-    (rf"{_POSE}(?:position[._]|pos_|p_rs_r_|[tp]_?)?([xyz])", r"\1"),
-    (rf"{_POSE}(?:orientation[._]|ori_|q_rs_|q_?)([wxyz])", r"q\1"),
-    (r"(yaw|pitch|roll)", r"\1"),
-    (r"time|timestamp|t|stamp|secs?|seconds", "time"),
-    (r"nsecs?|nanosecs?|nanoseconds", "nsec"),
-    (r"v_rs_r_[xyz]|b_[wa]_rs_s_[xyz]|id|seq|filename|field\.header\.\w+", ""),
-)
-"""Names of columns in lower case, and what each is; empty: nothing of a pose."""
-_MARKED = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(ns|us|ms|s|rad|deg))?")
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
-_WORD = re.compile(r"[^\W\d][\w.]*(?:\s*[\[(][^\])]*[\])])?")
-
-
-class _Dialect(NamedTuple):
-    """How the rows of a file are written.
-
-    Attributes:
-        name: TUM, KITTI, EuRoC, or empty where names say what the columns are.
-        columns: what each is; empty for one that is not read.
-        units: of columns that have one: ``ms``, ``rad``.
-        separator: None for blanks.
-        comment: what starts one.
-        named: the names in the file, for messages.
-    """
-
-    name: str
-    columns: list[str]
-    units: dict[str, str]
-    separator: str | None
-    comment: str
-    named: str
 
 
 def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None) -> Trajectory:
@@ -139,7 +106,7 @@ def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None
         return Trajectory(Poses(positions, rotations), seconds, says=tuple(says))
 
 
-# -- what a file looks like --------------------------------------------------------------------------------
+# -- rows --------------------------------------------------------------------------------
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -152,14 +119,14 @@ def _lines(path: Path) -> Iterator[str]:
         raise ArgumentError(str(cause)) from cause
 
 
-def _rows(path: Path) -> tuple[_Dialect, NDArray[Any]]:
+def _rows(path: Path) -> tuple[Dialect, NDArray[Any]]:
     """Return how a file is written, and its rows, a structured array with a field for each column."""
     comments, names, where, lines = list[str](), "", 0, _lines(path)
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if text.startswith(("#", "%")):
             comments.append(text)
-        elif text and not names and _is_names(text):
+        elif text and not names and is_names(text):
             names, where = text, number
         elif text:
             break
@@ -167,7 +134,7 @@ def _rows(path: Path) -> tuple[_Dialect, NDArray[Any]]:
         wanted = "expected rows of numbers below the names" if names else "expected rows of a trajectory"
         raise ArgumentError(f"{wanted}, such as 'time tx ty tz qx qy qz qw', got none")
     with within(f"line {where or number}"):
-        dialect, types = _dialect(names, comments, text)
+        dialect, types = dialect_of(names, comments, text)
     try:
         with catch_warnings(action="error"):  # a fraction of a nanosecond
             rows = np.loadtxt(
@@ -182,137 +149,27 @@ def _rows(path: Path) -> tuple[_Dialect, NDArray[Any]]:
     return dialect, rows
 
 
-def _is_names(text: str) -> bool:
-    """Return whether a line has names of columns: words, none of which is a number."""
-    words = [word for word in re.split(r"[\s,;]+", text) if word]
-    return any(word[0].isalpha() for word in words) and not any(map(_NUMBER.fullmatch, words))
-
-
-def _split(text: str, separator: str | None) -> list[str]:
-    return [word.strip().strip("\"'") for word in text.split(separator)]
-
-
-def _dialect(names: str, comments: list[str], row: str) -> tuple[_Dialect, list[str]]:
-    """Return how rows are written, and the types of columns, by the first row and what is above it."""
-    comment = comments[-1][0] if comments else "#"
-    row = row.partition(comment)[0].strip()
-    separator = next((mark for mark in ";," if mark in row), None)
-    _check_decimals(row, separator)
-    words = _split(row, separator)
-    count = len(words)
-    line = names
-    if names:
-        mark = separator or ("\t" if "\t" in names else None)
-        of_line = _split(names, mark) if mark else re.split(r"\s+(?![\[(])", names)  # not before a unit
-    else:
-        line, of_line = _names_in_comments(comments, count, separator)
-    if of_line:
-        columns, units = _named(of_line, count)
-        name = "EuRoC" if "rs_r" in line.lower() else ""
-    else:
-        name, columns = _without_names(separator, count)
-        units, line = {}, " ".join(columns) if name != "KITTI" else "the 12 numbers of a rigid 3x4 matrix"
-    types = ["f8" if column else "S1" for column in columns]
-    if "time" in columns:
-        i = columns.index("time")
-        if (name == "EuRoC" and not of_line) or re.fullmatch(r"[+-]?\d{15,}", words[i]):
-            types[i] = "i8"  # a float64 would lose digits
-            units.setdefault("time", "ns" if name == "EuRoC" else "")
-    return _Dialect(name, columns, units, separator, comment, line.strip()), types
-
-
-def _names_in_comments(comments: list[str], count: int, separator: str | None) -> tuple[str, list[str]]:
-    """Return the last comment that names the columns, and the names; none if there is no such.
-
-    Raises:
-        ArgumentError: it names many, but not each.
-    """
-    for line in reversed(comments):
-        words = _split(line.lstrip("#% "), separator) if separator else _WORD.findall(line)
-        words = [word for word in words if _column(word)[0] is not None]
-        known = {_column(word)[0] for word in words}
-        if len(words) == count and {*"xyz"} <= known:
-            return line, words
-        if len(known) >= _MANY:
-            raise ArgumentError(f"expected {count} names of columns, got {len(words)} in {shown(line)}")
-    return "", []
-
-
-def _column(word: str) -> tuple[str | None, str]:
-    """Return what a name stands for, None if it is not known, and its unit."""
-    match = _MARKED.fullmatch(word.lower())
-    name, *units = match.groups() if match else (word,)
-    for pattern, column in _SPELLINGS:
-        if match := re.fullmatch(pattern, name):
-            return match.expand(column), next(filter(None, units), "")
-    return None, ""
-
-
-def _named(words: list[str], count: int) -> tuple[list[str], dict[str, str]]:
-    """Return what columns are, and their units, by their names."""
-    found = [_column(word) for word in words]
-    columns = [column or "" for column, _ in found]
-    if unknown := [word for word, (column, _) in zip(words, found, strict=True) if column is None]:
-        known = ", ".join(("time", *"xyz", *_ANGLES, *_QUATERNION))
-        raise ArgumentError(f"expected names of columns among {known}; got {shown(unknown[0])}")
-    if len(words) != count:
-        raise ArgumentError(
-            f"expected {len(words)} columns, as there are names, got {count} in the first row"
-        )
-    if twice := [column for column in columns if column and columns.count(column) > 1]:
-        raise ArgumentError(f"expected each column once, got {twice[0]} twice")
-    if missing := [name for name in "xyz" if name not in columns]:
-        raise ArgumentError(f"expected columns x, y and z, got no {missing[0]}")
-    turned = [name for name in _QUATERNION if name in columns]
-    if turned and (len(turned) < 4 or {*_ANGLES} & {*columns}):
-        raise ArgumentError("expected qx, qy, qz and qw, or yaw, pitch and roll; got some of them")
-    units = {column: unit for column, unit in found if column and unit}
-    if "nsec" in columns and "time" not in columns:
-        columns[columns.index("nsec")], units["time"] = "time", "ns"
-    if units.get("time", "s") not in (*_UNITS, "sec"):
-        raise ArgumentError(f"expected a time in {', '.join(_UNITS)}; got {shown(units['time'])}")
-    return columns, units
-
-
-def _without_names(separator: str | None, count: int) -> tuple[str, list[str]]:
-    """Return the layout, and the columns, of rows without names."""
-    if separator and count in (8, 17):
-        return "EuRoC", _EUROC + [""] * (count - 8)
-    if not separator and count in (8, 12):
-        return ("TUM", _TUM) if count == 8 else ("KITTI", _MATRIX)
-    known = "8 or 17 columns with a separator (EuRoC), 8 (TUM) or 12 (KITTI) with blanks"
-    raise ArgumentError(f"expected names of the columns, or {known}; got {count} columns without names")
-
-
-def _check_decimals(row: str, separator: str | None) -> None:
-    """Refuse decimal commas."""
-    cells = _split(row, ";") if separator == ";" else row.split()
-    alone = len(cells) > 1 and not any(cell.strip(",") != cell for cell in cells)
-    if alone and any(map(_DECIMAL_COMMA.fullmatch, cells)):
-        raise ArgumentError(f"expected decimal points, got a comma in {shown(row[:60])}")
-
-
-def _data_lines(path: Path, dialect: _Dialect) -> Iterator[tuple[int, str]]:
+def _data_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
     """Yield the numbers and texts of the lines with rows."""
     names = True
     for number, line in enumerate(_lines(path), start=1):
         text = line.partition(dialect.comment)[0].strip()
         if text and line.strip()[0] not in "#%":
-            if names and _is_names(text):
+            if names and is_names(text):
                 names = False
                 continue
             names = False
             yield number, text
 
 
-def _wrong_line(path: Path, dialect: _Dialect, types: Sequence[str]) -> ArgumentError:
+def _wrong_line(path: Path, dialect: Dialect, types: Sequence[str]) -> ArgumentError:
     """Return the error of the first line that is no row."""
     readers = {"f8": float, "i8": int, "S1": str}
     for number, text in _data_lines(path, dialect):
-        words = _split(text, dialect.separator)
+        words = split(text, dialect.separator)
         try:
             with within(f"line {number}"):
-                _check_decimals(text, dialect.separator)
+                check_decimals(text, dialect.separator)
             for kind, word in zip(types, words, strict=True):
                 np.array([readers[kind](word)], kind)
         except ArgumentError as cause:
@@ -322,7 +179,7 @@ def _wrong_line(path: Path, dialect: _Dialect, types: Sequence[str]) -> Argument
     return ArgumentError(f"expected rows {shown(dialect.named)}, got others")
 
 
-def _refuse(path: Path, dialect: _Dialect, wrong: NDArray[np.bool_], expected: str) -> None:
+def _refuse(path: Path, dialect: Dialect, wrong: NDArray[np.bool_], expected: str) -> None:
     """Raise ArgumentError that names the line of the first row that is wrong, if any is."""
     if wrong.any():
         row = int(wrong.argmax())
@@ -333,14 +190,14 @@ def _refuse(path: Path, dialect: _Dialect, wrong: NDArray[np.bool_], expected: s
 # -- from columns to poses ---------------------------------------------------------------------------------
 
 
-def _check(path: Path, dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> None:
+def _check(path: Path, dialect: Dialect, columns: dict[str, NDArray[Any]]) -> None:
     """Refuse rows with numbers that no pose has."""
     wrong = np.zeros(len(next(iter(columns.values()))), np.bool_)
     for values in columns.values():
         wrong |= ~np.isfinite(values)
     _refuse(path, dialect, wrong, f"finite numbers {shown(dialect.named)}")
-    limits = dict.fromkeys((*"xyz", *_MATRIX[3::4]), (FARTHEST, "coordinates"))
-    limits |= dict.fromkeys(_ANGLES, (_MOST_ANGLE, "angles"))
+    limits = dict.fromkeys((*"xyz", *MATRIX[3::4]), (FARTHEST, "coordinates"))
+    limits |= dict.fromkeys(ANGLES, (_MOST_ANGLE, "angles"))
     for name in limits.keys() & columns.keys():
         most, what = limits[name]
         _refuse(path, dialect, np.abs(columns[name]) > most, f"{what} of at most {most:g}")
@@ -350,7 +207,7 @@ def _check(path: Path, dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> N
         wrong = ~(off < _KITTI_ROUNDING) | (np.linalg.det(rotations) < 0)
         _refuse(path, dialect, wrong, dialect.named)
     if "qw" in columns:
-        length = np.sqrt(sum(columns[name] ** 2 for name in _QUATERNION))
+        length = np.sqrt(sum(columns[name] ** 2 for name in QUATERNION))
         _refuse(
             path,
             dialect,
@@ -362,7 +219,7 @@ def _check(path: Path, dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> N
             _refuse(path, dialect, off, "a quaternion of length 1, or names of the columns")
 
 
-def _times_of(dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArray[Any] | None, list[str]]:
+def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArray[Any] | None, list[str]]:
     """Return times in seconds, or in whole nanoseconds if ``dialect.units`` says so; and what was assumed."""
     if "time" not in columns:
         return None, []
@@ -375,7 +232,7 @@ def _times_of(dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDAr
     smallest, largest = float(np.abs(times).min()), float(np.abs(times).max())
     if not unit and largest > _SECONDS:
         unit = "ms" if largest < _SECONDS * 1e3 else "us" if largest < _SECONDS * 1e6 else "ns"
-        if largest > _MOST_TIME or smallest < _SECONDS * _UNITS[unit] / 1e3:
+        if largest > _MOST_TIME or smallest < _SECONDS * UNITS[unit] / 1e3:
             raise ArgumentError(f"time: expected seconds, got {smallest:.15g} to {largest:.15g}")
         says.append(f"times up to {largest:.6g} are taken as {unit} since 1970")
     elif not unit and len(times) > 2 and (step := float(np.median(np.diff(times)))) >= _SLOW:
@@ -383,7 +240,7 @@ def _times_of(dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDAr
         if step >= _TOO_SLOW:
             raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
         says.append(f"times in steps of {step:.9g} are taken as seconds; if they are others, {advice}")
-    per_s = _UNITS[unit or "s"]
+    per_s = UNITS[unit or "s"]
     if unit == "ns" and times.dtype.kind == "i":
         dialect.units["time"] = "ns"
         return times, says
@@ -395,7 +252,7 @@ def _times_of(dialect: _Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDAr
 
 
 def _poses_of(
-    dialect: _Dialect, columns: dict[str, NDArray[Any]], frame: Frame, first: Pose
+    dialect: Dialect, columns: dict[str, NDArray[Any]], frame: Frame, first: Pose
 ) -> tuple[Array, Array]:
     """Return positions (N, 3) and rotations (N, 3, 3) of cameras, or of objects."""
     is_level = frame == "body" or (frame == "camera" and not {"m0", "qw"} & {*columns})
@@ -410,23 +267,23 @@ def _poses_of(
     for start in range(0, count, _BLOCK):
         rows = slice(start, start + _BLOCK)
         block = {name: values[rows] for name, values in columns.items()}
-        axes = _MATRIX[3::4] if "m0" in block else "xyz"
+        axes = MATRIX[3::4] if "m0" in block else "xyz"
         turns, at = _turns(dialect, block, frame), np.stack([block[axis] for axis in axes], axis=1)
         positions[rows] = (at + turns @ mounted.position) @ first.rotation.T + first.position
         rotations[rows] = first.rotation @ turns @ mounted.rotation
     return positions, rotations
 
 
-def _turns(dialect: _Dialect, columns: dict[str, NDArray[Any]], frame: Frame) -> Array:
+def _turns(dialect: Dialect, columns: dict[str, NDArray[Any]], frame: Frame) -> Array:
     """Return the rotations (N, 3, 3) that columns hold; without any, those of angles that are 0."""
     from scipy.spatial.transform import Rotation  # slow to load
 
     if "m0" in columns:  # the nearest rotation
         return np.asarray(Rotation.from_matrix(_matrices(columns)).as_matrix())
     if "qw" in columns:
-        return np.asarray(Rotation.from_quat(np.stack([columns[q] for q in _QUATERNION], axis=1)).as_matrix())
+        return np.asarray(Rotation.from_quat(np.stack([columns[q] for q in QUATERNION], axis=1)).as_matrix())
     angles = np.zeros((len(columns["x"]), 3))
-    for i, name in enumerate(_ANGLES):
+    for i, name in enumerate(ANGLES):
         if name in columns:
             is_rad = dialect.units.get(name) == "rad"
             angles[:, i] = np.degrees(columns[name]) if is_rad else columns[name]
@@ -436,13 +293,11 @@ def _turns(dialect: _Dialect, columns: dict[str, NDArray[Any]], frame: Frame) ->
 
 
 def _matrices(columns: dict[str, NDArray[Any]]) -> Array:
-    return np.stack([columns[name] for name in _MATRIX if name not in _MATRIX[3::4]], axis=1).reshape(
-        -1, 3, 3
-    )
+    return np.stack([columns[name] for name in MATRIX if name not in MATRIX[3::4]], axis=1).reshape(-1, 3, 3)
 
 
 def _without_repeats(
-    path: Path, dialect: _Dialect, times: NDArray[Any], positions: Array, rotations: Array
+    path: Path, dialect: Dialect, times: NDArray[Any], positions: Array, rotations: Array
 ) -> tuple[NDArray[np.bool_], int]:
     """Return which rows stay, without those that repeat the time and the pose of the row before, and how many
     go."""

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, Lens, ObjectTable, Request, View
@@ -644,36 +645,33 @@ def _nerfstudio_lens(values: dict[str, Any], lit: Path) -> Pinhole | None:
 
 def _tum(folder: Path, options: Options) -> Sequence:
     """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps."""
-    truth, poses = _stamped(folder / "groundtruth.txt", 7)
-    depth_times, depths = _stamped(folder / "depth.txt", 1)
-    times, colors = _stamped(folder / "rgb.txt", 1)
+    truth = read_trajectory(folder / "groundtruth.txt")
+    poses, (depth_times, depths) = np.array(truth.times), _stamped(folder / "depth.txt")
+    times, colors = _stamped(folder / "rgb.txt")
     word = next((word for word in _TUM if word and word in str(folder.absolute())), "")
     fx, fy, cx, cy, *bent = _TUM[word]
     lens, frames = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent)), []
-    for time, (name,) in zip(times, colors, strict=True):
-        i, j = np.abs(truth - time).argmin(), np.abs(depth_times - time).argmin()
-        if abs(truth[i] - time) <= _LATEST_S:
+    for time, name in zip(times, colors, strict=True):
+        i, j = np.abs(poses - time).argmin(), np.abs(depth_times - time).argmin()
+        if abs(poses[i] - time) <= _LATEST_S:
             paths = {"lit": _inside(folder, name)}
-            paths |= (
-                {"depth": _inside(folder, depths[j][0])} if abs(depth_times[j] - time) <= _LATEST_S else {}
-            )
-            x, y, z, *quaternion = (number("pose", word) for word in poses[i])
-            holds = {"depth": Files(unit="1/5000")}
-            frames.append(Frame(paths, Pose.from_quaternion((x, y, z), quaternion), lens, holds))
+            if abs(depth_times[j] - time) <= _LATEST_S:
+                paths["depth"] = _inside(folder, depths[j])
+            frames.append(Frame(paths, truth[int(i)], lens, {"depth": Files(unit="1/5000")}))
     says = [f"lens of {word or 'ROS, as the folder is not named after freiburg1, 2 or 3'}"]
     if late := len(colors) - len(frames):
         says.append(f"{late} pictures left out: no pose within {_LATEST_S} s")
     return Sequence(frames, says=tuple(says))
 
 
-def _stamped(file: Path, count: int) -> tuple[Array, list[list[str]]]:
-    """Return the times, seconds, and so many words of each row of a list of the TUM benchmark."""
+def _stamped(file: Path) -> tuple[Array, list[str]]:
+    """Return the times, seconds, and the names of files of a list of the TUM benchmark."""
     with within(file.name):
         lines = read_bytes(file, MOST_JSON_BYTES).decode("utf-8", "replace").splitlines()
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
-        if not rows or {*map(len, rows)} != {1 + count}:
-            raise ArgumentError(f"expected lines of a time and {count} more, got others or none")
-        return np.array([number("time", time) for time, *_ in rows]), [words for _, *words in rows]
+        if not rows or {*map(len, rows)} != {2}:
+            raise ArgumentError("expected lines of a time and a name, got others or none")
+        return np.array([number("time", time) for time, _ in rows]), [name for _, name in rows]
 
 
 def pictures_in(path: Path) -> list[Path]:
