@@ -19,13 +19,12 @@ from mock_server.faults import Faults
 from mock_server.render import ViewHits
 
 Triple = tuple[float, float, float]
-Depth = NDArray[np.float64]
+Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 _STEEP_DEG = 45.0
 _DEPTH_RANGE_M = 100.0
 
-Array = NDArray[np.float64]
 TONES = ("srgb", "film", "linear")
 _MIDDLE_GREY = {"": 0.5, "srgb": 0.18, "film": 0.18, "linear": 0.18}
 _BLOOM = 1 / 8  # standard deviation, of the picture's width
@@ -51,13 +50,13 @@ def rounded_far_away(location: Triple, km: float) -> Triple:
     return x, y, z
 
 
-def in_steps(depth: Depth, bits: float) -> Depth:
+def in_steps(depth: Array, bits: float) -> Array:
     """Return depth in 2^bits even steps up to 100 m, as in integer images."""
     step = _DEPTH_RANGE_M / 2**bits
     return np.asarray(np.round(np.minimum(depth, _DEPTH_RANGE_M) / step) * step)
 
 
-def in_bits(depth: Depth, bits: float) -> Depth:
+def in_bits(depth: Array, bits: float) -> Array:
     """Return depth with a mantissa of so many bits: 23 float32, 10 half floats, 7 bfloat16."""
     mantissa, exponent = np.frexp(depth)
     return np.asarray(np.ldexp(np.round(mantissa * 2 ** (bits + 1)) / 2 ** (bits + 1), exponent))
@@ -106,7 +105,7 @@ def cast(image: Bytes, share: float, generator: random.Random) -> Bytes:
     return np.asarray(np.clip(np.round(image * np.array([1 + off, 1.0, 1 - off])), 0, 255), np.uint8)
 
 
-def radial(depth: Depth, share: float, view: ViewHits) -> Depth:
+def radial(depth: Array, share: float, view: ViewHits) -> Array:
     """Return planar depth that goes a share of the way to the distance along the ray."""
     is_surface = np.isfinite(view.depth)
     farther = np.where(is_surface, view.distance, 0) - np.where(is_surface, view.depth, 0)
@@ -124,7 +123,7 @@ IMAGES: tuple[tuple[str, str, Callable[[Bytes, float, random.Random], Bytes]], .
 )
 """The faults of images in their order: name, mode (empty for all), and what they do."""
 
-DEPTHS: tuple[tuple[str, Callable[[Depth, float, ViewHits], Depth]], ...] = (
+DEPTHS: tuple[tuple[str, Callable[[Array, float, ViewHits], Array]], ...] = (
     ("depth-scale", lambda depth, share, _: depth * (1 + share)),
     ("distortion", lambda depth, corner, _: distorted(depth, corner)),
     ("radial-depth", radial),

@@ -1,39 +1,27 @@
 """Traced perspective views of a scene."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.scene import Scene
+from mock_server.scene import Hits, Scene
 
 Array = NDArray[np.float64]
 Projection = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class ViewHits:
-    """A perspective view in every mode.
+class ViewHits(Hits):
+    """A perspective view (H, W) in every mode; ``depth`` is planar, float64, metres, +inf for the sky."""
 
-    Attributes:
-        label: (H, W) uint16.
-        depth: (H, W) float64, planar metres, +inf for the sky.
-        distance: (H, W) float64, metres along the ray.
-        normal: (H, W, 3) float64, world frame, 0 for the sky.
-        paint: computes the colours, (H, W, 3) 0..1.
-    """
-
-    label: NDArray[np.uint16]
     depth: Array
-    distance: Array
-    normal: Array
-    paint: Callable[[], Array]
 
     @cached_property
-    def color(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8, ``round(255 c)``; computed when first used."""
+    def codes(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8, ``round(255 c)`` of the colours; computed when first used."""
         return np.round(255 * np.clip(self.paint(), 0, 1)).astype(np.uint8)
 
 
@@ -77,4 +65,4 @@ def trace_view(
     skipped = near_m * length
     hits = scene.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
     distance = hits.distance + skipped
-    return ViewHits(hits.label, distance / length, distance, hits.normal, hits.paint)
+    return ViewHits(hits.label, distance, hits.normal, hits.paint, distance / length)

@@ -107,7 +107,7 @@ class Settings:
             self._expect(key, is_number and least <= value <= most, f"a number from {least:g} to {most:g},")
         for key in _WHOLE:
             self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
-        for key, size in (("size", self.size), ("window", self.window_size)):
+        for key, size in (("size", self.size), ("window", self.window or self.size)):
             pair = isinstance(size, tuple) and len(size) == 2
             fits = pair and all(isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size)
             self._expect(key, fits, f"(width, height) of 1 to {_MOST_PX} px each,")
@@ -118,11 +118,6 @@ class Settings:
     def _expect(self, key: str, fits: bool, wanted: str) -> None:
         if not fits:
             raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
-
-    @property
-    def window_size(self) -> tuple[int, int]:
-        """Width and height of the game's window, px."""
-        return self.window or self.size
 
 
 def _is_host(text: Any) -> bool:

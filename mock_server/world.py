@@ -128,7 +128,7 @@ class World:
         self.player = Player(_START_CM)
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
-        self.viewmode, self.window = "lit", settings.window_size
+        self.viewmode, self.window = "lit", settings.window or settings.size
         self.vertex_colors = settings.dialect in ("L", "0.3.10") or "mask-gamma" in faults
         self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
         self.placed_objects = Objects(scene)
@@ -304,7 +304,7 @@ class World:
         if mode == "depth":
             return pixels.gray_depth(view.depth)
         manual = camera is not None and camera.manual
-        lit = self._film.expose(view.color, manual, camera.bias if camera else 0.0)
+        lit = self._film.expose(view.codes, manual, camera.bias if camera else 0.0)
         if not (ghost := self.faults.strike("temporal")):
             return lit
         key, light = id(camera), lit.astype(np.float64)

@@ -42,7 +42,7 @@ class Plugin0310(Dialect):
     follows_while_paused = True
 
     def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
-        self._eyes_cm = 40
+        self._eyes_cm = 40.0
         super().__init__(world, settings, port, files)
 
     def begin(self, world: World) -> None:
@@ -54,6 +54,7 @@ class Plugin0310(Dialect):
         obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
         camera, cam, player = self.with_camera, "/camera/[uint]", self.world.player
         image, npy = f"vget {cam}", partial(self._data, "npy")
+        sets_eyes = partial(setattr, self, "_eyes_cm")
         return [
             ("vrun [str]", "Runs an alias", ok),
             ("vget /objects", "Names of the objects", lambda: " ".join(self.world.objects)),
@@ -82,7 +83,7 @@ class Plugin0310(Dialect):
             (f"vset {cam}/pose {THREE} {THREE}", "Both", lambda _, *p: self._pose(p[:3], p[3:])),
             (f"vget {cam}/horizontal_fieldofview", "Degrees", camera(lambda c: f"{c.fov:.3f}")),
             (f"vset {cam}/horizontal_fieldofview [float]", "Sets it", self._set_fov),
-            (f"vset {cam}/moveto {THREE}", "Moves it up to what is in the way", self._move_to),
+            (f"vset {cam}/moveto {THREE}", "Sweeps it", lambda _, *xyz: self._pose(self.world.swept(xyz))),
             (f"vget {cam}/proj_matrix", "Projection", lambda _: "error Argument Invalid"),
             *self.viewmode_rows(),
             ("vget /actor/location", "Location of the pawn, cm", lambda: numbers(player.location)),
@@ -100,7 +101,7 @@ class Plugin0310(Dialect):
             ("vset /action/game/level [str]", "Opens a level", self.open_level),
             ("vset /action/input/enable", "Lets the window's keys act", ok),
             ("vset /action/input/disable", "Stops the window's keys", ok),
-            ("vset /action/eyes_distance [float]", "Distance of two eyes, cm", self._set_eyes),
+            ("vset /action/eyes_distance [float]", "Of two eyes, cm", sets_eyes),
             ("vset /action/keyboard [str] [float]", "Presses a key", self.press),
             *self.console_rows("vrun", 1, 3, self.console),
             *self.console_rows("vexec", 2, 5, self.run_function),
@@ -124,14 +125,8 @@ class Plugin0310(Dialect):
         super().tick()
         if self.settings.right_eye:
             left, right = self.world.cameras
-            x, y, z = (left.location + self._eyes_cm * axes(left.rotation)[:, 1]).tolist()
+            x, y, z = (left.location + int(self._eyes_cm) * axes(left.rotation)[:, 1]).tolist()
             right.location, right.rotation, right.fov = (x, y, z), left.rotation, left.fov
-
-    def _set_eyes(self, distance: float) -> None:
-        self._eyes_cm = int(distance)
-
-    def _move_to(self, _: int, *goal: Any) -> None:
-        self._pose(self.world.swept(goal))
 
     def _set_fov(self, index: int, fov: float) -> Reply:
         if index > 0:

@@ -62,10 +62,10 @@ class Plugin11(Branch52):
             (f"vget {cine}", "The cine camera", strict(lambda c: c.cine.model(*c.size))),
             (f"vget {cine}/enabled", "Whether it is on", strict(lambda c: str(int(c.cine.enabled)))),
             (f"vget {cine}/intrinsics", "Its projection", strict(lambda c: c.cine.intrinsics(*c.size))),
-            (f"vset {cine}/enabled [uint]", "Switches it on", strict(_switch_cine)),
+            (f"vset {cine}/enabled [uint]", "On", strict(lambda c, on: setattr(c.cine, "enabled", on > 0))),
             *(
-                (f"vset {cine}/{template}", "Switches it on", strict(partial(_set_cine, name)))
-                for name, template in cine_model.TEMPLATES.items()
+                (f"vset {cine}/{form}", "Switches it on", strict(lambda c, *v, n=name: c.cine.set(n, *v)))
+                for name, form in cine_model.TEMPLATES.items()
             ),
         ]
         if self.settings.shared_memory != "unlisted":
@@ -122,14 +122,6 @@ def _bones(_: SceneObject, names: str = "", space: str = "component") -> Reply:
 
 def _set_fov(camera: Camera, fov: float) -> None:
     camera.fov = min(max(fov, 1.0), 179.0)
-
-
-def _switch_cine(camera: Camera, on: int) -> None:
-    camera.cine.enabled = bool(on)
-
-
-def _set_cine(command: str, camera: Camera, *values: float) -> Reply:
-    return camera.cine.set(command, *values)
 
 
 class PluginDev(Plugin11):

@@ -46,7 +46,6 @@ _PRINTED = 1e-3  # servers print three decimals
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
 _WARM, _MOST, _BACK_DEG = 24, 0.99, 150  # frames that are given; share of the pixels; a turn
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
-_RIGHT_EYE = "vget /camera/1/location"
 _UNKNOWN = "do not record: this server is of no known kind"
 
 Pairs = dict[str, list[tuple[Picture, Picture]]]
@@ -215,9 +214,9 @@ def capabilities(camera: RawCamera) -> Finding:
 
 def right_eye(connection: Connection, camera: RawCamera) -> list[Finding]:
     """Report a second camera of plugin 0.3.10; nothing of other servers."""
-    if camera.driver.table is not LEGACY or connection.texts([_RIGHT_EYE])[0].startswith("error"):
-        return []
-    return [Finding("cameras", "two: captures use camera 0, the left eye")]
+    (reply,) = connection.texts(["vget /camera/1/location"])
+    two = camera.driver.table is LEGACY and not reply.startswith("error")
+    return [Finding("cameras", "two: captures use camera 0, the left eye")] * two
 
 
 def sizes(pairs: Pairs, camera: RawCamera) -> Finding:

@@ -65,8 +65,7 @@ class MovingWorld:
         table = {name: color for name, color in colors(self._connection).items() if name in movable}
         name = largest_object(self._camera, table)
         if name is None:
-            value = "unknown: no object in sight can be moved"
-            return Finding(title, value, "warning", "give --position where one can; or set its mobility")
+            return Finding(title, "unknown: nothing in sight can be moved", "warning", "give --position")
         location = f"/object/{name}/location"
         start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
         before = self._camera.pixels("depth")

@@ -176,5 +176,4 @@ def _depth(connection: Connection, camera: RawCamera, fit: _Fit) -> list[Finding
 
 def _spread(values: Array) -> float:
     """Return the middle half's width: edges differ."""
-    low, high = np.quantile(values, (0.25, 0.75))
-    return float(high - low)
+    return float(np.ptp(np.quantile(values, (0.25, 0.75))))

@@ -261,9 +261,9 @@ def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
     np.testing.assert_allclose(
         view.depth[same] * np.linalg.norm(rays_c, axis=-1)[same], hits.distance[same], rtol=1e-9
     )
-    assert view.color.shape == (height, width, 3)
-    assert view.color.dtype == np.uint8
-    assert np.abs(view.color - 255 * hits.color)[same].max() <= 0.5 + 1e-6
+    assert view.codes.shape == (height, width, 3)
+    assert view.codes.dtype == np.uint8
+    assert np.abs(view.codes - 255 * hits.color)[same].max() <= 0.5 + 1e-6
 
 
 def test_the_direction_scene_is_its_own_ray():
