@@ -68,3 +68,9 @@ def bench(benches, monkeypatch):
         return 0
 
     return run
+
+
+@pytest.mark.skipif(find_spec("torch") is not None, reason="PyTorch is here")
+def test_a_package_that_is_missing_is_named_in_one_line(bench, capfd):
+    assert bench("torch", "--quick") == 1
+    assert capfd.readouterr().err == "bench torch: expected the package torch; pip install torch\n"

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -54,19 +53,9 @@ class Figure:
         return {**asdict(self), "ratio": self.ratio}
 
 
-_NEEDS = {"torch": "torch"}
-"""Packages that are in no lock, by bench; the others need what .venv has."""
-
-
 def names() -> dict[str, str]:
     """Return the benches with their help, without importing them."""
     return {path.stem: _first_line(path) for path in sorted(Path(__file__).parent.glob("[a-z]*.py"))}
-
-
-def missing(name: str) -> str:
-    """Return the package that a bench needs and that is not here; empty where it runs."""
-    needed = _NEEDS.get(name, "")
-    return "" if not needed or find_spec(needed) else needed
 
 
 def figures(name: str, quick: bool = False, **options: str) -> list[Figure]:
