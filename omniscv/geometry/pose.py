@@ -40,15 +40,16 @@ def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> 
     return position
 
 
-def rotation_reader(name: str, value: ArrayLike) -> Array:
-    """Return a (3, 3) rotation matrix; ArgumentError for anything else."""
-    rotation = numbers(name, value, (3, 3))
+def rotation_reader(name: str, value: ArrayLike, shape: tuple[int | None, ...] = (3, 3)) -> Array:
+    """Return a rotation matrix, or several (N, 3, 3) if ``shape`` is; ArgumentError for anything else."""
+    rotation = numbers(name, value, shape)
     with np.errstate(over="ignore", invalid="ignore"):
-        drift = float(np.abs(rotation @ rotation.T - _EYE).max())
-    if not drift <= _NOT_ORTHONORMAL or np.linalg.det(rotation) < 0:  # NaN where products overflow
+        drift = float(np.abs(rotation @ rotation.swapaxes(-1, -2) - _EYE).max())
+        determinant = float(np.linalg.det(rotation).min())
+    if not drift <= _NOT_ORTHONORMAL or determinant < 0:  # NaN where products overflow
         raise ArgumentError(
             f"{name}: expected a right-handed orthonormal 3x3 matrix, "
-            f"got determinant {np.linalg.det(rotation):.6g} and |R R^T - I| = {drift:.3g}"
+            f"got determinant {determinant:.6g} and |R R^T - I| = {drift:.3g}"
         )
     return rotation
 

@@ -21,6 +21,7 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.pose import rotation_reader
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
 from omniscv.torch.sampling import (
@@ -118,8 +119,7 @@ class Faces:
         """
         check_central(camera)
         values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
-        batch = numbers("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
-        rotations = [Pose(self.position, R).R_w_c for R in batch]
+        rotations = rotation_reader("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
         valid = _valid(camera, self._device)
         rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)
         step = max(1, rays // valid.numel())
@@ -143,9 +143,7 @@ class Faces:
         """Bytes of the faces in memory."""
         return sum(tensor.nbytes for tensor in self.tensors.values())
 
-    def _sample(
-        self, camera: Camera, valid: Tensor, R_w_c: Sequence[Array]
-    ) -> tuple[dict[str, Tensor], Tensor | int]:
+    def _sample(self, camera: Camera, valid: Tensor, R_w_c: Array) -> tuple[dict[str, Tensor], Tensor | int]:
         """Return layers, and how many rays no view sees."""
         lookups: dict[tuple[View, ...], DeviceLookup | ProcessorLookup] = {}
         layers, unseen = {}, 0
@@ -156,7 +154,7 @@ class Faces:
                     if self._on_processor
                     else DeviceLookup(camera, views, R_w_c, self._device)
                 )
-                unseen += lookups[views].unseen(valid)
+                unseen += lookups[views].unseen
             values = tiles.sample(lookups[views])
             row = modalities.get(name)
             if row.interpolation == "direction":

@@ -27,8 +27,6 @@ from omniscv.planning import ImageRays
 from omniscv.sources import View
 
 _BEYOND = 1.0 + 1e-9  # of a view's half size: rays on its edge are in it
-_RAYS = 256
-"""Rays of a program on a device."""
 
 Pictures = Sequence[NDArray[Any]]
 """(h, w) or (h, w, C) pixels of each view."""
@@ -71,6 +69,7 @@ class DeviceLookup:
 
     Attributes:
         arrays: (B, N) int16 the view, -1 if none sees the ray; x, y float32 px in it, pixel centres at .5.
+        unseen: how many valid rays no view sees, in all orientations.
     """
 
     def __init__(
@@ -82,22 +81,19 @@ class DeviceLookup:
         self.shape = len(R_w_c), directions.shape[1]
         kinds = torch.int16, torch.float32, torch.float32
         self.arrays = [torch.empty(self.shape, dtype=kind, device=device) for kind in kinds]
+        self.unseen = torch.zeros((), dtype=torch.int32, device=device)
         R_d_w = np.array([view.pose.R_w_c.T for view in views])
         turns = torch.from_numpy(R_d_w @ np.array(R_w_c)[:, None]).to(device)
-        inputs = directions, turns, _projections(views, device)
-        counts = {"VIEWS": len(views), "BEYOND": _BEYOND}
-        self.launch(kernels.look_up, *inputs, *self.arrays, self.shape[1], **counts)
+        arguments = directions, turns, _projections(views, device), *self.arrays, self.unseen
+        self.launch(kernels.look_up, *arguments, VIEWS=len(views), BEYOND=_BEYOND)
 
-    def launch(self, kernel: Any, *arguments: Any, **constants: Any) -> None:
-        """Run a kernel for all rays."""
-        from omniscv.torch.kernels import EXACT
+    def launch(self, kernel: Any, *arguments: Any, sizes: tuple[int, ...] = (), **constants: Any) -> None:
+        """Run a kernel for all rays, with the numbers of rays and images behind its arguments."""
+        from omniscv.torch.kernels import OPTIONS
 
-        grid = -(-self.shape[1] // _RAYS), self.shape[0]
-        kernel[grid](*arguments, **constants, SIZE=_RAYS, **EXACT)
-
-    def unseen(self, valid: Tensor) -> Tensor:
-        """Return how many valid rays no view sees, in all orientations."""
-        return ((self.arrays[0] < 0) & valid.reshape(1, -1)).sum()
+        images, count = self.shape
+        grid = (images * -(-count // OPTIONS["SIZE"]),)
+        kernel[grid](*arguments, count, images, *sizes, **constants, **OPTIONS)
 
 
 class DeviceTiles:
@@ -112,10 +108,14 @@ class DeviceTiles:
         self, kind: Interpolation, views: Sequence[View], faces: Pictures, device: torch.device
     ) -> None:
         self._kind, self._flat, pixels = kind, faces[0].ndim == 2, np.stack(faces)
+        self._channels = 1 if self._flat else pixels.shape[3]
         if kind == "blended":
             border = min(min(view.width, view.height) / 2 - view.focal_px for view in views)
             atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if border < FILTER_SUPPORT_PX else 0)
             pixels = np.array(atlas.picture(faces))
+            if not self._flat:
+                more = (1 << (self._channels - 1).bit_length()) - self._channels  # read as one word
+                pixels = np.pad(pixels, ((0, 0), (0, 0), (0, more)))
             self._of_views = torch.from_numpy(atlas.levels[0].corners.astype(np.int32)).to(device)
         else:
             self._of_views = torch.tensor([v.projection for v in views], dtype=torch.float64, device=device)
@@ -125,18 +125,18 @@ class DeviceTiles:
         """Return (B, N) or (B, C, N) values, whole numbers of maps as int64; 0 if no view sees the ray."""
         from omniscv.torch import kernels
 
-        (batch, count), dtype = lookup.shape, self.tensor.dtype
-        channels = 1 if self._flat else self.tensor.shape[-1]
-        kind = torch.int64 if self._flat and not dtype.is_floating_point else dtype
+        (batch, count), dtype, channels = lookup.shape, self.tensor.dtype, self._channels
+        whole = not dtype.is_floating_point
+        kind = torch.int64 if self._flat and whole else dtype
         out = torch.empty((batch, channels, count), dtype=kind, device=self.tensor.device)
-        rays = self._of_views, *lookup.arrays, out, count
+        arguments, shape = (self.tensor, self._of_views, *lookup.arrays, out), self.tensor.shape
         if self._kind == "blended":
-            constants = {"CHANNELS": channels, "ROUND": not dtype.is_floating_point}
-            lookup.launch(kernels.blend, self.tensor, *rays, self.tensor.shape[1], **constants)
+            step = 1 if self._flat else shape[2]
+            constants = {"CHANNELS": channels, "STEP": step, "ROUND": whole}
+            lookup.launch(kernels.blend, *arguments, sizes=(shape[1],), **constants)
         else:
-            height, width = self.tensor.shape[1:3]
             constants = {"CHANNELS": channels, "ALONG": self._kind == "surface"}
-            lookup.launch(kernels.take, self.tensor, *rays, width, height, **constants)
+            lookup.launch(kernels.take, *arguments, sizes=(shape[2], shape[1]), **constants)
         return out[:, 0] if self._flat else out
 
 
@@ -146,10 +146,7 @@ class ProcessorLookup:
     def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array]) -> None:
         self.views, rays = views, _rays_of(camera)
         self.samplers = [CpuSampler(rays.blocks, R, views) for R in R_w_c]
-
-    def unseen(self, valid: Tensor) -> int:
-        """Return how many valid rays no view sees, in all orientations."""
-        return sum(sampler.unseen for sampler in self.samplers)
+        self.unseen = sum(sampler.unseen for sampler in self.samplers)
 
 
 class ProcessorTiles:
