@@ -118,7 +118,7 @@ class Faces:
             MissingCaptureError: some rays are in none of the faces.
         """
         check_central(camera)
-        values = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
+        values: Any = R_w_c.tolist() if isinstance(R_w_c, Tensor) else R_w_c
         rotations = rotation_reader("R_w_c", [values] if np.ndim(values) == 2 else values, (None, 3, 3))
         valid = _valid(camera, self._device)
         rays = _RAYS_AT_ONCE.get(self._device.type, _RAYS_ON_A_DEVICE)

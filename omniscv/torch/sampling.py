@@ -64,7 +64,7 @@ class DeviceLookup:
     Args:
         camera: a central one.
         views: at least one; they share their centre and size.
-        R_w_c: B times (3, 3), camera to world.
+        R_w_c: (B, 3, 3), camera to world.
         device: for which Triton compiles.
 
     Attributes:
@@ -72,9 +72,7 @@ class DeviceLookup:
         unseen: how many valid rays no view sees, in all orientations.
     """
 
-    def __init__(
-        self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array], device: torch.device
-    ) -> None:
+    def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Array, device: torch.device) -> None:
         from omniscv.torch import kernels
 
         directions = _directions(camera, device)
@@ -83,7 +81,7 @@ class DeviceLookup:
         self.arrays = [torch.empty(self.shape, dtype=kind, device=device) for kind in kinds]
         self.unseen = torch.zeros((), dtype=torch.int32, device=device)
         R_d_w = np.array([view.pose.R_w_c.T for view in views])
-        turns = torch.from_numpy(R_d_w @ np.array(R_w_c)[:, None]).to(device)
+        turns = torch.from_numpy(R_d_w @ R_w_c[:, None]).to(device)
         arguments = directions, turns, _projections(views, device), *self.arrays, self.unseen
         self.launch(kernels.look_up, *arguments, VIEWS=len(views), BEYOND=_BEYOND)
 
@@ -143,7 +141,7 @@ class DeviceTiles:
 class ProcessorLookup:
     """The views and pixels of a camera's rays in B orientations, found by the kernels of composition."""
 
-    def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Sequence[Array]) -> None:
+    def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Array) -> None:
         self.views, rays = views, _rays_of(camera)
         self.samplers = [CpuSampler(rays.blocks, R, views) for R in R_w_c]
         self.unseen = sum(sampler.unseen for sampler in self.samplers)
