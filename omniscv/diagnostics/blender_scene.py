@@ -45,8 +45,9 @@ def examine_blender(
             corners = [box.corners_w() for box in source.geometry().boxes.values()]
             middle = np.concatenate(corners).mean(axis=0) if corners else np.zeros(3)
             center = middle if scene.camera is None else np.array(scene.camera)
-        lights = f"{'a' if scene.world else 'no'} world, {scene.lights} lamps"
-        lit, objects = scene.world or scene.lights, len(scene.objects)
+        lamps = len(scene.lights.keys() - {"World"})
+        lights = f"{'a' if scene.world else 'no'} world, {lamps} lamps"
+        lit, objects = scene.world or lamps, len(scene.objects)
         missing = f"{len(scene.missing)} missing" + "".join(f", {path}" for path in scene.missing[:1])
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),

@@ -21,7 +21,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import partial
@@ -36,12 +36,12 @@ from omniscv.geometry import Array
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import checked, mapping, read, record
+from omniscv.sources.base import OBJECT_SETTINGS
 
 KINDS = ("objects", "lights", "materials")
 """What a source may vary (:attr:`omniscv.sources.base.Capabilities.varies`)."""
 COMMAND = "command"
 """A setting that is a command of a live server, in which ``{KEY}`` stands for the drawn value of a key."""
-_OBJECT_KEYS = ("shift", "turn_deg", "shown", "clearance")
 _DRAWS = 50
 _LEAST_U = 2.0**-54  # a normal distribution has no value at 0
 
@@ -88,12 +88,7 @@ def read_value(name: str, value: object) -> Any:
     if word == "choice":
         if not isinstance(of, list) or not of:
             raise ArgumentError(f"{where}: expected a list of numbers or of vectors, got {shown(of)}")
-        return {
-            word: [
-                numbers(where, item, (None,)).tolist() if np.ndim(item) else number(where, item)
-                for item in of
-            ]
-        }
+        return {word: numbers(where, of, (None, np.size(of[0])) if np.ndim(of[0]) else (None,)).tolist()}
     if word == "box":
         low, high = numbers(where, of, (2, 3)).tolist()
         if any(a > b for a, b in zip(low, high, strict=True)):
@@ -121,7 +116,7 @@ def _rules(name: str, value: object) -> dict[str, dict[str, Any]]:
     rules = {}
     for pattern, settings in mapping(name, {} if value is None else value).items():
         where = f"{name}.{text(name, pattern)}"
-        known = mapping(where, settings, _OBJECT_KEYS if name == "objects" else None)
+        known = mapping(where, settings, OBJECT_SETTINGS if name == "objects" else None)
         rules[pattern] = {
             key: (text if key == COMMAND else read_value)(f"{where}.{key}", entry)
             for key, entry in known.items()
@@ -135,12 +130,9 @@ def _rules(name: str, value: object) -> dict[str, dict[str, Any]]:
 
 
 def _check_object(where: str, settings: Mapping[str, Any]) -> None:
-    """Refuse a shift that is no vector, a chance beyond 1, and a clearance that is drawn."""
+    """Refuse a chance beyond 1, and a clearance that is drawn."""
     number(f"{where}.clearance", settings.get("clearance", 0), least=0)
     number(f"{where}.shown", settings.get("shown", 1), least=0, most=1)
-    example = draw(settings.get("shift", {"box": [[0, 0, 0]] * 2}), lambda _: 0.0)
-    numbers(f"{where}.shift, such as {{box: [[-1, -1, 0], [1, 1, 0]]}}", example, (3,))
-    number(f"{where}.turn_deg", draw(settings.get("turn_deg", 0), lambda _: 0.0))
 
 
 def _command(name: str, settings: Mapping[str, Any]) -> str:
@@ -219,17 +211,17 @@ class Draws:
     Attributes:
         vary: the rules.
         world: its name; empty in a job with one source.
-        names: by kind, the names in the source that patterns may mean.
+        variable: by kind and name, the settings that the source has, and how many numbers each has.
         boxes: of objects at rest, for ``clearance``.
         pivots_w: (3,) by object, where it is turned about.
 
     Raises:
-        ArgumentError: a pattern that no name matches.
+        ArgumentError: a pattern that no name matches, or a setting that the source does not have so.
     """
 
     vary: Vary
     world: str
-    names: Mapping[str, Sequence[str]]
+    variable: Mapping[str, Mapping[str, Mapping[str, int]]]
     boxes: Mapping[str, ObjectBox] = field(default_factory=dict)
     pivots_w: Mapping[str, Array] = field(default_factory=dict)
 
@@ -239,12 +231,16 @@ class Draws:
         for kind, rules in self.vary.rules.items():
             by_name: dict[str, dict[str, Any]] = {}
             for pattern, settings in rules.items():
-                names = [pattern] if COMMAND in settings else self.names.get(kind, ())
-                matching = [name for name in names if name == pattern or fnmatchcase(name, pattern)]
-                if not matching:
-                    got = f"got none; it has {shown(', '.join(names) or 'none')}"
+                known = self.variable.get(kind, {})
+                matching = [name for name in known if name == pattern or fnmatchcase(name, pattern)]
+                if COMMAND in settings:
+                    matching = [pattern]
+                elif not matching:
+                    got = f"got none; it has {shown(', '.join(known) or 'none')}"
                     raise ArgumentError(f"vary.{kind}.{pattern}: expected {kind} of the source, {got}")
                 for name in matching:
+                    if COMMAND not in settings:
+                        _check_sizes(f"vary.{kind}.{name}", settings, known[name])
                     by_name.setdefault(name, {}).update(settings)
             found[kind] = dict(sorted(by_name.items()))
         return found
@@ -323,6 +319,16 @@ class Draws:
         turned = (box.corners_w() - pivot) @ turn_about_z(settings.get("turn_deg", 0.0)).T
         corners = turned + pivot + np.asarray(settings.get("shift", (0, 0, 0)))
         return corners.min(axis=0), corners.max(axis=0)
+
+
+def _check_sizes(where: str, settings: Mapping[str, Any], known: Mapping[str, int]) -> None:
+    """Refuse a setting that a source does not have, and a value of another number of components."""
+    for setting, value in settings.items():
+        count = np.size(draw(value, lambda _: 0.0))
+        if setting not in known:
+            raise ArgumentError(f"{where}: expected one of {', '.join(known)}; got {shown(setting)}")
+        if count != known[setting]:
+            raise ArgumentError(f"{where}.{setting}: expected {known[setting]} numbers, got {count}")
 
 
 def _distance(a: tuple[Array, Array], b: tuple[Array, Array]) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
@@ -34,6 +34,9 @@ S = TypeVar("S", bound="Source")
 _LONGEST_PART = 150  # characters of a part of a scene's identity
 
 Color = tuple[int, int, int]
+
+OBJECT_SETTINGS = {"shift": 3, "turn_deg": 1, "shown": 1, "clearance": 1}
+"""What draws may set of an object, and how many numbers each has."""
 
 
 @dataclass(frozen=True)
@@ -207,9 +210,11 @@ class Source(ABC):
         """Return the known poses of moving objects at this source's instant: ``R_w_o`` and position."""
         return self.instant.poses
 
-    def variable(self, kind: str) -> Sequence[str]:
-        """Return the names of what can be varied: of ``objects``, ``lights`` or ``materials``."""
-        return self.objects().names() if kind == "objects" else ()
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
+        """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
+        how many numbers each has.
+        """
+        return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
 
     def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
         """Return the poses of objects as they are now, ``R_w_o`` and position; of those that are known."""
@@ -321,7 +326,7 @@ class SourceWrapper(Source):
     def object_poses(self) -> Mapping[str, Pose]:
         return self._source.object_poses()
 
-    def variable(self, kind: str) -> Sequence[str]:
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         return self._source.variable(kind)
 
     def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:

@@ -87,7 +87,7 @@ class SourcePool(Source):
         self._check_working()
         return self._working[0].geometry()
 
-    def variable(self, kind: str) -> Sequence[str]:
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         return self._first.variable(kind)
 
     def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:

@@ -85,10 +85,25 @@ def lit(out):
     scene.cycles.samples = 4096
 
 
+def varied(out):
+    """A box turned by 30 degrees in a box without a lid, of one material, a lamp above, and a grey world."""
+    scene = bpy.context.scene
+    paint = bpy.data.materials.new("Paint")
+    paint.use_nodes = True
+    for name, location, size in (("Crate", (3, 0, 0), 1.0), ("Hall", (0, 0, 0), 20.0)):
+        cube(name, location, size=size).data.materials.append(paint)
+    bpy.data.objects["Crate"].rotation_euler = (0, 0, math.radians(30))
+    bpy.ops.object.light_add(type="POINT", location=(0, 0, 2))
+    bpy.context.object.name = "Lamp"
+    bpy.context.object.data.energy = 100
+    scene.world = bpy.data.worlds.new("World")
+    scene.view_settings.view_transform = "Standard"
+
+
 def main():
     name, out = sys.argv[-2:]
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    {each.__name__: each for each in (sets, linking, centimetres, lit)}[name](out)
+    {each.__name__: each for each in (sets, linking, centimetres, lit, varied)}[name](out)
     bpy.ops.wm.save_as_mainfile(filepath=out)
 
 

@@ -42,9 +42,11 @@ def answer(asked, path, faults):
     if asked["do"] == "open":
         if "refuse_scene" in faults:
             return {"error": faults["refuse_scene"]}
-        about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "lights": 0, "metres": 1.0, "camera": None}
+        about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "metres": 1.0, "camera": None}
         return {
             **about,
+            "lights": {},
+            "materials": {},
             "transfer": "unknown",
             "world": faults.get("world", True),
             "libraries": [],
@@ -52,9 +54,8 @@ def answer(asked, path, faults):
             **faults.get("opened", {}),
         }
     if asked["do"] == "boxes":
-        if "boxes" in faults:
-            return {"boxes": faults["boxes"]}
-        return {"boxes": {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}}
+        boxes = {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}
+        return {"places": {"Floor": [0, 0, 0]}, "boxes": faults.get("boxes", boxes)}
     number = logged(path, asked["kind"])
     if number in faults.get("kill", ()):
         os.kill(os.getpid(), signal.SIGKILL)

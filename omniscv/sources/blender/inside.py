@@ -10,6 +10,7 @@ requests name.
 """
 
 import json
+import math
 import os
 import queue
 import shutil
@@ -59,6 +60,10 @@ class World:
         for name, index in self.ids.items():
             self.named[name].pass_index = index
         self.hidden: set[str] = set()
+        self.rest = {name: item.matrix_world.copy() for name, item in self.named.items()}
+        self.moved: set[str] = set()
+        self.undo: list[tuple[Any, str, Any]] = []  # what draws have changed: owner, attribute, value before
+        self.sockets = settings_of(self.scene, self.layer, self.named.values())
         self.viewer = self.scene.camera and tuple(self.scene.camera.matrix_world.translation)
         self.camera = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         self.scene.collection.objects.link(self.camera)
@@ -73,13 +78,15 @@ class World:
             for item in bpy.data.images
             if item.source == "FILE" and not item.packed_file
         ]
-        lights = [item for item in self.layer.objects if item.type == "LIGHT" and not item.hide_render]
         return {
             "scene": self.scene.name,
             "frame": self.scene.frame_current,
             "objects": self.ids,
             "world": self.scene.world is not None,
-            "lights": len(lights),
+            **{
+                kind: {name: {key: size_of(*at) for key, at in of.items()} for name, of in by_name.items()}
+                for kind, by_name in self.sockets.items()
+            },
             "metres": self.metres,
             "transfer": self.transfer(),
             "camera": None if self.viewer is None else [self.metres * x for x in self.viewer],
@@ -119,7 +126,7 @@ class World:
 
     def render(self, request: Message) -> Message:
         """Render one view into a file: colours, or all data at the centres of the pixels."""
-        self.hide(set(request["hidden"]))
+        self.change(request)
         self.aim(request)
         file = os.path.join(request["folder"], request["file"])
         self.scene.render.filepath = file
@@ -174,25 +181,51 @@ class World:
         for name in names:
             setattr(self.layer, f"use_pass_{name}", True)
 
-    def hide(self, names: set[str]) -> None:
-        """Hide objects from renders, and show the others again."""
-        for name in names ^ self.hidden:
-            self.named[name].hide_render = name in names
-        self.hidden = names
+    def change(self, request: Message) -> None:
+        """Hide and place objects, and set lights and materials; whatever was changed before is put back."""
+        hidden, poses = set(request["hidden"]), request["poses"]
+        for name in hidden ^ self.hidden:
+            self.named[name].hide_render = name in hidden
+        for name in sorted(self.moved | poses.keys()):
+            place(self.named[name], self.rest[name], poses.get(name), self.metres)
+        self.hidden, self.moved = hidden, set(poses)
+        for owner, attribute, value in reversed(self.undo):
+            setattr(owner, attribute, value)
+        self.undo = []
+        for kind, by_name in self.sockets.items():
+            for name, settings in request["varied"].get(kind, {}).items():
+                for key, value in settings.items():
+                    self.set(*by_name[name][key], value)
+        bpy.context.view_layer.update()
+
+    def set(self, owner: Any, attribute: str, value: Any) -> None:
+        """Set a value, or a vector's first ones: colours of shaders have an alpha."""
+        old = getattr(owner, attribute)
+        old = old if isinstance(old, float) else tuple(old)
+        self.undo.append((owner, attribute, old))
+        if attribute == "temperature":
+            self.undo.append((owner, "use_temperature", owner.use_temperature))
+            owner.use_temperature = True
+        if attribute == "angle":
+            value = math.radians(value)
+        setattr(owner, attribute, value if isinstance(old, float) else (*value, *old[len(value) :]))
 
     def boxes(self, request: Message) -> Message:
-        """Return by object a box around its vertices in its own axes, instances in it included."""
+        """Return by object its place, and a box around its vertices in its own axes, instances included."""
+        self.change(request)
         names = {index: name for name, index in self.ids.items()}
         points: dict[str, Any] = {}
         for instance in bpy.context.evaluated_depsgraph_get().object_instances:
             name = names.get(instance.object.pass_index)
             if name is not None and len(vertices := vertices_of(instance)):
                 points.setdefault(name, []).append(vertices)
+        places = {name: item.matrix_world.translation for name, item in self.named.items()}
         return {
+            "places": {name: [self.metres * x for x in place] for name, place in places.items()},
             "boxes": {
                 name: self.box(np.concatenate(rows), self.named[name].matrix_world)
                 for name, rows in points.items()
-            }
+            },
         }
 
     def box(self, points: NDArray[np.float64], matrix: Any) -> list[Any]:
@@ -202,6 +235,60 @@ class World:
         low, high = along.min(axis=0), along.max(axis=0)
         center = axes @ ((low + high) / 2)
         return [(self.metres * center).tolist(), axes.T.tolist(), (self.metres * (high - low)).tolist()]
+
+
+LIGHT = {"power": "energy", "kelvin": "temperature", "color": "color", "angle_deg": "angle"}
+"""Attributes of lights by the names that jobs have for them."""
+
+
+def settings_of(scene: Any, layer: Any, items: Any) -> dict[str, dict[str, dict[str, tuple[Any, str]]]]:
+    """Return what draws may set of lights and materials: by kind, name and setting, owner and attribute.
+
+    Of shaders those inputs of the node at the output that no other node gives.
+    """
+    lights: dict[str, Any] = {}
+    for item in layer.objects:
+        if item.type == "LIGHT" and not item.hide_render:
+            if item.data.users > 1:
+                item.data = item.data.copy()
+            found = {key: (item.data, name) for key, name in LIGHT.items() if hasattr(item.data, name)}
+            lights[item.name] = found
+    if scene.world is not None and (inputs := inputs_of(scene.world)):
+        lights["World"] = inputs
+    used = {slot.material for item in items for slot in item.material_slots if slot.material}
+    materials = {each.name: inputs_of(each) for each in used}
+    return {"lights": lights, "materials": {name: of for name, of in sorted(materials.items()) if of}}
+
+
+def inputs_of(shaded: Any) -> dict[str, tuple[Any, str]]:
+    """Return the inputs of a material's or world's shader by name: ``base_color`` is Base Color."""
+    output = shaded.node_tree and shaded.node_tree.get_output_node("CYCLES")
+    links = output.inputs["Surface"].links if output else ()
+    free = [each for link in links for each in link.from_node.inputs if not each.is_linked]
+    return {
+        each.name.lower().replace(" ", "_"): (each, "default_value")
+        for each in free
+        if each.enabled and each.type in ("VALUE", "RGBA", "VECTOR")
+    }
+
+
+def size_of(owner: Any, attribute: str) -> int:
+    """Return how many numbers a setting has."""
+    return 1 if isinstance(getattr(owner, attribute), float) else 3
+
+
+def place(item: Any, rest: Any, pose: Any, metres: float) -> None:
+    """Place an object by a rotation and metres, or where it was; what would move it otherwise is removed."""
+    item.animation_data_clear()
+    item.constraints.clear()
+    item.parent = None
+    matrix = rest.copy()
+    if pose is not None:
+        R_w_o, position = pose
+        turn = Matrix(R_w_o) @ rest.to_quaternion().to_matrix().transposed()
+        matrix = turn.to_4x4() @ rest
+        matrix.translation = [x / metres for x in position]
+    item.matrix_world = matrix
 
 
 def vertices_of(instance: Any) -> NDArray[np.float64]:

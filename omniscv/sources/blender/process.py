@@ -29,6 +29,7 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
+from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.records import checked, listed, mapping, named, optional, read, record
@@ -66,7 +67,8 @@ class Opened:
         scene, frame: its name, and the frame of its animation.
         objects: by name, the id that pictures show.
         world: whether it has one.
-        lights: number of lamps.
+        lights, materials: by name, the settings that can be varied, and how many numbers each has; the world
+            is a light.
         metres: of a unit of the scene.
         transfer: what 8-bit colours say of light, by the scene's view transform.
         camera: where the scene's own camera is, metres; None without one.
@@ -77,7 +79,8 @@ class Opened:
     frame: int = checked(whole_number, least=-(1 << 31))
     objects: Mapping[str, int] = checked(named(partial(whole_number, most=0xFFFF)))
     world: bool = checked(flag)
-    lights: int = checked(whole_number, least=0)
+    lights: Mapping[str, Mapping[str, int]] = checked(named(named(partial(whole_number, most=3))))
+    materials: Mapping[str, Mapping[str, int]] = checked(named(named(partial(whole_number, most=3))))
     metres: float = checked(number, above=0)
     transfer: Transfer = checked(one_of, words=TRANSFERS)
     camera: tuple[float, ...] | None = checked(optional(listed(number)))
@@ -111,8 +114,9 @@ def _box(name: str, value: object) -> ObjectBox:
 
 @record
 class Measured:
-    """The reply to ``boxes``: by name, those of objects with a shape."""
+    """The reply to ``boxes``: by name, where objects are, metres, and the boxes of those with a shape."""
 
+    places: Mapping[str, Array] = checked(named(partial(numbers, shape=(3,))))
     boxes: Mapping[str, ObjectBox] = checked(named(_box))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import islice
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources import codecs
 from omniscv.sources.base import (
@@ -43,7 +45,12 @@ _DATA = ("object_mask", "depth", "normals")
 """Modalities that one render of a view gives together."""
 _AHEAD = 24  # requests that are read ahead, to render a view once for all its data
 _LEAST_PX, _MOST_PX = 4, 65_536  # of a side, as Blender has it
-CAPABILITIES = Capabilities(frozenset(("lit", *_DATA)), min_size=_LEAST_PX, dialect="blender")
+CAPABILITIES = Capabilities(
+    frozenset(("lit", *_DATA)),
+    min_size=_LEAST_PX,
+    dialect="blender",
+    varies=frozenset(("objects", "lights", "materials")),
+)
 _TO_BLENDER = np.diag([1.0, -1.0, -1.0])
 """From the axes of Blender's cameras (x right, y up, z back) to ours (x right, y down, z forward)."""
 
@@ -72,7 +79,7 @@ class BlenderSource(Source):
     def __init__(self, blender: Blender, settings: Settings) -> None:
         self._blender, self._settings = blender, settings
         self._lock, self._closed = threading.RLock(), threading.Event()
-        self._hidden = frozenset[str]()
+        self._hidden, self._instant, self._moved = frozenset[str](), Instant(), dict[str, Pose]()
         self._objects = ObjectTable({}, ids=dict(blender.scene.objects))
         level = f"{blender.scene.scene}, frame {blender.scene.frame}"
         self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
@@ -118,12 +125,21 @@ class BlenderSource(Source):
 
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
-        with self._lock:
-            self._check_open()
-            boxes = self._blender.ask(
-                "measure its objects", {"do": "boxes"}, Measured, lambda reply, _: reply.boxes
-            )
-        return SceneGeometry(MappingProxyType(dict(sorted(boxes.items()))))
+        return SceneGeometry(MappingProxyType(dict(sorted(self._measured().boxes.items()))))
+
+    def object_poses(self) -> Mapping[str, Pose]:
+        """Return the poses of objects that the instant moves."""
+        return self._moved
+
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
+        scene = self._blender.scene
+        known = {"lights": scene.lights, "materials": scene.materials}
+        return known[kind] if kind in known else super().variable(kind)
+
+    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+        known = self._measured()
+        axes = {name: box.R_w_b for name, box in known.boxes.items()}
+        return {name: Pose(known.places[name], axes[name]) for name in objects if name in axes}
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; both may be used at the same time."""
@@ -131,6 +147,32 @@ class BlenderSource(Source):
         hidden = self._hidden.union(objects)
         known_objects(hidden, self._objects.ids, self._blender.name)
         return SourceView(copy_with(self, _hidden=hidden))
+
+    @property
+    def instant(self) -> Instant:
+        return self._instant
+
+    def at(self, instant: Instant) -> Source:
+        """As :meth:`Source.at`; both may be used at the same time. Animations stand still."""
+        self._check_open()
+        named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
+        known_objects(named, self._objects.ids, self._blender.name)
+        drawn, undrawn = instant.placed(self.rest_poses)
+        hidden = self._hidden.union(instant.hidden, undrawn)
+        return SourceView(
+            copy_with(self, _hidden=hidden, _instant=instant, _moved={**instant.poses, **drawn})
+        )
+
+    def _measured(self) -> Measured:
+        with self._lock:
+            self._check_open()
+            message = {"do": "boxes", **self._world_state()}
+            return self._blender.ask("measure its objects", message, Measured, lambda reply, _: reply)
+
+    def _world_state(self) -> dict[str, Any]:
+        """Return what a request says of the world."""
+        poses = {name: [pose.R_w_c.tolist(), pose.position.tolist()] for name, pose in self._moved.items()}
+        return {"hidden": sorted(self._hidden), "poses": poses, "varied": self._instant.varied}
 
     def close(self) -> None:
         with self._lock:
@@ -153,7 +195,7 @@ class BlenderSource(Source):
             "do": "render",
             "kind": "lit" if is_lit else "data",
             "file": file,
-            "hidden": sorted(self._hidden),
+            **self._world_state(),
             "R_w_b": (view.pose.rotation @ _TO_BLENDER).tolist(),
             "position": view.pose.position.tolist(),
             "tan_half_fov": float(np.tan(np.radians(view.fov_deg) / 2)),

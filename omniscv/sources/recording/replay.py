@@ -2,7 +2,7 @@
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -267,11 +267,13 @@ class RecordedSource(Source):
         """As recorded with the state's first capture."""
         return self._world_state.object_poses()
 
-    def variable(self, kind: str) -> Sequence[str]:
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """What was varied when it was recorded."""
+        if kind == "objects":
+            return super().variable(kind)
         instants = (state.instant for state in self._store.states().values() if state.instant)
-        varied = {name for instant in instants for name in instant.varied.get(kind, {})}
-        return super().variable(kind) if kind == "objects" else sorted(varied)
+        varied = (item for instant in instants for item in instant.varied.get(kind, {}).items())
+        return {name: {key: np.size(value) for key, value in of.items()} for name, of in varied}
 
     def states(self) -> tuple[str, ...]:
         """The states that captures show, in the order of recording; the still one is empty."""

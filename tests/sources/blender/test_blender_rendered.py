@@ -16,6 +16,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose
+from omniscv.geometry.instant import Instant
 from omniscv.sources import Request, View
 from omniscv.sources.recording import Recording
 
@@ -224,3 +225,44 @@ def test_blender_ends_when_whoever_started_it_was_killed(scenes, tmp_path):
         process.kill()
     assert psutil.wait_procs(children, timeout=30)[1] == []
     assert list(tmp_path.glob("omniscv-blender-*")) == []
+
+
+def test_draws_place_objects_and_set_lights_and_materials(scenes):
+    """Light is linear: twice the power gives twice the colours. After a draw the world is as it was."""
+    views = [ahead(fov_deg=90), ahead(180)]
+
+    def colors(source):
+        return np.stack([captured(source, view, "lit")[0] for view in views])
+
+    def at(**varied):
+        return source.at(Instant.drawn(varied))
+
+    with omniscv.open_source(scenes("varied", "samples=4&lit=float32")) as source:
+        rest = colors(source)
+        turned = {"Crate": {"shift": [0.5, 0, 1], "turn_deg": -30}}
+        with at(objects=turned) as moved:
+            box = moved.geometry().boxes["Crate"]
+            np.testing.assert_allclose(box.center_w, (3.5, 0, 1), atol=1e-6)
+            np.testing.assert_allclose(box.R_w_b, np.eye(3), atol=1e-6)
+            pose = moved.object_poses()["Crate"]
+            np.testing.assert_allclose(pose.position, (3.5, 0, 1), atol=1e-6)
+            (depth,) = moved.capture([Request(ahead(center=(0, 0, 1)), "depth", moved.state)])
+            np.testing.assert_allclose(depth.pixels[7:9, 7:9], 3, atol=1e-5)
+        with at(objects={"Crate": {"shown": False}}) as hidden:
+            (mask,) = hidden.capture([Request(ahead(), "object_mask", hidden.state)])
+            assert np.unique(mask.pixels).tolist() == [source.objects().ids["Hall"]]
+        lit = {}
+        for power in (100, 200):
+            with at(lights={"Lamp": {"power": power}, "World": {"strength": 0}}) as then:
+                shots = then.capture([Request(view, "lit", then.state) for view in views])
+                lit[power] = np.stack([shot.pixels for shot in shots])
+        assert lit[100].max() > 0.01
+        np.testing.assert_allclose(lit[200], 2 * lit[100], rtol=1e-4, atol=1e-6)
+        red = {"Paint": {"base_color": [1, 0, 0], "roughness": 1, "ior": 1}}
+        with at(materials=red, lights={"Lamp": {"kelvin": 3000}}) as then:
+            (capture,) = then.capture([Request(views[0], "lit", then.state)])
+            assert capture.pixels[..., 0].min() > 0
+            assert capture.pixels[..., 1:].max() == 0
+        np.testing.assert_array_equal(colors(source), rest)
+        assert {"power", "kelvin", "color"} <= source.variable("lights")["Lamp"].keys()
+        assert source.variable("materials")["Paint"]["base_color"] == 3
