@@ -62,7 +62,7 @@ class Format(WithOptions, ABC):
         """Return why the format cannot carry a camera, in one line; None if it can."""
         return None
 
-    def needs_of(self, cameras: Mapping[str, Camera]) -> Sequence[str]:
+    def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
         """Return what frames of cameras must have: ``needs``."""
         return self.needs
 
@@ -211,8 +211,9 @@ class Export:
                 advice = f"name others by {_NAMED_BY}"
                 raise ArgumentError(f"{start}: cannot carry camera {name!r}: {reason}; {advice}")
         with within(start):
-            format.check_options(format.read_options(self.options), cameras)
-        if missing := [kind for kind in format.needs_of(cameras) if kind not in kinds]:
+            options = format.read_options(self.options)
+            format.check_options(options, cameras)
+        if missing := [kind for kind in format.needs_of(cameras, options) if kind not in kinds]:
             wanted = f"expected frames with {', '.join(missing)}"
             advice = "make the dataset with these 'modes', truths or 'imu' (labels: object_mask)"
             raise ArgumentError(f"{start}: {wanted}; they have {', '.join(sorted(kinds))}; {advice}")

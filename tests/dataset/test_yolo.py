@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from mock_server import load_scene
 from omniscv.dataset import export, open
 from omniscv.job import load
 from omniscv.make import make
@@ -55,6 +56,7 @@ def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
         export(dataset, "yolo", str(tmp_path / task), task=task)
     boxes, shapes = read(tmp_path / "detect"), read(tmp_path / "segment")
     assert boxes.keys() == shapes.keys() == frames.keys()
+    lost = total = 0
     for key, frame in frames.items():
         labels = frame.layer("labels")
         for (name, box), (same, shape) in zip(boxes[key], shapes[key], strict=True):
@@ -65,7 +67,51 @@ def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
             parts, part_of = cv2.connectedComponents(mask.astype(np.uint8))
             largest = part_of == 1 + np.argmax([np.sum(part_of == part) for part in range(1, parts)])
             assert same == name
+            lost, total = lost + np.sum(mask & ~shape), total + np.sum(mask)
             assert (shape | largest == shape).all()  # a row has no holes: nothing is lost but other parts
             outside = cv2.connectedComponents((~largest).astype(np.uint8), connectivity=4)[1]
             border = {*outside[0], *outside[-1], *outside[:, 0], *outside[:, -1]} - {0}
             assert not (shape & np.isin(outside, list(border))).any()
+    assert (
+        yaml.safe_load((tmp_path / "segment" / "data.yaml").read_text())["lost"] == round(lost / total, 6) > 0
+    )
+
+
+def test_a_pose_is_the_box_in_space(tmp_path):
+    """The corners again by hand, and what a tracer sees of their places."""
+    camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
+    job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": [{"position": [0, 0, 1.5]}]}
+    job |= {"modes": ["lit", "object_mask", "depth"], "truth": {"boxes3d": True}, "out": str(tmp_path / "d")}
+    make(load(job))
+    export(job["out"], "yolo", str(tmp_path / "pose"), task="pose")
+    data = yaml.safe_load((tmp_path / "pose" / "data.yaml").read_text())
+    assert (data["kpt_shape"], sorted(data["flip_idx"])) == ([9, 3], list(range(9)))
+    (frame,) = open(job["out"])
+    boxes = {box["name"]: box for box in frame.truth["boxes3d"]}
+    scene, agreed, flags = load_scene("four-wall"), [], set()
+    for line in (tmp_path / "pose/labels/train/front.txt").read_text().splitlines():
+        number, *values = line.split()
+        assert len(values) == 4 + 9 * 3
+        box = boxes[data["names"][int(number)]]
+        points = np.array(values[4:], float).reshape(9, 3)
+        R_w_b, size = np.array(box["R_world_box"]), np.array(box["size"])
+        signs = [(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))] + [(0, 0, 0)]
+        for (u, v, flag), sign in zip(points, signs, strict=True):
+            point_w = np.array(box["center_world"]) + R_w_b @ (size / 2 * sign)
+            x, y, z = frame.pose.R_w_c.T @ (point_w - frame.pose.position)
+            expected = np.array([50.5 * x / z + 50.5, 50.5 * y / z + 33.5]) / [101, 67] if z > 0 else [-1, -1]
+            if not ((np.array(expected) >= 0) & (np.array(expected) < 1)).all():
+                assert (u, v, flag) == (0, 0, 0)
+                continue
+            np.testing.assert_allclose((u, v), expected, atol=1e-6)
+            away = point_w - frame.pose.position
+            hit = scene.trace(frame.pose.position, (away / np.linalg.norm(away))[None])
+            if abs(hit.distance[0] / np.linalg.norm(away) - 1) < 0.03:
+                continue  # it touches what is seen
+            free = hit.distance[0] >= np.linalg.norm(away) or scene.objects[hit.label[0] - 1] == box["name"]
+            agreed.append(flag == 1 + free)
+            flags.add(flag)
+    assert flags == {1, 2}
+    assert np.mean(agreed) > 0.9  # the middle of a pixel may be beside the edge that hides a corner
+    flipped = np.array(signs)[data["flip_idx"]]
+    np.testing.assert_array_equal(flipped, np.array(signs) * [1, -1, 1])

@@ -59,7 +59,7 @@ class Rosbag2(Format):
     name = "rosbag2"
     options = BagOptions
 
-    def needs_of(self, cameras: Mapping[str, Camera]) -> Sequence[str]:
+    def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
         scans = [lidar_of(camera) is not None for camera in cameras.values()]
         return ["imu", *(["depth"] if any(scans) else []), *([] if all(scans) else ["lit"])]
 

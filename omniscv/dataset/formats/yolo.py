@@ -1,9 +1,13 @@
-"""YOLO: ``images/SPLIT/KEY.png``, ``labels/SPLIT/KEY.txt`` and ``data.yaml``, for detection or segmentation.
+"""YOLO: ``images/SPLIT/KEY.png``, ``labels/SPLIT/KEY.txt`` and ``data.yaml``, for three tasks.
 
 A row of labels is an object: its class, then its box (centre, width, height), or the outer contour of its
 largest part. Numbers are shares of the image's width and height. Classes are numbered from 0: those that are
 not stuff; without classes, the names of objects. Readers cut a contour to whole pixels and fill it with its
-border, so it goes through the middles of pixels. Rows have no holes and no second part.
+border, so it goes through the middles of pixels. Rows have no holes and no second part: ``lost`` of data.yaml
+is the share of the objects' area that is in such parts.
+
+The pose of an object is its box in the image, then the corners (:meth:`ObjectBox.corners_w`) and the middle
+of its box in space: x, y, and 2 for seen, 1 for behind something nearer, or 0 0 0 for a point outside.
 """
 
 from __future__ import annotations
@@ -18,16 +22,21 @@ import yaml
 from numpy.typing import NDArray
 
 from omniscv.arguments import one_of
+from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.coco_entries import category_entries, object_entries
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import checked, record
 from omniscv.storage.local import write_text
 
 _LEAST_PX = 10  # of a side of an image: readers drop smaller ones
+_TOUCHING = 0.01  # of a point's distance: what is nearer by less, as the floor under a chair, hides no point
+_FLIPPED = (3, 2, 1, 0, 7, 6, 5, 4, 8)
+"""Points of a pose in a mirrored image, whose object is mirrored in its own y axis."""
 
 
 @record
@@ -36,9 +45,9 @@ class YoloOptions:
 
     task: str = checked(
         one_of,
-        words=("detect", "segment"),
+        words=("detect", "segment", "pose"),
         default="detect",
-        help="rows are boxes, or contours: detect, segment",
+        help="rows are boxes, contours, or boxes with the points of a box in space: detect, segment, pose",
     )
     seam: str = checked(
         one_of,
@@ -57,12 +66,15 @@ class Yolo(Format):
     keys = ("seam",)
     options = YoloOptions
 
+    def needs_of(self, cameras: Mapping[str, Camera], options: YoloOptions) -> Sequence[str]:
+        return [*self.needs, *(("depth", "truth") if options.task == "pose" else ())]
+
     def write(self, frames: Sequence[Frame], out: Path, options: YoloOptions) -> list[Path]:
         """Write the files; ArgumentError for an image that readers drop."""
         ordered = sorted(frames, key=lambda frame: frame.key)
         categories = category_entries(ordered, stuff=False)
         number_of = {category["id"]: number for number, category in enumerate(categories)}
-        written, splits = list[Path](), dict[str, str]()
+        written, splits, areas = list[Path](), dict[str, str](), [0.0, 0.0]
         for frame in ordered:
             height, width = frame.camera.height, frame.camera.width
             if min(height, width) < _LEAST_PX:
@@ -74,7 +86,7 @@ class Yolo(Format):
             rows = [
                 " ".join([str(number_of[entry["category_id"]]), *(f"{x:.6f}" for x in numbers)])
                 for entry in object_entries(frame, split=options.seam == "split")
-                for numbers in [_numbers(frame, entry, options)]
+                for numbers in [_numbers(frame, entry, options, areas)]
             ]
             written.append(
                 write_pixels(out / "images" / split / f"{frame.key}.png", uint8_colors(frame.layer("lit")))
@@ -84,26 +96,57 @@ class Yolo(Format):
             written.append(write_text(out / "labels" / split / f"{frame.key}.txt", text))
         names = {number: category["name"] for number, category in enumerate(categories)}
         first = next(iter(splits.values()), "images/train")
-        data = {"path": ".", "train": first, "val": first, **splits, "names": names}
+        data: dict[str, Any] = {"path": ".", "train": first, "val": first, **splits, "names": names}
+        if options.task == "segment":
+            data["lost"] = round(areas[1] / max(1, areas[0]), 6)
+        elif options.task == "pose":
+            data |= {"kpt_shape": [len(_FLIPPED), 3], "flip_idx": list(_FLIPPED)}
         return [*written, write_text(out / "data.yaml", yaml.safe_dump(data, sort_keys=False))]
 
 
-def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions) -> list[float]:
-    """Return the numbers of an object's row, as shares of the image."""
+def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions, areas: list[float]) -> list[float]:
+    """Return the numbers of an object's row, as shares of the image; add its area, and what of it is lost."""
     size = np.array([frame.camera.width, frame.camera.height])
     x, y, across, down = entry["bbox"]
+    box = (np.array([x + across / 2, y + down / 2, across, down]) / np.tile(size, 2)).tolist()
     if options.task == "detect":
-        center = np.array([x + across / 2, y + down / 2])
-        return [*(center / size).tolist(), *(np.array([across, down]) / size).tolist()]
+        return [*box]
+    if options.task == "pose":
+        return [*box, *_points(frame, entry["instance_id"]).ravel().tolist()]
     if options.seam == "whole" and entry.get("crosses_seam"):
         wanted = "expected an object in one part, got one across the seam; set seam: split"
         raise ArgumentError(f"{frame.key}: {entry['name']}: {wanted}")
-    mask = (frame.layer("labels") == entry["instance_id"])[y : y + down, x : x + across]
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    points = max(contours, key=_filled_px)[:, 0]
+    mask = (frame.layer("labels") == entry["instance_id"])[y : y + down, x : x + across].astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    contour = max(contours, key=_filled_px)
+    filled = cv2.drawContours(np.zeros_like(mask), [contour], -1, 1, cv2.FILLED)
+    areas[0] += entry["area"]
+    areas[1] += int(np.count_nonzero(mask > filled))
+    points = contour[:, 0]
     points = np.concatenate([points, np.repeat(points[-1:], max(0, 3 - len(points)), axis=0)])
     numbers: list[float] = ((points + np.array([x + 0.5, y + 0.5])) / size).ravel().tolist()
     return numbers
+
+
+def _points(frame: Frame, instance: int) -> NDArray[np.float64]:
+    """Return x, y and visibility (9, 3) of the corners and the middle of an object's box in space.
+
+    A point is seen if nothing nearer but the object itself is where it is in the image.
+    """
+    box = next((box for box in frame.truth.get("boxes3d", ()) if box["instance_id"] == instance), None)
+    if box is None:
+        wanted = "expected the truth boxes3d of all objects, got none"
+        raise ArgumentError(f"{frame.key}: {wanted} of instance {instance}; make the dataset with it")
+    center, R_c_b, size = (np.array(box[key]) for key in ("center_camera", "R_camera_box", "size"))
+    points_c = np.vstack([ObjectBox(center, R_c_b, size, box["source"]).corners_w(), center])
+    pixels, valid = frame.camera.project(points_c)
+    width, height = frame.camera.width, frame.camera.height
+    inside = valid & (pixels >= 0).all(axis=1) & (pixels < [width, height]).all(axis=1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(int).T
+    nearer = frame.layer("depth")[row, column] < (1 - _TOUCHING) * np.linalg.norm(points_c, axis=1)
+    seen = ~nearer | (frame.layer("labels")[row, column] == instance)
+    rows = np.column_stack([pixels / [width, height], 1 + seen])
+    return np.where(inside[:, None], rows, 0)
 
 
 def _filled_px(contour: NDArray[Any]) -> float:
