@@ -135,6 +135,8 @@ class World:
         self._may_have_changed = True  # an object, since the last frame
         self._moments = deque([self.placed_objects.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[object, ViewHits] = OrderedDict()
+        self.vanished: list[tuple[tuple[float, ...], frozenset[str]]] = []  # by place, one after the other
+        self._made_here: set[tuple[object, ...]] = set()
         dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
         self._dome_radius = dome.amount() if dome else math.inf
         if dome:
@@ -243,8 +245,8 @@ class World:
         if (setres := _SETRES.fullmatch(text)) and 0 < int(setres[1]) * int(setres[2]) <= _MOST_PIXELS:
             self.window = int(setres[1]), int(setres[2])
 
-    def capture(self, camera: Camera, late: int = 0) -> ViewHits:
-        """Return a camera's view in every mode: of the objects now, or ``late`` frames before the last."""
+    def capture(self, camera: Camera, late: int = 0, mode: str = "") -> ViewHits:
+        """Return a camera's view, for a mode: of the objects now, or ``late`` frames before the last."""
         torn = None if self.paused else self.faults.strike("torn")
         for _ in range(int(torn.amount()) if torn else 0):
             self._advance()
@@ -257,7 +259,7 @@ class World:
         if narrow := self.faults.strike("narrow-fov"):
             camera.fov = max(1.0, camera.fov - narrow.amount())
         self._misaim(camera)
-        hidden = moment.hidden
+        hidden = moment.hidden | self._left_out(camera, mode)
         view = self._traced(camera, moment, hidden)
         if self._glass and self._glass not in hidden:
             hidden |= {self._glass}
@@ -271,6 +273,19 @@ class World:
         if self._dome_radius < math.inf and not self._dome.hidden:
             view = _domed(view, camera, self._dome_radius, len(self.placed_objects.scene.objects) + 1)
         return view
+
+    def _left_out(self, camera: Camera, mode: str) -> frozenset[str]:
+        """Return the objects that the fault ``vanishing`` leaves out of an image."""
+        if "vanishing" not in self.faults:
+            return frozenset()
+        image = mode, tuple(camera.rotation), camera.fov
+        place = tuple(camera.location)
+        if not self.vanished or self.vanished[-1][0] != place or image in self._made_here:
+            names = frozenset(name for name in self.objects if self.faults.strike("vanishing"))
+            self.vanished.append((place, names))
+            self._made_here.clear()
+        self._made_here.add(image)
+        return self.vanished[-1][1]
 
     def _misaim(self, camera: Camera) -> None:
         """Change the pose of one image by faults."""

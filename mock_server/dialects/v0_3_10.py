@@ -145,7 +145,7 @@ class Plugin0310(Dialect):
         """Return an image's bytes; empty if the camera has no pixels."""
         if not camera.has_pixels():
             return b""
-        view = self.world.capture(camera, _LATE)
+        view = self.world.capture(camera, _LATE, mode)
         if mode == "depth":
             distance = self.world.depth(view, along_ray=True)
             if form == "png":

@@ -136,7 +136,7 @@ class Plugin1(Dialect):
         refused = mode == "object_mask" and self.world.faults.strike("refuse-mask")
         if refused or not camera.has_pixels():
             return "error Captured data is empty"
-        view, shown = self.world.capture(camera), self.world.viewmode
+        view, shown = self.world.capture(camera, mode=mode), self.world.viewmode
         if mode == "depth":
             depth = 100 * self.world.depth(view, along_ray=False)
             data = pixels.npy(pixels.stored(depth, self.settings.depth == "half"))

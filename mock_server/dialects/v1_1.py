@@ -84,7 +84,7 @@ class Plugin11(Branch52):
         if not camera.has_pixels():
             width, height = camera.size
             return f"error Invalid {mode} dimensions or data size: {width}x{height}, samples=0"
-        view = self.world.capture(camera)
+        view = self.world.capture(camera, mode=mode)
         if mode == "depth":
             depth = 100 * self.world.depth(view, along_ray=False)
             image: np.ndarray = pixels.stored(depth, self.settings.depth == "half")

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.arguments import one_of, optional_number, shown, stem, within
+from omniscv.arguments import one_of, optional_number, shown, stem, texts, within
 from omniscv.cameras import Camera
 from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
@@ -58,6 +58,7 @@ class Frame:
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
         varied: what was drawn for it (:mod:`omniscv.job.vary`), by kind, name and setting.
+        watch: objects that the world has left out of the image (:mod:`omniscv.make.watch`).
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
     """
@@ -75,6 +76,7 @@ class Frame:
     scene: str = ""
     state: str = ""
     varied: Mapping[str, Any] = field(default_factory=dict)
+    watch: tuple[str, ...] = ()
     blank: tuple[str, ...] = ()
     imu: ImuTrack | None = None
 
@@ -172,6 +174,7 @@ class Frame:
             **({"state": self.state} if self.state else {}),
             **({"varied": self.varied} if self.varied else {}),
             "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
+            **({"watch": list(self.watch)} if self.watch else {}),
             **({"blank": sorted(self.blank)} if self.blank else {}),
         }
 
@@ -220,6 +223,7 @@ class Frame:
                 scene=_text("scene", data["scene"]),
                 state=_text("state", data.get("state", "")),
                 varied=mapping("varied", data.get("varied", {})),
+                watch=texts("watch", data["watch"]) if "watch" in data else (),
             )
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"

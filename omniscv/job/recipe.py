@@ -188,4 +188,10 @@ class Recipe:
     seam: str | None = checked(
         one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
     )
+    watch: str | None = checked(
+        one_of,
+        words=("mark", "fail"),
+        default=None,
+        help="frames that the world left objects out of: mark (in frames.jsonl), or fail",
+    )
     layout: Any = checked(plain, cls=LayoutKey, default=None, help="source and maps of layouts")

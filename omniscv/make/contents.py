@@ -51,6 +51,8 @@ def check_dataset(job: Job) -> Contents:
     kinds = contents.kinds(job)
     if contents.classes is not None and "labels" not in kinds:
         raise _missing_modes("classes", ["object_mask"], job)
+    if job.recipe.watch and (missing := [mode for mode in ("object_mask", "depth") if mode not in kinds]):
+        raise _missing_modes("watch", missing, job)
     for name, cameras in contents.truth_cameras.items():
         for camera in cameras:
             one_of(f"truth.{name}.cameras", camera, job.cameras)

@@ -321,6 +321,8 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             wanted = f"expected at most {job.failures:.3g} of {whole_count} frames to fail, got {len(failed)}"
             raise DatasetError(f"failures: {wanted}; see {manifest.FAILED}; --resume tries them again")
         manifest.write_frames(folder, frames.values())
+        if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
+            warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
             shares = {split for split, share in job.recipe.split.shares.items() if share > 0}
             places = len({frame.place for frame in frames.values()})

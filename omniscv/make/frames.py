@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from omniscv.arguments import within
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.errors import ArgumentError, OmniscvError, SourceError
 from omniscv.frame import Frame
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -23,9 +23,11 @@ from omniscv.job import Job
 from omniscv.make.contents import Contents
 from omniscv.make.moments import Moment, images_of, renderer_at
 from omniscv.make.render import transfer_warning, warnings_of
+from omniscv.make.watch import left_out
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
+from omniscv.truth.object_boxes import visible_ids
 from omniscv.truth.registry import Observation, Record, file_contents
 
 T = TypeVar("T")
@@ -85,7 +87,7 @@ class FrameMaker:
         self._workers, self._failures, self._warn = workers, failures, warn or (lambda line: None)
         self._skipped = set[tuple[str, str]]()
         # Shapes take a game one request per object: read them for truths and recordings only.
-        self._shapes = bool(contents.truth) or job.record is not None
+        self._shapes = bool(contents.truth or job.recipe.watch) or job.record is not None
         self._geometry = source.geometry() if self._shapes else SceneGeometry()
         self._renderer = Renderer(source)
         for line in transfer_warning(job, source):
@@ -97,7 +99,7 @@ class FrameMaker:
             if truths.get(name).may_capture(self._geometry, options)
         }
         # Images of a world that moves take turns, too: the source shows one instant at a time.
-        self._capture_lock = Lock() if self._capturing or job.changes else nullcontext()
+        self._capture_lock = Lock() if self._capturing or job.changes or job.recipe.watch else nullcontext()
 
     def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
         """Make the frames with some keys.
@@ -142,6 +144,8 @@ class FrameMaker:
             for line in warnings_of(frame.key, image):
                 self._warn(line)
             observation = replace(observation, frame=frame, image=image)
+            if self._job.recipe.watch:
+                frame = replace(frame, watch=self._left_out(observation, instant))
             records: dict[str, Record] = {}
             if self._capturing:
                 with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
@@ -151,6 +155,22 @@ class FrameMaker:
             if frame.varied:
                 contents["truth"] = {**contents.get("truth", {}), "varied": frame.varied}
             self._writer.write(frame, image, contents)
+
+    def _left_out(self, observation: Observation, instant: Instant) -> tuple[str, ...]:
+        """Return the objects that the world has left out of an image; SourceError if that is a failure."""
+        image, options = observation.image, self._job.options
+
+        def look() -> set[str]:
+            with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
+                again = renderer.render(image.camera, image.pose, ("object_mask",), options)
+            names = self._renderer.source.objects().names()
+            assert again.labels is not None
+            return {names[label - 1] for label in visible_ids(again.labels) - {0}}
+
+        names = left_out(observation, look)
+        if names and self._job.recipe.watch == "fail":
+            raise SourceError(f"watch: expected {', '.join(names)} in {observation.frame.key}, got none")
+        return names
 
     def _records(self, observation: Observation, names: Collection[str]) -> dict[str, Record]:
         """Return the records of truths that an image can have, in the job's order.

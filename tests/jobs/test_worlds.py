@@ -275,3 +275,39 @@ def test_wrong_worlds_are_refused(tmp_path, keys, match):
 def test_other_commands_refuse_several_worlds(tmp_path):
     with pytest.raises(ArgumentError, match="worlds: expected one world here; 'omniscv dataset make'"):
         make.run(job(tmp_path, **SOME))
+
+
+# -- the watch -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [24, pytest.param(10_000, marks=pytest.mark.soak)])
+def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
+    """What a frame should show is what it shows without the fault."""
+    low, high = (-1.5, -1.2, 0.8), (1.5, 1.2, 1.8)
+    places = np.random.default_rng(4).uniform(low, high, (count, 3)).tolist()
+    camera = {"pano": {**CAMERA, "width": 64, "height": 32}}
+    some = {"vary": None, "truth": None, "modes": ["object_mask", "depth"], "cameras": camera}
+    some["poses"] = [{"position": place} for place in places]
+    lines = []
+    with mock_server.serve("four-wall", size=(32, 32), faults=["vanishing@0.02"]) as server:
+        make.make(job(tmp_path / "d", source=server.uri, watch="mark", **some), warn=lines.append)
+        gone = {tuple(np.round(place, 1)): names for place, names in reversed(server.world.vanished)}
+        few = some | {"poses": some["poses"][:10], "failures": {"skip": 1}}
+        failed = make.make(job(tmp_path / "f", source=server.uri, watch="fail", **few)).failed
+        server.faults.stop("vanishing")
+        make.make(job(tmp_path / "whole", source=server.uri, **some))
+    found = due = marked = 0
+    whole = frames_of(tmp_path / "whole")
+    for key, frame in list(frames_of(tmp_path / "d").items())[1:]:  # before the first, the server is probed
+        names = gone[tuple(np.round(100 * frame.pose.position * (1, -1, 1), 1))]
+        shown = np.bincount(whole[key].layer("labels").ravel(), minlength=100)
+        expected = {name for name in names if shown[whole[key].instances[name]] >= 4}
+        assert expected <= set(frame.watch) <= names
+        found, due, marked = found + len(frame.watch), due + len(expected), marked + bool(frame.watch)
+    assert found >= due > count / 10
+    errors = [
+        json.loads(line)["error"] for line in (tmp_path / "f" / "failed.jsonl").read_text().splitlines()
+    ]
+    assert 0 < len(errors) == failed < 10
+    assert all(error.startswith("watch: expected ") for error in errors)
+    assert any(line.startswith("watch: the world has left objects out of") for line in lines)
