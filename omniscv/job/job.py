@@ -121,6 +121,7 @@ class Job:
         sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
         vary: what is drawn anew for each frame, place or world; None for a world as it is.
         draws: the same with the names of an open source.
+        faults: why poses were not found, by their index.
         failures: the share of the frames that may fail and be left out.
         world: its name among several; keys of frames start with it.
         world_split: the split of all its frames, in place of that of ``recipe``; empty for none.
@@ -157,6 +158,7 @@ class Job:
     vary: Vary | None = None
     draws: Draws | None = None
     failures: float = 0.0
+    faults: Mapping[int, str] = field(default_factory=dict)
     world: str = ""
     world_split: str = ""
     worlds: tuple[Job, ...] = ()

@@ -25,13 +25,14 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, whole_number
+from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, text, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.records import checked, mapping, optional, read, record
+from omniscv.records import checked, mapping, nested, optional, read, record
 
 _MOST = 1_000_000
+_LOOKS = 50  # at free positions for one pose, until a class is seen
 _TRIES = 200  # for each position: in a box of which 1 in 40 is free, all but one in a hundred are found
 _SAMPLES = 1000  # of a spline between two waypoints: its length is then good to a millionth
 
@@ -60,7 +61,19 @@ def _look(name: str, value: Any) -> Any:
     return one_of(name, value, ("ahead", "level")) if isinstance(value, str) else numbers(name, value, (3,))
 
 
+@record
+class Visible:
+    """What an image at a pose must show."""
+
+    name: str = checked(text, key="class", help="a class of the job's classes")
+    share: float = checked(number, above=0, most=1, help="least share of the image's pixels, of any camera")
+
+
+Sees = Callable[[Pose], bool]
+"""Whether an image at a pose shows enough of what is to be visible."""
+
 _point = partial(numbers, shape=(3,))
+_VISIBLE_HELP = "class and share of the image that poses must show; null: any pose"
 _START_HELP = "X,Y,Z of a free position; the middle of the box if not given"
 
 
@@ -81,12 +94,13 @@ class RandomPoses:
     yaw_deg: Angle = checked(_angle, default=(-180.0, 180.0), help="degrees, or [low, high] to draw from")
     pitch_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
     roll_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
+    visible: Visible | None = checked(optional(nested(Visible)), default=None, help=_VISIBLE_HELP)
 
     def __post_init__(self) -> None:
         _check_box(self)
 
-    def poses(self, is_free: IsFree | None = None) -> Trajectory:
-        """Return the poses.
+    def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
+        """Return the poses; the last one of 50 free ones where none shows what is to be visible.
 
         Raises:
             ArgumentError: the box has too little free space.
@@ -97,11 +111,15 @@ class RandomPoses:
         ranges = [np.broadcast_to(angle, 2) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg)]
         draw = np.random.default_rng(self.seed)
         poses: list[Pose] = []
+        looks = 0
         for _ in range(_TRIES * self.count):
             position = draw.uniform(low, high)
             angles = [draw.uniform(*bounds) for bounds in ranges]
             if is_free(position):
-                poses.append(Pose.from_angles(position, *angles))
+                pose, looks = Pose.from_angles(position, *angles), looks + 1
+                if sees is None or sees(pose) or looks == _LOOKS:
+                    poses.append(pose)
+                    looks = 0
             if len(poses) == self.count:
                 return Trajectory(tuple(poses))
         wanted = f"expected {self.count} positions with a clearance of {self.clearance:g} m in the box"
@@ -127,16 +145,19 @@ class GridPoses:
         optional_number, above=0, default=None, help="least distance to surfaces, metres; null: any position"
     )
     start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
+    visible: Visible | None = checked(optional(nested(Visible)), default=None, help=_VISIBLE_HELP)
 
     def __post_init__(self) -> None:
         _check_box(self)
+        if self.visible is not None and self.clearance is None:
+            raise ArgumentError("visible: expected it with a clearance, got none")
         ascends = bool((np.asarray(self.step) > 0).all())
         if not ascends or self._counts().prod() * len(np.asarray(self.yaws_deg)) > _MOST:
             wanted = f"expected distances > 0 that give at most {_MOST} poses"
             raise ArgumentError(f"step: {wanted}, got {shown(self.step)}")
 
-    def poses(self, is_free: IsFree | None = None) -> Trajectory:
-        """Return the poses.
+    def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
+        """Return the poses that show what is to be visible.
 
         Raises:
             ArgumentError: no position of the grid is free.
@@ -150,7 +171,11 @@ class GridPoses:
             wanted = f"expected positions with a clearance of {self.clearance} m"
             raise ArgumentError(f"poses.grid: {wanted}, got none; give a smaller clearance or another start")
         yaws = np.asarray(self.yaws_deg).tolist()
-        return Trajectory(tuple(Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws))
+        poses = [Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws]
+        shown = [pose for pose in poses if sees is None or sees(pose)]
+        if not shown:
+            raise ArgumentError(f"poses.grid.visible: expected poses that show it, got none of {len(poses)}")
+        return Trajectory(tuple(shown))
 
     def _counts(self) -> Array:
         """(3,) the number of positions along each axis."""
@@ -168,6 +193,7 @@ class PathPoses:
     """
 
     clearance: ClassVar[None] = None
+    visible: ClassVar[None] = None
     start: ClassVar[None] = None
     waypoints: ArrayLike = checked(numbers, shape=(None, 3), help="X,Y,Z of at least two positions, metres")
     speed: float = checked(number, above=0, help="metres a second along the curve")
@@ -184,8 +210,8 @@ class PathPoses:
             wanted = "expected at least two, each different from the one before"
             raise ArgumentError(f"waypoints: {wanted}, got {shown(points)}")
 
-    def poses(self, is_free: IsFree | None = None) -> Trajectory:
-        """Return the poses and their times, from 0 s; ``is_free`` is not used.
+    def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
+        """Return the poses and their times, from 0 s; the arguments are not used.
 
         Raises:
             ArgumentError: too many poses, or the camera would look straight up or down.

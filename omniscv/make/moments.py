@@ -88,6 +88,7 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
         place = f"{start}{places[i]}"
         in_split = job.world_split or split.of(job.world if split.by == "world" else place)
         varied, fault = _varied(job, i, place)
+        fault = job.faults.get(i, fault)
         for frame in _frames(job, path, i):
             rolling = job.moves and isinstance(frame.camera, RollingShutter)
             state = _instant(job, replace(frame, varied=varied)).state

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers
-from omniscv.cameras import create
+from omniscv.arguments import number, numbers, shown
+from omniscv.cameras import Camera, create
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
@@ -26,10 +26,12 @@ from omniscv.sources.brackets import bracketed
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
 from omniscv.sources.world import SharedExposure
+from omniscv.truth.classes import class_rules
 
 _WIDTH = 256
 _FACE_PX = 128
 _NEAREST_LOOKS = 8
+_LOOK_PX = 64  # columns of an image, about, at which what it shows is counted
 
 
 def source_options(job: Job) -> SourceOptions:
@@ -76,9 +78,9 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,
     ):
         if job.sampling is not None:
-            sampled = sample_poses(job.sampling, still)
+            sampled, faults = _sampled(job, job.sampling, still)
             times = sampled.times if job.times is None else job.times
-            job = replace(job, poses=sampled.poses, times=times, sampling=None)
+            job = replace(job, poses=sampled.poses, times=times, sampling=None, faults=faults)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
         # Of the whole job, so that its parts are exposed alike.
@@ -124,11 +126,37 @@ def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
     return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)
 
 
+def _sampled(job: Job, sampling: SampledPoses, source: Source) -> tuple[Trajectory, dict[int, str]]:
+    """Return the poses of a job, and by index why no pose was found that shows what is to be visible."""
+    visible = sampling.visible
+    if visible is None or sampling.clearance is None or sampling.start is None:
+        return sample_poses(sampling, source), {}
+    rules = None if job.recipe.classes is None else class_rules(job.recipe.classes)
+    table = source.objects()
+    labels = [table.label(name) for name in table.names() if rules and rules.class_of(name) == visible.name]
+    if not labels:
+        wanted = f"expected a class of the job's classes that objects have, got {shown(visible.name)}"
+        raise ArgumentError(f"poses.visible.class: {wanted}")
+    space = FreeSpace(source, sampling.start, sampling.clearance, labels)
+
+    def share(pose: Pose) -> float:
+        mounted = {} if job.rig is None else job.rig.poses(pose, None)
+        return max(space.share(camera, mounted.get(name, pose)) for name, camera in job.cameras.items())
+
+    found = sampling.poses(space.is_free, lambda pose: share(pose) >= visible.share)
+    wanted = f"expected a pose that shows {visible.share:g} of {visible.name}, got {{:.3g}} at the last drawn"
+    faults = {
+        i: wanted.format(got) for i, pose in enumerate(found.poses) if (got := share(pose)) < visible.share
+    }
+    return found, faults
+
+
 class _Look(NamedTuple):
-    """A panorama of depth: (3,) its centre, world frame, and (H, W) metres."""
+    """A panorama: (3,) its centre, world frame, (H, W) metres, and where it shows what is to be visible."""
 
     position_w: Array
     depth: NDArray[np.float32]
+    shown: NDArray[np.bool_]
 
 
 class FreeSpace:
@@ -143,12 +171,16 @@ class FreeSpace:
         source: of the scene; panoramas of depth are captured from it.
         start: (3,) metres, world frame: a free position.
         clearance: metres, from every surface.
+        visible: labels of the objects that :meth:`share` counts.
 
     Raises:
         ArgumentError: no position, or no distance > 0.
     """
 
-    def __init__(self, source: Source, start: ArrayLike, clearance: float) -> None:
+    def __init__(
+        self, source: Source, start: ArrayLike, clearance: float, visible: Sequence[int] = ()
+    ) -> None:
+        self._modes, self._visible = ("depth", "object_mask") if visible else ("depth",), visible
         self.clearance = number("clearance", clearance, above=0)
         self._renderer = Renderer(source)
         self._camera = create("equirectangular", width=_WIDTH, height=_WIDTH // 2)
@@ -170,12 +202,22 @@ class FreeSpace:
         self._looks.append(look)
         return True
 
+    def share(self, camera: Camera, pose: Pose) -> float:
+        """Return the share of an image at a free position that shows what is to be visible, about."""
+        look = min(self._looks, key=lambda look: float(np.linalg.norm(look.position_w - pose.position)))
+        step = max(1, camera.width // _LOOK_PX)
+        rays = camera.unproject(camera.pixels()[::step, ::step])
+        directions_w = rays.directions[rays.valid] @ pose.R_w_c.T
+        column, row = self._camera.project(directions_w @ Pose.from_angles((0, 0, 0)).R_w_c)[0].T.astype(int)
+        return float(look.shown[row.clip(max=_WIDTH // 2 - 1), column % _WIDTH].mean())
+
     def _look(self, position_w: Array) -> _Look:
         options = RenderOptions(face_size=_FACE_PX)
         pose = Pose.from_angles(position_w)
-        depth = self._renderer.render(self._camera, pose, ("depth",), options).depth
-        assert depth is not None
-        return _Look(position_w, depth)
+        image = self._renderer.render(self._camera, pose, self._modes, options)
+        assert image.depth is not None
+        labels = np.zeros_like(image.depth, np.uint16) if image.labels is None else image.labels
+        return _Look(position_w, image.depth, np.isin(labels, self._visible))
 
     def _sees(self, look: _Look, position_w: Array, away: float) -> bool:
         """Return whether the rays to a position and around it are free for ``away`` metres."""

@@ -311,3 +311,33 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     assert 0 < len(errors) == failed < 10
     assert all(error.startswith("watch: expected ") for error in errors)
     assert any(line.startswith("watch: the world has left objects out of") for line in lines)
+
+
+# -- poses that show something ---------------------------------------------------------------------------
+
+
+def test_poses_show_what_is_to_be_visible_or_fail(tmp_path):
+    camera = {"model": "pinhole", "width": 48, "height": 36, "fov_deg": 70}
+    some = {"vary": None, "truth": None, "modes": ["object_mask"], "cameras": {"front": camera}}
+    some["classes"] = {"rules": [{"match": "Chair_*", "class": "chair"}], "unmatched": "other"}
+    room = mock_server.load_scene("four-wall")
+    chairs = [room.label(name) for name in room.objects if name.startswith("Chair_")]
+
+    def shares(out, share, count, **keys):
+        box = {"count": count, "low": [-1.5, -1.2, 1.2], "high": [1.5, 1.2, 1.6], "clearance": 0.2}
+        poses = {"random": {**box, "start": [0, 0, 1.5], "visible": {"class": "chair", "share": share}}}
+        made = make.make(job(tmp_path / out, poses=poses, **some, **keys))
+        for frame in frames_of(tmp_path / out).values():
+            rays = frame.camera.unproject(frame.camera.pixels()).directions @ frame.pose.R_w_c.T
+            yield np.isin(room.trace(frame.pose.position, rays).label, chairs).mean()
+        assert made.written + made.failed == count
+
+    assert min(shares("d", 0.05, 6)) > 0.045  # counted on a panorama of 256 px
+    assert not list(shares("e", 0.9, 1, failures={"skip": 1}))
+    (line,) = (tmp_path / "e" / "failed.jsonl").read_text().splitlines()
+    assert json.loads(line)["error"].startswith("expected a pose that shows 0.9 of chair, got 0")
+    visible = {"class": "stool", "share": 0.1}
+    grid = {"low": [0, 0, 1], "high": [0, 0, 1], "step": 1, "clearance": 0.1, "visible": visible}
+    wrong = job(tmp_path / "f", poses={"grid": grid}, **some)
+    with pytest.raises(ArgumentError, match=r"poses\.visible\.class: expected a class .*stool"):
+        make.make(wrong)
