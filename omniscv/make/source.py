@@ -14,6 +14,7 @@ from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera, create
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
+from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.trajectory import Trajectory
@@ -26,7 +27,6 @@ from omniscv.sources.brackets import bracketed
 from omniscv.sources.recording import record
 from omniscv.sources.registry import SourceOptions, open_sources
 from omniscv.sources.world import SharedExposure
-from omniscv.truth.classes import class_rules
 
 _WIDTH = 256
 _FACE_PX = 128
