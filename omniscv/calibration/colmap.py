@@ -28,33 +28,31 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
 _MODELS = """
-SIMPLE_PINHOLE pinhole PARAMS=f,cx,cy
+< SIMPLE_PINHOLE pinhole PARAMS=f,cx,cy
 PINHOLE pinhole PARAMS=fx,fy,cx,cy
-SIMPLE_RADIAL pinhole PARAMS=f,cx,cy,k1
-RADIAL pinhole PARAMS=f,cx,cy,k1,k2
+< SIMPLE_RADIAL pinhole PARAMS=f,cx,cy,k1
+< RADIAL pinhole PARAMS=f,cx,cy,k1,k2
 OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2
 OPENCV_FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy,k1,k2,k3,k4
 FULL_OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,k5,k6
 FOV - PARAMS=fx,fy,cx,cy,omega
-SIMPLE_RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1
-RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1,k2
+< SIMPLE_RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1
+< RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1,k2
 THIN_PRISM_FISHEYE - PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,s1,s2
 RAD_TAN_THIN_PRISM_FISHEYE fisheye624 PARAMS=fx,fy,cx,cy,k0,k1,k2,k3,k4,k5,p0,p1,s0,s1,s2,s3
 SIMPLE_DIVISION division PARAMS=f,cx,cy,k
-DIVISION division PARAMS=fx,fy,cx,cy,k
-SIMPLE_FISHEYE kannala-brandt PARAMS=f,cx,cy
-FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy
+< DIVISION division PARAMS=fx,fy,cx,cy,k
+< SIMPLE_FISHEYE kannala-brandt PARAMS=f,cx,cy
+< FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy
 EUCM extended-unified PARAMS=fx,fy,cx,cy,alpha,beta
 EQUIRECTANGULAR equirectangular PARAMS=W,H
 """
-"""In the order of COLMAP's ids, which its binary files hold."""
-_IDS = {i: row.split() for i, row in enumerate(_MODELS.strip().splitlines())}
-_KNOWN = [line for line in _MODELS.strip().splitlines() if line.split()[1] != "-"]
-_SPECIAL = (
-    "SIMPLE_PINHOLE SIMPLE_RADIAL RADIAL SIMPLE_FISHEYE FISHEYE SIMPLE_RADIAL_FISHEYE RADIAL_FISHEYE DIVISION"
-)
-"""Special cases of other models, which many programs that read COLMAP's files do not know."""
-NAMES = tuple(words[0] for words in _IDS.values())
+"""In the order of COLMAP's ids, which its binary files hold; "-" is no model of ours.
+
+Special cases of others are only read: many programs that read COLMAP's files do not know them.
+"""
+_IDS = [line.removeprefix("< ").split() for line in _MODELS.strip().splitlines()]
+NAMES = tuple(words[0] for words in _IDS)
 
 
 def _lenses(content: Content) -> dict[str, Values]:
@@ -84,13 +82,13 @@ def _of_binary(data: bytes) -> str:
     lines, at = [], 8
     try:
         for _ in range(struct.unpack_from("<Q", data)[0]):
-            camera_id, model, width, height = struct.unpack_from("<IiQQ", data, at)
+            camera_id, model, width, height = struct.unpack_from("<IIQQ", data, at)
             name, _, params = _IDS[model]
             count = params.count(",") + 1
             values = struct.unpack_from(f"<{count}d", data, at + 24)
             lines.append(" ".join(map(str, [camera_id, name, width, height, *values])))
             at += 24 + 8 * count
-    except (struct.error, KeyError):
+    except (struct.error, IndexError):
         return ""
     return "\n".join(lines) if at == len(data) else ""
 
@@ -106,7 +104,7 @@ COLMAP = Colmap(
     "colmap",
     "COLMAP, GLOMAP: cameras.txt, cameras.bin",
     "MODEL PARAMS",
-    "\n".join(f"< {line}" if line.split()[0] in _SPECIAL.split() else line for line in _KNOWN),
+    "\n".join(line for line in _MODELS.strip().splitlines() if " - " not in line),
     word="MODEL",
     size="WIDTH HEIGHT",
     shift=0.0,

@@ -87,21 +87,6 @@ def model_of(node: Node) -> str:
     return EITHER if len(given) == 4 and any(given) else "opencv"
 
 
-def lenses(content: Content) -> dict[str, Node]:
-    """Return the cameras of a file that have a matrix, by name: ``cam0``, their key, or their side."""
-    found: dict[str, Node] = {}
-    for document in content.documents:
-        for path, node in marked(document, [K], accepts=_is_matrix):
-            words = [part for part in path if isinstance(part, str)]
-            name = words[-1] if words else "cam0"
-            found[name if name not in found else f"{name}-{len(found)}"] = node
-        if not found:
-            found |= _sides(document)
-        elif len(found) == 2 and isinstance(document, Mapping):
-            _set_stereo(found, document)
-    return found
-
-
 def _set_stereo(found: dict[str, Node], pose: Mapping[str, Any]) -> None:
     """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``, whose unit is that of the board."""
     if len(found) != 2 or pose.get("R") is None or pose.get("T") is None:
@@ -147,7 +132,17 @@ class OpenCV(Form):
     """One of the three models in files of any spelling."""
 
     def nodes(self, content: Content) -> dict[str, Node]:
-        return lenses(content)
+        """Return the cameras that have a matrix, by name: ``cam0``, their key, or their side."""
+        found: dict[str, Node] = {}
+        for document in content.documents:
+            for path, node in marked(document, [K], accepts=_is_matrix):
+                name = next((part for part in reversed(path) if isinstance(part, str)), "cam0")
+                found[name if name not in found else f"{name}-{len(found)}"] = node
+            if not found:
+                found |= _sides(document)
+            elif isinstance(document, Mapping):
+                _set_stereo(found, document)
+        return found
 
     def is_of(self, content: Content) -> bool:
         """Return whether a file's cameras are all of this model, as their keys say."""

@@ -222,7 +222,7 @@ def describe(
     as_json: options.AsJson = False,
 ) -> None:
     """Print what a lens file holds: format, model, size, field of view, and the keys that are ignored."""
-    from omniscv.calibration.files import doubts, load_file
+    from omniscv.calibration.files import FORMS, doubts, load_file
 
     loaded = load_file(file, None, options.size(size) if size else None)
     rows: list[dict[str, Any]] = []
@@ -243,7 +243,8 @@ def describe(
     if as_json:
         console.as_json({"format": loaded.format, "cameras": rows})
         return
-    console.line(f"{file}: {loaded.format}")
+    centres = ".5" if FORMS[loaded.format].shift == 0 else "whole numbers"
+    console.line(f"{file}: {loaded.format}, pixel centres at {centres}")
     for row in rows:
         angles = " x ".join(f"{angle:.4g}" for angle in row["fov_deg"])
         pose = ", with a pose" if row["pose"] else ""
