@@ -24,8 +24,9 @@ import numpy as np
 
 from omniscv.arguments import shown, within
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, Row, matrix_of_pose, pose_of_matrix
+from omniscv.calibration.forms import Entry, Form, matrix_of_pose, pose_of_matrix
 from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers, check_first_is_origin
+from omniscv.calibration.model_lines import Row
 from omniscv.calibration.nodes import Values
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel

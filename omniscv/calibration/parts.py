@@ -322,22 +322,20 @@ _ZED_SIZES = {
 
 def zed(content: Content) -> dict[str, Any]:
     """Return the cameras of sections such as LEFT_CAM_HD, which have the same keys."""
-    cameras: dict[str, Any] = {}
-    for node in mappings(
-        content, "LEFT_CAM_2K|LEFT_CAM_HD|LEFT_CAM_VGA|LEFT_CAM_FHD|LEFT_CAM_HD1200|LEFT_CAM_SVGA"
-    ):
-        for name, section in node.values.items():
-            match = re.fullmatch(r"(?:LEFT|RIGHT)_CAM_(\w+)", name)
-            if match and isinstance(section, Mapping):
-                cameras[name] = {**section, "size": _ZED_SIZES.get(match[1])}
-            elif isinstance(section, Mapping) and (
-                odd := [key for key in section if _ZED_LENS.fullmatch(key)]
-            ):
-                raise ArgumentError(f"{name}.{odd[0]}: expected this key in sections of cameras, got it here")
-    keys = {name: sorted(map(str.lower, lens)) for name, lens in cameras.items()}
-    for name, own in keys.items():
-        if own != (first := next(iter(keys.values()))):
-            odd = sorted(set(own) ^ set(first))
+    sections: Values = {}
+    for node in mappings(content, ""):
+        sections |= {name: section for name, section in node.values.items() if isinstance(section, Mapping)}
+    cameras = {
+        name: {**section, "size": _ZED_SIZES.get(name.rpartition("_")[2])}
+        for name, section in sections.items()
+        if re.fullmatch(r"(LEFT|RIGHT)_CAM_[A-Z0-9]+", name)
+    }
+    for name, section in sections.items() if cameras else ():
+        if name not in cameras and (odd := [key for key in section if _ZED_LENS.fullmatch(key)]):
+            raise ArgumentError(f"{name}.{odd[0]}: expected this key in sections of cameras, got it here")
+    keys = [{key.lower() for key in lens} for lens in cameras.values()]
+    for name, own in zip(cameras, keys, strict=True):
+        if odd := sorted(own ^ keys[0]):
             raise ArgumentError(f"{name}: expected the keys of the other cameras, got more or fewer: {odd}")
     return cameras
 

@@ -359,6 +359,11 @@ REFUSED = {
     "metashape": (metashape("frame", f=310, k4=0.1), "k4: expected 0"),
     "distortion beside": ("cam:\n  intrinsics: {fx: 3, fy: 3, cx: 3, cy: 2}\n  distorsion_x: [0.1]\n  size: [6, 4]\n", "distorsion_x: expected"),
     "ncore": ('{"pixeldist_to_angle_poly": [0, 0.01], "resolution": [64, 48], "reference_poly": "PIXELDIST_TO_ANGLE", "principal_point": [31, 23], "max_angle": 1.0, "external_distortion_parameters": {"a": 1}}', "external_distortion"),
+    "ncore rolling": ('{"angle_to_pixeldist_poly": [0, 100], "resolution": [64, 48], "reference_poly": "ANGLE_TO_PIXELDIST", "principal_point": [31, 23], "max_angle": 1.0, "shutter_type": "ROLLING_TOP_TO_BOTTOM"}', "write GLOBAL"),
+    "zed, moved": (ZED.replace("k3=0.004\n", "") + "k3=0.004\n", "STEREO.k3: expected this key in sections of cameras"),
+    "zed, lost": (ZED + ZED.replace("LEFT", "RIGHT").replace("k3=0.004\n", "").partition("[STEREO]")[0], "keys of the other cameras"),
+    "another focal length": (nerf(fl_x=310.5, fl_y="a309", cx=322.25, cy=238.75), "fl_y: expected"),
+    "a stray quote": (CASES["opensfm-brown"][0].replace('"k3"', 'lk3"'), "stray quote"),
     "tangential": ('{"pixeldist_to_angle_poly": [0, 0.01], "resolution": [64, 48], "reference_poly": "PIXELDIST_TO_ANGLE", "principal_point": [31, 23], "max_angle": 1.0, "tangential_coeffs": [0.1, 0]}', "tangential_coeffs"),
 }  # fmt: skip
 
@@ -420,6 +425,14 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
     assert "pixel centres are at .5" in caplog.text
     foreign = {key: unmarked[key] for key in ("model", "width", "height", "fx", "fy", "cx", "cy")}
     assert calibration.loads(json.dumps(foreign))["cam0"].center.tolist() == [320.0, 240.0]
+    assert "whole numbers" in caplog.text
+    stereo = {"K1": K, "D1": D5, "K2": K, "D2": D5, "R": np.eye(3).tolist(), "image_size": SIZE}
+    assert [pose for _, pose, *_ in read(json.dumps(stereo | {"T": [-120, 0, 0]})).entries.values()] == [
+        None
+    ] * 2
+    assert "divide T by 1000" in caplog.text
+    read(json.dumps(stereo | {"T": [-0.12, 0, 0]}))
+    assert "taken as metres" in caplog.text
 
 
 def test_files_as_people_have_them() -> None:
