@@ -63,11 +63,6 @@ def test_files_have_their_names_and_leave_the_folder_only_if_the_server_was_told
     )
 
 
-def test_only_local_servers_write_anywhere():
-    with pytest.raises(ValueError, match="files: expected one of folder; got 'anywhere'"):
-        mock_server.serve("four-wall", host="0.0.0.0", files="anywhere")
-
-
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_the_window_takes_the_size_of_the_console_and_is_shot_into_files(talk, tmp_path, dialect):
     request = talk(dialect, folder=tmp_path)

@@ -25,6 +25,7 @@ from mock_server.server import MAX_WAITING, Statistics
         ({"frames_per_s": 0}, "frames_per_s: expected a number from 0.001 to 1e+06, got 0"),
         ({"host": ""}, "host: expected an address, got ''"),
         ({"host": "é" * 64}, f"host: expected an address, got '{'é' * 12}...{'é' * 13}'"),
+        ({"host": "0.0.0.0", "files": "anywhere"}, "files: expected one of folder; got 'anywhere'"),
         ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
         ({"folder": "x"}, "folder: expected a Path or None, got 'x'"),
         ({"faults": "reset"}, "faults: expected a list of texts, got 'reset'"),
