@@ -16,6 +16,7 @@ from omniscv import modalities
 from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.surfaces import STEP
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
@@ -117,11 +118,6 @@ def from_faces(
             view = View(Pose(center_w, turn_w @ R_w_c), fov_deg, edge, edge)
             captures.append(Capture(Request(view, row.name), view, arrays[name]))
     return PictureSource(captures, objects, transfer)
-
-
-def turn_about_z(yaw_deg: float) -> Array:
-    """Return the rotation (3, 3) to the left in the world frame."""
-    return Pose.from_angles((0, 0, 0), yaw_deg=yaw_deg).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
 
 
 class DepthForm(NamedTuple):

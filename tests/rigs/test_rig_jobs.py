@@ -41,7 +41,7 @@ def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:
     ]
     planned = {cost.way: cost.requests for cost in costs(job)}
     assert planned["auto"] == planned["cube"] == 2 * 6 * 2  # one cube map a pose, in two modes
-    assert capture(job, tmp_path / "room.sqlite") == planned["auto"]
+    assert capture(job, tmp_path / "room.sqlite").needed == planned["auto"]
     with open_source(tmp_path / "room.sqlite") as recorded:
         before = set(recorded.recorded_views())
     written = run(job)

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry.instant import turn_about_z
 from omniscv.sources.base import Capture, ObjectTable, View
-from omniscv.sources.pictures import DepthForm, Picture, turn_about_z
+from omniscv.sources.pictures import DepthForm, Picture
 from omniscv.sources.recording import sequences
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named

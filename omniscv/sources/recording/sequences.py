@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources import codecs, pictures
@@ -501,7 +502,7 @@ def _pose(
         return None
     R, t = (pose.R_w_c.T, -pose.R_w_c.T @ pose.position) if poses.inverse else (pose.R_w_c, pose.position)
     W, C = _AXES[poses.axes]
-    R = W @ R @ C if poses.yaw_deg == 0 else pictures.turn_about_z(poses.yaw_deg) @ R
+    R = W @ R @ C if poses.yaw_deg == 0 else turn_about_z(poses.yaw_deg) @ R
     pose = Pose(W @ t / pictures.PER_M[poses.unit], R)
     if layout.pictures != "faces" or agrees:
         return pose
