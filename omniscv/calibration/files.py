@@ -188,7 +188,7 @@ def _form_of(content: Content) -> Form:
             return form
     if content.error is not None and "once" in str(content.error):  # a key that is there twice
         raise content.error
-    nearest = ", ".join(f"{name} (no {missing})" for name, missing in _nearest(content))
+    nearest = ", ".join(f"{name} ({lacks})" for name, lacks in _nearest(content))
     why = f" ({content.error.message})" if content.error is not None else ""
     raise ArgumentError(
         f"expected a calibration file, got none of a known form{why}; nearest are {nearest}: give format"
@@ -196,7 +196,7 @@ def _form_of(content: Content) -> Form:
 
 
 def _nearest(content: Content) -> list[tuple[str, str]]:
-    """Return the forms of whose keys a file has most, each with one that it lacks."""
+    """Return the forms of whose keys a file has most, and what each of them lacks."""
     keys: set[str] = set()
 
     def collect(value: Any) -> None:
@@ -215,10 +215,9 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
         missing = [
             p for p in needed if not any(plain(path).rpartition(".")[2] in keys for path in p.split("|"))
         ]
-        ranked.append(
-            (len(missing) / len(needed), form.name, (missing or form.size.split())[0].partition("|")[0])
-        )
-    return [(name, missing) for _, name, missing in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
+        lacks = f"no {missing[0].partition('|')[0]}" if missing else "its keys stand elsewhere"
+        ranked.append((len(missing) / len(needed), form.name, lacks))
+    return [(name, lacks) for _, name, lacks in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
 
 
 # -- writing --------------------------------------------------------------------------------------------
