@@ -3,12 +3,14 @@
 import json
 from collections import Counter
 
+import fsspec
 import numpy as np
 import pytest
 from support.datasets import tree
 
 import mock_server
 import omniscv
+from mock_server.dialects.common import Dialect
 from omniscv import make
 from omniscv.dataset.checking import check, info
 from omniscv.errors import ArgumentError, SourceError
@@ -167,6 +169,29 @@ def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path, var
     assert not (tmp_path / "d").exists()
 
 
+@pytest.mark.parametrize("dialect", ["M", "N1", "N3"])
+def test_commands_carry_what_was_drawn_and_a_reply_of_an_error_fails_the_frame(
+    tmp_path, monkeypatch, dialect
+):
+    sent, command = [], "vbp {name} set_light {roll} {yaw} 0 {power} 255 255 255"
+    light = {"command": command, "power": [20, 400], "roll": 0.5, "yaw": {"choice": [90]}}
+    some = {**MASKS, "vary": {"seed": 7, "lights": {"Sun": light}}, "failures": {"skip": 0.5}}
+
+    def run_function(self, actor, function, *words):
+        sent.append((actor, function, *words))
+        return "error Fail to execute" if len(sent) == 2 else None
+
+    monkeypatch.setattr(Dialect, "run_function", run_function)
+    with mock_server.serve("four-wall", size=(16, 16), dialect=dialect) as server:
+        assert make.make(job(tmp_path / "d", source=server.uri, **some)).failed == 1
+    frames = frames_of(tmp_path / "d")
+    powers = [round(frame.varied["lights"]["Sun"]["power"], 6) for frame in frames.values()]
+    assert [power for words in sent if (power := float(words[5])) in powers] == powers
+    assert {words[:5] for words in sent} == {("Sun", "set_light", "0.5", "90", "0")}
+    (line,) = (tmp_path / "d" / "failed.jsonl").read_text().splitlines()
+    assert "Fail to execute" in json.loads(line)["error"]
+
+
 # -- several worlds --------------------------------------------------------------------------------------
 
 WORLDS = {
@@ -194,6 +219,39 @@ def test_shards_and_limits_give_the_same_bytes(tmp_path):
     assert set(lines) < set((tmp_path / "whole" / "frames.jsonl").read_text().splitlines())
     make.make(job(tmp_path / "limit", **some), resume=True)
     assert tree(tmp_path / "limit") == whole
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+def test_three_worlds_killed_ten_times_in_shards_and_in_a_store_have_the_same_bytes(tmp_path, processes):
+    grid = {"low": [-0.9, -0.8, 1.5], "high": [0.9, 0.8, 1.5], "step": [0.2, 0.08, 1]}
+    sources = {"four": "scene://four-wall", "six": "scene://six-wall", "again": "mock://four-wall"}
+    worlds = {name: {"source": source} for name, source in sources.items()}
+    camera = {"pano": {**CAMERA, "width": 64, "height": 32}}
+    some = {"worlds": worlds, "poses": {"grid": grid}, "cameras": camera, "face_size": 32, "strategy": "cube"}
+    some |= {"modes": ["lit", "object_mask", "depth"], "truth": {"boxes": True}}
+    some["vary"] = {"objects": {"Door": {"turn_deg": [0, 90]}}}
+
+    def made(out, **how):
+        make.make(load({**some, "out": str(out)}), **how)
+        return tree(tmp_path / "shards") if how.get("shard") else None
+
+    path = tmp_path / "job.yaml"
+    path.write_text(json.dumps({**some, "out": str(tmp_path / "whole")}))
+    seconds = processes.run("make", path)
+    whole = tree(tmp_path / "whole")
+    assert sum(name.endswith("depth.exr") for name in whole) >= 600
+    path.write_text(json.dumps({**some, "out": str(tmp_path / "killed")}))
+    for _ in range(10):
+        processes.run("make", path, kill_after_s=seconds / 12)
+    processes.run("make", path)
+    assert tree(tmp_path / "killed") == whole
+    for index in (3, 0, 1, 2, 6, 5, 4):
+        last = made(tmp_path / "shards", shard=(index, 7))
+    assert last == whole
+    made("memory://worlds")
+    fsspec.filesystem("memory").get("/worlds", str(tmp_path / "store"), recursive=True)
+    assert tree(tmp_path / "store") == whole
 
 
 def test_worlds_have_their_own_poses_splits_names_and_draws(tmp_path):
