@@ -155,9 +155,14 @@ def truncated(boxes: Sequence[ObjectBox], camera: Camera, pose: Pose) -> list[fl
     """Return the share of each box's surface that lies outside the image, 0 to 1, occluded or not."""
     if not boxes:
         return []
-    points_w = np.stack([box.center_w + (_SURFACE * box.size) @ box.R_w_b.T for box in boxes])
+    points_w = np.stack([surface_w(box) for box in boxes])
     _, valid = camera.project(pose.to_camera(points_w))
     return [float(share) for share in 1 - valid.mean(axis=1)]
+
+
+def surface_w(box: ObjectBox) -> Array:
+    """Return points (216, 3) that are spread evenly over each side of a box, world frame."""
+    return box.center_w + (_SURFACE * box.size) @ box.R_w_b.T
 
 
 def boxes_around_points(
