@@ -21,7 +21,7 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.motion import Motion
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Poses, Trajectory
 from omniscv.job import Exposure, Job, Split
 from omniscv.planning import densities
 from omniscv.progress import Meter, Report, without_images
@@ -81,7 +81,7 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
     """
     path = _path(job)
     split = job.recipe.split or Split({"": 1.0})
-    places = split.places(np.array([pose.position for pose in job.poses]), job.places or ())
+    places = split.places(Poses.of(job.poses).positions, job.places or ())
     start = f"{job.world}/" if job.world else ""
     for i in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
