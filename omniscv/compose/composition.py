@@ -11,7 +11,6 @@ from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
-from omniscv.compose.relief import depth_relief
 from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seams import Mended
@@ -20,6 +19,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
+from omniscv.planning.relief import depth_relief
 from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import pixels_of
 from omniscv.progress import Progress, Report

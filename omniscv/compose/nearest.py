@@ -8,11 +8,11 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.compose.ray_lookup import RayLookup
-from omniscv.compose.relief import label_relief
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
 from omniscv.geometry.surfaces import nearest_pixel
 from omniscv.parallel import side_by_side
+from omniscv.planning.relief import label_relief
 from omniscv.sources.base import View
 
 _ONE_SURFACE = 0.95

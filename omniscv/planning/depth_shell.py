@@ -12,14 +12,16 @@ from omniscv.compiled import njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.surfaces import Point, Precision, discontinuities, nearest_pixel, surface_point
+from omniscv.parallel import side_by_side
+from omniscv.planning.relief import planar_relief
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
 CELL_PX = 8
-CAPTURED, NEAREST = 0, 1
-"""The two ``pictures`` of a view."""
+CAPTURED, NEAREST, RELIEF = 0, 1, 2
+"""The ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
 _ROUNDING = 1e-9
@@ -31,9 +33,9 @@ class DepthShell(NamedTuple):
 
     Attributes:
         center_w: (3,) metres.
-        pictures: (2, N) float32, the pictures of all views, one after the other: planar metres, +inf for the
-            sky; and the depth of the nearest surface within a pixel, where that is another surface than the
-            pixel's own, else the pixel's own depth.
+        pictures: (3, N) float32, the pictures of all views, one after the other: planar metres, +inf for the
+            sky; the depth of the nearest surface within a pixel, where that is another surface than the
+            pixel's own, else the pixel's own depth; and by how much relief may change the depth.
         lenses: (V, 15) of each view: the rows of the rotation from the world to it, its focal length, half
             its width and height, where its picture starts, and how far from its middle, across and down, it
             is looked up; px. Of several views that hold a direction, the first is looked up: the finest.
@@ -84,7 +86,7 @@ class DepthShell(NamedTuple):
 
 def _views(captures: Sequence[Capture]) -> tuple[Floats, Array]:
     """Return the pictures and lenses of captures of depth, as :class:`DepthShell` has them."""
-    pictures = [_with_nearest(capture.pixels).reshape(2, -1) for capture in captures]
+    pictures = [each.reshape(3, -1) for each in side_by_side(_pictures, list(captures))]
     starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])
     lenses = []
     for view, start in zip((capture.view for capture in captures), starts, strict=False):
@@ -151,11 +153,12 @@ def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
     return clear
 
 
-def _with_nearest(face: Floats) -> Floats:
-    """Return (2, h, w) depth, and that of the nearest surface within a pixel, where that is another one."""
+def _pictures(capture: Capture) -> Floats:
+    """Return (3, h, w) a view's pictures, as :class:`DepthShell` has them."""
+    face, relief = capture.pixels, planar_relief(capture)
     least = cv2.erode(face, np.ones((3, 3), np.uint8))
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    return np.stack([face, np.where(beside, least, face)])
+    return np.stack([face, np.where(beside, least, face), np.zeros_like(face) if relief is None else relief])
 
 
 def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
@@ -239,7 +242,7 @@ def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
-    """Return the nearest pixel of one of a view's two ``pictures``, planar metres."""
+    """Return the nearest pixel of one of a view's ``pictures``, planar metres."""
     width = int(2.0 * shell.lenses[k, 10])
     r, c = nearest_pixel((int(2.0 * shell.lenses[k, 11]), width), u, v)
     return float(shell.pictures[which, int(shell.lenses[k, 12]) + r * width + c])
@@ -250,7 +253,9 @@ def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
     shape = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
     first, focal = int(shell.lenses[k, 12]), shell.lenses[k, 9]
-    return surface_point(shell.pictures[CAPTURED], first, shape, u, v, focal, shell.precision)  # type: ignore[no-any-return]
+    point = surface_point(shell.pictures[CAPTURED], first, shape, u, v, focal, shell.precision)
+    relief = pixel_depth(shell, RELIEF, k, u, v) * point.inverse * point.inverse
+    return Point(point.inverse, point.across, point.down, max(point.error, relief), point.jump)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

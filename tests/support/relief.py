@@ -6,6 +6,7 @@ is composed of that picture, and what it claims is compared with the tracer. As 
 """
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ import numpy as np
 
 import omniscv
 from omniscv.geometry import Pose
-from omniscv.sources.base import Capture, ObjectTable, Request, View
+from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.sources.pictures import PictureSource
 
 AWAY, BEHIND = 3.0, 4.5
@@ -38,6 +39,22 @@ class World(NamedTuple):
         _quads(directions, self.quads, self.labels[0], distance, label)
         _balls(directions, self.balls, self.labels[1], distance, label)
         _rods(directions, self.rods, self.labels[2], distance, label)
+        return distance, label
+
+    def seen_from(self, point):
+        """Return the world with the origin at a point."""
+        quads, balls, rods = self.quads.copy(), self.balls.copy(), self.rods.copy()
+        for corners in (quads[:, :3], balls[:, :3], rods[:, :3], rods[:, 3:6]):
+            corners -= point
+        return World(quads, balls, rods, self.labels)
+
+    def trace_from(self, origins, directions):
+        """As :meth:`trace`, of rays from (N, 3) origins."""
+        distance, label = np.empty(len(origins)), np.empty(len(origins), np.int64)
+        centers, index = np.unique(origins, axis=0, return_inverse=True)
+        for k, center in enumerate(centers):
+            rays = index.reshape(-1) == k
+            distance[rays], label[rays] = self.seen_from(center).trace(directions[rays])
         return distance, label
 
 
@@ -291,25 +308,45 @@ def world(kind, px, seed, turn_deg=12.0):
     return World(*arrays, tuple(np.array([label for _, label in of[name]], np.int64) for name in of))
 
 
+COLORS = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
+
+
+def captured(scene, view, half_floats=False):
+    """Return depth and mask of a structure in a view."""
+    at_x, at_y = ((np.arange(size) + 0.5 - size / 2) / view.focal_px for size in (view.width, view.height))
+    rays = np.stack([*np.broadcast_arrays(at_x[None], at_y[:, None], 1.0)], axis=-1)
+    lengths = np.linalg.norm(rays, axis=-1)
+    rays_w = (rays / lengths[..., None]).reshape(-1, 3) @ view.pose.R_w_c.T
+    distance, label = scene.seen_from(view.pose.t_w_c).trace(rays_w)
+    depth, encoding = distance.reshape(lengths.shape) / lengths, "npy"
+    if half_floats:  # as plugin 1.x sends them: centimetres
+        depth, encoding = (depth * 100).astype(np.float16).astype(np.float64) / 100, "npy planar cm"
+    mask = np.array([(0, 0, 0), *COLORS.values()], np.uint8)[label.reshape(lengths.shape)]
+    return {
+        "depth": Capture(Request(view, "depth"), view, depth.astype(np.float32), encoding=encoding),
+        "object_mask": Capture(Request(view, "object_mask"), view, mask),
+    }
+
+
 def capture(scene, half_floats=False, edge=EDGE_PX, fov_deg=90.0):
     """Return a source of one picture of a structure."""
     view = View(Pose(np.zeros(3), np.eye(3)), fov_deg, edge, edge)
-    focal = view.focal_px
-    at = (np.arange(edge) + 0.5 - edge / 2) / focal
-    rays = np.stack([*np.broadcast_arrays(at[None], at[:, None], 1.0)], axis=-1).reshape(-1, 3)
-    lengths = np.linalg.norm(rays, axis=1)
-    distance, label = scene.trace(rays / lengths[:, None])
-    depth = (distance / lengths).reshape(edge, edge)
-    encoding = "npy"
-    if half_floats:  # as plugin 1.x sends them: centimetres
-        depth, encoding = (depth * 100).astype(np.float16).astype(np.float64) / 100, "npy planar cm"
-    colors = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
-    mask = np.array([(0, 0, 0), *colors.values()], np.uint8)[label.reshape(edge, edge)]
-    captures = [
-        Capture(Request(view, "depth"), view, depth.astype(np.float32), encoding=encoding),
-        Capture(Request(view, "object_mask"), view, mask),
-    ]
-    return PictureSource(captures, ObjectTable(colors))
+    return PictureSource([*captured(scene, view, half_floats).values()], ObjectTable(COLORS))
+
+
+class Traced(Source):
+    """Any view of a structure."""
+
+    capabilities = Capabilities(frozenset(MODES))
+
+    def __init__(self, scene, half_floats=False):
+        self._captured = lru_cache(8)(lambda view: captured(scene, view, half_floats))
+
+    def capture(self, requests):
+        return (self._captured(request.view)[request.mode] for request in requests)
+
+    def objects(self):
+        return ObjectTable(COLORS)
 
 
 class Judged(NamedTuple):
@@ -330,8 +367,27 @@ def judge(kind, px, seed, half_floats=False, camera_px=300, **options):
     turn = Pose.from_angles((0, 0, 0), yaw_deg=0.7, pitch_deg=0.4, roll_deg=11.3)
     pose = Pose(np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ turn.R_w_c)
     image = omniscv.render(camera, pose, capture(scene, half_floats), MODES, **options)
-    rays = camera.unproject().directions[image.valid] @ pose.R_w_c.T
-    distance, label = scene.trace(rays)
+    return judged(image, scene)
+
+
+def judge_shared(kind, px, seed, half_floats=False, count=2, strategy="exact"):
+    """Return how an image of a structure errs whose columns share ``count`` optical centres."""
+    scene = world(kind, px, seed, turn_deg=4.0)
+    camera = omniscv.cameras.create("push-broom", 24, 160, travel=(0.16, 0, 0), fov_deg=70)
+    pose = Pose(np.zeros(3), np.eye(3))
+    source = Traced(scene, half_floats)
+    options = {"viewpoints": count, "face_size": EDGE_PX} if strategy == "exact" else {}
+    return judged(omniscv.render(camera, pose, source, MODES, strategy=strategy, **options), scene)
+
+
+def judged(image, scene):
+    """Return how an image errs without saying so."""
+    rays = image.camera.unproject()
+    directions = rays.directions[image.valid] @ image.pose.R_w_c.T
+    if image.camera.central:
+        distance, label = scene.trace(directions)
+    else:
+        distance, label = scene.trace_from(image.pose.to_world(rays.origins[image.valid]), directions)
     on = label > 1
     depth, bound = image.depth[image.valid].astype(float), image.depth_error[image.valid].astype(float)
     unsure, edge = image.unsure[image.valid], image.label_edge[image.valid]

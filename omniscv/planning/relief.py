@@ -46,11 +46,11 @@ Marks = NDArray[np.uint8]
 def depth_relief(captures: Sequence[Capture]) -> Floats:
     """Return (V, h, w) float32 metres that depth along the ray may be off by relief in V pictures of depth; 0
     where there is none, and an empty array where no picture has any."""
-    off = side_by_side(_depth_off, list(captures))
+    off = side_by_side(planar_relief, list(captures))
     if all(each is None for each in off):
         return np.empty(0, np.float32)
-    none = np.zeros(captures[0].pixels.shape, np.float32)
-    return np.stack([none if each is None else each for each in off])
+    none, lengths = np.zeros(captures[0].pixels.shape, np.float32), captures[0].view.ray_lengths()
+    return np.stack([none if each is None else np.float32(each * lengths) for each in off])
 
 
 def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | None:
@@ -69,11 +69,12 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
     return _grown(fired, _LABEL_PX) if fired.any() else None
 
 
-def _depth_off(capture: Capture) -> Floats | None:
-    depth, view = capture.pixels, capture.view
+def planar_relief(capture: Capture) -> Floats | None:
+    """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none."""
+    depth, focal = capture.pixels, capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
     alone = np.zeros((2, *depth.shape), np.uint8)
-    counts = _patterns(depth, view.focal_px, codecs.precision(capture.encoding), fired, alone)
+    counts = _patterns(depth, focal, codecs.precision(capture.encoding), fired, alone)
     least = int(_LONE_SHARE * _LONE_BOX_PX[0] * _LONE_BOX_PX[1])
     for of_axis, count, box in zip(alone, counts, (_LONE_BOX_PX, _LONE_BOX_PX[::-1]), strict=True):
         if count >= least:
@@ -86,8 +87,7 @@ def _depth_off(capture: Capture) -> Floats | None:
         off = most * depth * depth
         reach = np.where(most * depth < 1, off / (1 - most * depth), np.inf)
         off = np.maximum(off, np.minimum(reach, farthest - depth))
-    lengths = view.ray_lengths()
-    return np.where(_grown(fired, _DEPTH_PX) & np.isfinite(depth), off * lengths, 0).astype(np.float32)
+    return np.where(_grown(fired, _DEPTH_PX) & np.isfinite(depth), off, 0).astype(np.float32)
 
 
 def _bent(depth: Floats) -> Floats:
