@@ -180,7 +180,8 @@ class Composition:
             relief = self._once("relief", captures, lambda: depth_relief(captures))
             if relief.size:
                 off = sampler.sample("nearest", relief)
-                depth = depth._replace(error=np.maximum(depth.error, off))
+                beside = 0 if offsets_w is None else depth.error  # the ray meets another part of the relief
+                depth = depth._replace(error=np.maximum(depth.error, off + beside))
         else:
             depth = sampler.sample_depth(self._filter, faces, precision, None)
             rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
