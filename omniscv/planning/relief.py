@@ -32,11 +32,13 @@ _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
 """px within which three steps are a pattern, if the least is so large a part of the largest; and by what part
-the two second differences of a step may differ."""
-_NOISE = 3.0
-"""Rounding errors that a second difference exceeds: 1.5 steps."""
-_DEPTH_PX, _LABEL_PX = 3, 4
-"""How far relief goes on beyond what was counted."""
+the two second differences of a step may differ, beside a rounding step."""
+_NOISE, _DOUBT, _STEP = 3.0, 1 / 3, 2 / 3
+"""Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps; those of a rounded
+plane are at most one step. As parts of it: half a step, which the other one exceeds, and a step."""
+_DEPTH_PX, _LABEL_PX, _BEAT_PX = 3, 4, 48
+"""How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
+there a beat hides them in turn."""
 _NEAR_PX = 8
 """On every side, the neighbourhood that bounds depth."""
 
@@ -73,21 +75,28 @@ def planar_relief(capture: Capture) -> Floats | None:
     """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none."""
     depth, focal = capture.pixels, capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
-    alone = np.zeros((2, *depth.shape), np.uint8)
-    counts = _patterns(depth, focal, codecs.precision(capture.encoding), fired, alone)
+    alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)
+    counts = _patterns(depth, focal, codecs.precision(capture.encoding), fired, alone, beats)
     least = int(_LONE_SHARE * _LONE_BOX_PX[0] * _LONE_BOX_PX[1])
     for of_axis, count, box in zip(alone, counts, (_LONE_BOX_PX, _LONE_BOX_PX[::-1]), strict=True):
         if count >= least:
             fired |= _windows(of_axis, box, least)
     if not fired.any():
         return None
-    near = np.ones((2 * _NEAR_PX + 1, 2 * _NEAR_PX + 1), np.uint8)
+    off = _off(depth, fired, _DEPTH_PX, _NEAR_PX)
+    return np.maximum(off, _off(depth, beats, _BEAT_PX, _BEAT_PX)) if beats.any() else off
+
+
+def _off(depth: Floats, marks: Marks, grown_px: int, near_px: int) -> Floats:
+    """Return (h, w) metres that depth may be off within ``grown_px`` of marks, by what is within
+    ``near_px``."""
+    near = np.ones((2 * near_px + 1, 2 * near_px + 1), np.uint8)
     most, farthest = cv2.dilate(_bent(depth), near), cv2.dilate(depth, near)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         off = most * depth * depth
         reach = np.where(most * depth < 1, off / (1 - most * depth), np.inf)
         off = np.maximum(off, np.minimum(reach, farthest - depth))
-    return np.where(_grown(fired, _DEPTH_PX) & np.isfinite(depth), off, 0).astype(np.float32)
+    return np.where(_grown(marks, grown_px) & np.isfinite(depth), off, 0).astype(np.float32)
 
 
 def _bent(depth: Floats) -> Floats:
@@ -114,7 +123,7 @@ def _grown(marks: Marks, px: int) -> Mask:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _patterns(
-    depth: Floats, focal: float, precision: Precision, fired: Marks, alone: Marks
+    depth: Floats, focal: float, precision: Precision, fired: Marks, alone: Marks, beats: Marks
 ) -> tuple[int, int]:
     """Mark patterns of second differences of 1/z; return how many pixels stand out alone, across and down.
 
@@ -123,6 +132,7 @@ def _patterns(
         focal, precision: of the picture.
         fired: (h, w), pixels from the first to the last of many turns, or of three equal steps.
         alone: (2, h, w), pixels that stand out from their row, or their column.
+        beats: (h, w), pixels at the end of many turns, one at each pixel.
     """
     height, width = depth.shape
     rows = np.zeros((3, width), np.float32)  # 1/z above, here and below
@@ -150,12 +160,16 @@ def _patterns(
             stored = np.float32(z * length * per_unit)
             power = np.int32(stored.view(np.int32) & 0x7F800000)
             noise = (power.view(np.float32) * step_m / length + computed * z) * here[c] * here[c]
-            noise = noise if z < np.inf else np.float32(0)
-            x[c] = bend_across if abs(bend_across) > noise else np.float32(0)
-            down[c] = bend_down if abs(bend_down) > noise else np.float32(0)
+            noise = noise if z < np.inf else np.float32(1e-30)
+            doubt = noise * np.float32(_DOUBT)
+            x[c] = bend_across / noise if abs(bend_across) > doubt else np.float32(0)
+            down[c] = bend_down / noise if abs(bend_down) > doubt else np.float32(0)
         turned = 0
         for c in range(1, width - 1):
-            turns[0, c], turns[1, c] = x[c] * x[c - 1] < np.float32(0), down[c] * last[c] < np.float32(0)
+            turns[0, c] = x[c] * x[c - 1] < np.float32(0) and max(abs(x[c]), abs(x[c - 1])) > np.float32(1)
+            turns[1, c] = down[c] * last[c] < np.float32(0) and max(abs(down[c]), abs(last[c])) > np.float32(
+                1
+            )
             turned += turns[0, c] + turns[1, c]
         number[width] = 0
         for c in range(1, width - 1 if turned else 1):
@@ -168,14 +182,16 @@ def _patterns(
                 first = here_at
                 if count >= TURNS - 1 and here_at - at[k, (count + 1) % TURNS] < WINDOW_PX:
                     first = at[k, (count + 1) % TURNS]
+                    if here_at - first < TURNS:
+                        beats[r, c] = 1
                 if count and at[k, (count - 1) % TURNS] == here_at - 1:
                     alone[axis, r, c] = 1
                     counts[axis] += 1
                 at[k, count % TURNS], number[k] = here_at, count + 1
-                if abs(value + previous) <= _AGAINST * max(abs(value), abs(previous)):
+                if abs(value + previous) <= _AGAINST * max(abs(value), abs(previous)) + _STEP:
                     a, b = step[k]
                     least, most = min(abs(value), min(abs(a), abs(b))), max(abs(value), max(abs(a), abs(b)))
-                    alike = least >= _ALIKE * most and a * value > 0.0 and b * value > 0.0
+                    alike = least >= _ALIKE * most - _STEP and a * value > 0.0 and b * value > 0.0
                     if alike and here_at - step_at[k, 0] <= _STEPS:
                         first = min(first, step_at[k, 0])
                     step_at[k, 0], step[k, 0] = step_at[k, 1], step[k, 1]
