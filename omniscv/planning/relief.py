@@ -32,10 +32,11 @@ _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
 """px within which three steps are a pattern, if the least is so large a part of the largest; and by what part
-the two second differences of a step may differ, beside a rounding step."""
-_NOISE, _DOUBT, _STEP = 3.0, 1 / 3, 2 / 3
-"""Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps; those of a rounded
-plane are at most one step. As parts of it: half a step, which the other one exceeds, and a step."""
+the two second differences of a step may differ."""
+_NOISE, _GRAZING, _DOUBT = 3.0, 0.4, 1 / 3
+"""Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps: those of a rounded
+plane are at most one. And so large a part more on planes at grazing angles, where they are at most two. The
+other one exceeds a third of that."""
 _DEPTH_PX, _LABEL_PX, _BEAT_PX = 3, 4, 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
@@ -84,6 +85,7 @@ def planar_relief(capture: Capture) -> Floats | None:
     if not fired.any():
         return None
     off = _off(depth, fired, _DEPTH_PX, _NEAR_PX)
+    beats = _windows(beats, (WINDOW_PX, WINDOW_PX), WINDOW_PX)
     return np.maximum(off, _off(depth, beats, _BEAT_PX, _BEAT_PX)) if beats.any() else off
 
 
@@ -119,6 +121,17 @@ def _windows(marks: Marks, length: tuple[int, int], least: int) -> Marks:
 
 def _grown(marks: Marks, px: int) -> Mask:
     return np.asarray(cv2.dilate(marks, np.ones((2 * px + 1, 2 * px + 1), np.uint8)) > 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _exceeded(bend: float, change: float, z: float, noise: float) -> float:
+    """Return a second difference of 1/z as a multiple of noise; 0 if it is too small to count.
+
+    Of a plane, z itself bends by ``2 z'^2 / z``. The less so, the more do the rounding errors of neighbours
+    depend on each other.
+    """
+    noise += min(np.float32(0.5) * z * change * change, np.float32(_GRAZING) * noise)
+    return bend / noise if abs(bend) > np.float32(_DOUBT) * noise else np.float32(0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -161,9 +174,8 @@ def _patterns(
             power = np.int32(stored.view(np.int32) & 0x7F800000)
             noise = (power.view(np.float32) * step_m / length + computed * z) * here[c] * here[c]
             noise = noise if z < np.inf else np.float32(1e-30)
-            doubt = noise * np.float32(_DOUBT)
-            x[c] = bend_across / noise if abs(bend_across) > doubt else np.float32(0)
-            down[c] = bend_down / noise if abs(bend_down) > doubt else np.float32(0)
+            x[c] = _exceeded(bend_across, here[c - 1] - here[c + 1], z, noise)
+            down[c] = _exceeded(bend_down, above[c] - below[c], z, noise)
         turned = 0
         for c in range(1, width - 1):
             turns[0, c] = x[c] * x[c - 1] < np.float32(0) and max(abs(x[c]), abs(x[c - 1])) > np.float32(1)
@@ -184,14 +196,15 @@ def _patterns(
                     first = at[k, (count + 1) % TURNS]
                     if here_at - first < TURNS:
                         beats[r, c] = 1
+                clear = min(abs(value), abs(previous)) > 1.0
                 if count and at[k, (count - 1) % TURNS] == here_at - 1:
                     alone[axis, r, c] = 1
                     counts[axis] += 1
                 at[k, count % TURNS], number[k] = here_at, count + 1
-                if abs(value + previous) <= _AGAINST * max(abs(value), abs(previous)) + _STEP:
+                if clear and abs(value + previous) <= _AGAINST * max(abs(value), abs(previous)):
                     a, b = step[k]
                     least, most = min(abs(value), min(abs(a), abs(b))), max(abs(value), max(abs(a), abs(b)))
-                    alike = least >= _ALIKE * most - _STEP and a * value > 0.0 and b * value > 0.0
+                    alike = least >= _ALIKE * most and a * value > 0.0 and b * value > 0.0
                     if alike and here_at - step_at[k, 0] <= _STEPS:
                         first = min(first, step_at[k, 0])
                     step_at[k, 0], step[k, 0] = step_at[k, 1], step[k, 1]
