@@ -63,14 +63,31 @@ _BROKEN, _UNMARKED = 0.002, 0.001  # least increase of wrong and of unmarked pix
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
 
-_RODS = """
+_SLITS_PX = 8
+_ROOM = """
 sky: [0.6, 0.8, 0.9]
 room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
   walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}],
   floor_texture: {{kind: plain, colors: [[0.5, 0.4, 0.3]]}},
   ceiling_texture: {{kind: plain, colors: [[0.9, 0.9, 0.9]]}}}}
-objects: {{Rods: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
+objects: {{Parts: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
 """
+_AHEAD_M, _HALF_M, _PX_M = 2.6, 2.5, 2.5 / 48  # of a structure before a wall: a px of a face of 96 is so wide
+
+
+def _solids(name: str, strength: float) -> Iterator[str]:
+    """Yield the solids of a cause whose strength is the size of what captures must show."""
+    if name == "thin rods":
+        for angle in np.arange(0, 2 * np.pi, np.pi / 8):
+            at = f"[{2 * np.cos(angle):.4f}, {2 * np.sin(angle):.4f}, 1.5]"
+            yield f"{{cylinder: [{strength / 2000}, 3], at: {at}}}"
+        return
+    pitch_m = _PX_M * (_SLITS_PX if name == "slit" else strength)
+    for y in np.arange(-_HALF_M, _HALF_M, pitch_m):
+        at = f"at: [{_AHEAD_M}, {y:.5f}, 1.5]"
+        wide_m = pitch_m - strength * _PX_M if name == "slit" else 0.6 * pitch_m
+        round_, bar = f"cylinder: [{pitch_m / 2:.5f}, 3]", f"box: [0.02, {wide_m:.5f}, 3]"
+        yield f"{{{round_ if name == 'relief' else bar}, {at}}}"
 
 
 class Cause(NamedTuple):
@@ -81,7 +98,7 @@ class Cause(NamedTuple):
         unit: of the strengths.
         strengths: from weak to strong.
         query: of the mock server's address; ``{}`` is the strength.
-        scene: name, or ``rods`` of the strength in mm.
+        scene: name, or ``parts`` that the strength makes.
         sound: as ``query``, without the fault.
     """
 
@@ -135,7 +152,11 @@ CAUSES = (
     _fault("mask offset", "px", 0.12, 0.58, 0.76, 5),
     _fault("colour cast", "of red and blue", 0.0032, 0.055, 0.28, 0.29, fault="color-cast"),
     _fault("roll", "degrees", 0.012, 0.039, 5.3, 5.7)._replace(scene="six-wall"),
-    Cause("thin rods", "mm", (100, 30, 10, 1), scene="rods"),
+    Cause("thin rods", "mm", (100, 30, 10, 1), scene="parts"),
+    # Touching pillars, slits every eight px, and bars, of so many captured px.
+    Cause("relief", "px", (8, 4, 2, 1.3), scene="parts"),
+    Cause("slit", "px", (1, 0.3, 0.1, 0.03), scene="parts"),
+    Cause("beat", "px", (2, 1.3, 1.05, 1), scene="parts"),
     Cause("beyond a wall", "cm", (1, 10, 30, 100)),
 )
 
@@ -281,14 +302,10 @@ def _examine(scene: str, query: str, width: int, pose: Pose) -> _Outcome:
 
 
 def _scene(cause: Cause, strength: float | str, folder: Path) -> str:
-    if cause.scene != "rods":
+    if cause.scene != "parts":
         return cause.scene
-    path = folder / f"rods-{strength}.yaml"
-    angles = np.arange(0, 2 * np.pi, np.pi / 8)
-    at = [f"[{2 * np.cos(angle):.4f}, {2 * np.sin(angle):.4f}, 1.5]" for angle in angles]
-    path.write_text(
-        _RODS.format(", ".join(f"{{cylinder: [{float(strength) / 2000}, 3], at: {point}}}" for point in at))
-    )
+    path = folder / f"{cause.name.replace(' ', '-')}-{strength}.yaml"
+    path.write_text(_ROOM.format(", ".join(_solids(cause.name, float(strength)))))
     return quote(str(path))
 
 

@@ -26,8 +26,8 @@ from omniscv.sources.base import Capture
 
 WINDOW_PX = 16
 """Along a row or a column, in which changes are counted."""
-TURNS, CHANGES = 8, 6
-"""Of the sign of second differences, and of labels, from which on they are relief."""
+TURNS = 8
+"""Changes of the sign of second differences, or of labels, from which on they are relief."""
 _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
@@ -37,7 +37,7 @@ _NOISE, _GRAZING, _DOUBT = 3.0, 0.4, 1 / 3
 """Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps: those of a rounded
 plane are at most one. And so large a part more on planes at grazing angles, where they are at most two. The
 other one exceeds a third of that."""
-_DEPTH_PX, _LABEL_PX, _BEAT_PX = 3, 4, 48
+_GROWN_PX, _BEAT_PX = 3, 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
 _NEAR_PX = 8
@@ -68,8 +68,8 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
         (across, fired[:, :-1], (WINDOW_PX, 1)),
         (down, fired[:-1], (1, WINDOW_PX)),
     ):
-        into |= _windows(changes.view(np.uint8), length, CHANGES)
-    return _grown(fired, _LABEL_PX) if fired.any() else None
+        into |= _windows(changes.view(np.uint8), length, TURNS)
+    return _grown(fired, _GROWN_PX) if fired.any() else None
 
 
 def planar_relief(capture: Capture) -> Floats | None:
@@ -84,7 +84,7 @@ def planar_relief(capture: Capture) -> Floats | None:
             fired |= _windows(of_axis, box, least)
     if not fired.any():
         return None
-    off = _off(depth, fired, _DEPTH_PX, _NEAR_PX)
+    off = _off(depth, fired, _GROWN_PX, _NEAR_PX)
     beats = _windows(beats, (WINDOW_PX, WINDOW_PX), WINDOW_PX)
     return np.maximum(off, _off(depth, beats, _BEAT_PX, _BEAT_PX)) if beats.any() else off
 

@@ -2,7 +2,8 @@
 
 The camera stands at the origin and looks along z (x right, y down); the structure lies about ``AWAY`` metres
 ahead, before a wall. Its features are so many captured pixels large. One picture of it is captured, an image
-is composed of that picture, and what it claims is compared with the tracer. As a program it prints a table.
+is composed of that picture, and what it claims is compared with the tracer. ``scripts/judge-relief`` prints a
+table.
 """
 
 from collections.abc import Callable, Iterator
@@ -397,18 +398,21 @@ def judged(image, scene):
     return Judged(off[on].mean(), other[on].mean(), edge.mean(), unsure.mean(), float(bound[sure].mean()))
 
 
-def table(kinds=tuple(KINDS), sizes=(1.4, 2.0, 3.0, 4.5, 8.0), seeds=(0,), **options) -> Iterator[str]:
-    """Yield rows of Markdown: percent of the pixels on a structure that are wrong and not marked."""
-    yield f"| kind | {' | '.join(f'{px:g} px' for px in sizes)} |"
-    for kind in kinds:
-        cells = []
-        for px in sizes:
-            each = [judge(kind, px, seed, **options) for seed in seeds]
-            depth, labels = (100 * np.mean([e[field] for e in each]) for field in range(2))
-            cells.append(f"{depth:.2f} ({labels:.2f})")
-        yield f"| {kind} | {' | '.join(cells)} |"
+def table(kinds=tuple(KINDS), sizes=(1.4, 2.0, 3.0, 4.5), seeds=(21, 22), camera_px=200) -> Iterator[str]:
+    """Yield rows of Markdown: percent of the pixels on a structure whose depth, or label, is wrong and not
+    marked."""
+    columns = [(px, half) for half in (False, True) for px in sizes]
+    titles = [f"{px:g} px, {'half floats' if half else 'floats'}" for px, half in columns]
+    yield f"| kind | {' | '.join(titles)} |"
+    yield "|---" * (1 + len(columns)) + "|"
+    wrong = np.empty((len(kinds), len(columns), 2))
+    for kind, shares in zip(kinds, wrong, strict=True):
+        for column, (px, half) in zip(shares, columns, strict=True):
+            each = [judge(kind, px, seed, half, camera_px) for seed in seeds]
+            column[:] = 100 * np.mean([one[:2] for one in each], axis=0)
+        yield _cells(kind, shares)
+    yield _cells("mean", wrong.mean(axis=0))
 
 
-if __name__ == "__main__":
-    for row in table():
-        print(row, flush=True)
+def _cells(kind, shares):
+    return f"| {kind} | {' | '.join(f'{depth:.2f}, {label:.2f}' for depth, label in shares)} |"

@@ -70,8 +70,8 @@ def test_the_walls_are_where_they_were_built(image):
     for name, (normal, along) in WALLS.items():
         here = seen(image, name)
         off = np.abs(points[here] @ normal - along)
-        assert len(off) > 4
-        assert np.median(off) <= 2 * LENS_M, name  # rays from shared centres are marched
+        assert len(off) > 20
+        assert np.median(off - image["depth_error"][here] / 32) <= LENS_M, name  # depth is rounded so far
         assert np.max(off - image["depth_error"][here]) <= LENS_M, name
 
 
