@@ -12,6 +12,7 @@ Labels are relief where they change again and again.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -124,11 +125,11 @@ def _grown(marks: Marks, px: int) -> Mask:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _exceeded(bend: float, change: float, z: float, noise: float) -> float:
+def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
     """Return a second difference of 1/z as a multiple of noise; 0 if it is too small to count.
 
     Of a plane, z itself bends by ``2 z'^2 / z``. The less so, the more do the rounding errors of neighbours
-    depend on each other.
+    depend on each other. All arguments are float32.
     """
     noise += min(np.float32(0.5) * z * change * change, np.float32(_GRAZING) * noise)
     return bend / noise if abs(bend) > np.float32(_DOUBT) * noise else np.float32(0)
