@@ -147,7 +147,9 @@ class Atlas:
         """
         if faces[0].shape[:2] == self.shape and len(self.levels) == 1:
             return faces[0]
-        picture = np.zeros((*self.shape, *faces[0].shape[2:]), faces[0].dtype)
+        # Beside tiles nothing is read, unless smaller levels stand beside larger ones.
+        make = np.empty if len(self.levels) == 1 else np.zeros
+        picture = make((*self.shape, *faces[0].shape[2:]), faces[0].dtype)
 
         def lay_out(k: int) -> None:
             pixels = faces[k]

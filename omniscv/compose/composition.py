@@ -358,6 +358,8 @@ class _Canvas:
     @property
     def valid(self) -> Mask:
         """(H, W) the image's valid pixels, as far as views see them in all needed modes."""
+        if not self._seen:
+            return self._valid
         seen = np.logical_and.reduce([self._valid.reshape(-1), *self._seen.values()])
         return np.asarray(seen.reshape(self._valid.shape))
 

@@ -148,12 +148,12 @@ def _sample(
 ) -> None:
     """Sample block by block: depths that all rays read are gathered, so that interpolation is vectorized."""
     height, width = pictures.shape
-    around, at = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK))
+    around, at, start = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK)), np.empty(_BLOCK, np.uint64)
     has_cells = min(height, width) >= _CELL_PX
     for first in range(0, view.shape[0], _BLOCK):
         last = min(first + _BLOCK, view.shape[0])
         if has_cells:
-            _gather(view[first:last], x[first:last], y[first:last], pictures, around, at)
+            _gather(view[first:last], x[first:last], y[first:last], pictures, around, at, start)
             size, precision = max(height, width), pictures.precision
             _interpolate(around, at, size, precision, distance[first:last], error[first:last])
         for i in range(first, last):
@@ -171,29 +171,43 @@ def _sample(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array) -> None:
-    """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length."""
+def _gather(
+    view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array, start: Ints
+) -> None:
+    """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length.
+
+    Row by row of the pictures, with few numbers at a time: twice as fast as point by point. ``start`` is
+    overwritten; indices without a sign are not checked for one.
+    """
     depth, projections, (height, width) = pictures.depth, pictures.projections, pictures.shape
     for j in range(view.shape[0]):
-        k = max(view[j], 0)
-        across, down = int(np.floor(x[j] - 0.5)), int(np.floor(y[j] - 0.5))
-        c, r = min(max(across, 1), width - 3), min(max(down, 1), height - 3)
-        o = (k * height + r - 1) * width + c
-        around[0, j], around[1, j] = depth[o], depth[o + 1]
-        o += width
-        around[2, j], around[3, j] = depth[o - 1], depth[o]
-        around[4, j], around[5, j] = depth[o + 1], depth[o + 2]
-        o += width
-        around[6, j], around[7, j] = depth[o - 1], depth[o]
-        around[8, j], around[9, j] = depth[o + 1], depth[o + 2]
-        o += width
-        around[10, j], around[11, j] = depth[o], depth[o + 1]
-        if c != across or r != down:
+        k, px, py = max(view[j], 0), np.float64(x[j]), np.float64(y[j])
+        c = min(max(np.floor(px - 0.5), 1.0), width - 3.0)
+        r = min(max(np.floor(py - 0.5), 1.0), height - 3.0)
+        start[j] = (k * height + np.int64(r) - 1) * width + np.int64(c)
+        at[0, j], at[1, j] = px - 0.5 - c, py - 0.5 - r
+        at[2, j], at[3, j] = (
+            (px - projections[k, 2]) / projections[k, 0],
+            (py - projections[k, 3]) / projections[k, 1],
+        )
+        at[4, j] = stored_length(
+            np.int64(r), np.int64(c), pictures.shape, projections[k, 0], pictures.precision
+        )
+    one, row = np.uint64(1), np.uint64(width)
+    for j in range(view.shape[0]):
+        o = start[j]
+        around[0, j], around[1, j] = depth[o], depth[o + one]
+    for n in range(2, 7, 4):
+        for j in range(view.shape[0]):
+            start[j] += row
+            o = start[j]
+            around[n, j], around[n + 1, j] = depth[o - one], depth[o]
+            around[n + 2, j], around[n + 3, j] = depth[o + one], depth[o + one + one]
+    for j in range(view.shape[0]):
+        o = start[j] + row
+        around[10, j], around[11, j] = depth[o], depth[o + one]
+        if not (0.0 <= at[0, j] < 1.0 and 0.0 <= at[1, j] < 1.0):
             around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
-        at[0, j], at[1, j] = x[j] - 0.5 - c, y[j] - 0.5 - r
-        at[2, j] = (x[j] - projections[k, 2]) / projections[k, 0]
-        at[3, j] = (y[j] - projections[k, 3]) / projections[k, 1]
-        at[4, j] = stored_length(r, c, pictures.shape, projections[k, 0], pictures.precision)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
