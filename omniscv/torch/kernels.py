@@ -7,9 +7,10 @@ A program has a block of rays of one image; those of the same rays follow each o
 import triton
 import triton.language as tl
 
-OPTIONS = {"SIZE": 64, "num_warps": 1, "enable_fp_fusion": False}
-"""Of a launch: rays of a program, few and of one warp, so that most views are left out; and that products are
-rounded before they are added, as on a processor."""
+OPTIONS = {"SIZE": 256, "num_warps": 4, "enable_fp_fusion": False}
+"""Of a launch: rays of a program, and that products are rounded before they are added, as on a processor."""
+OF_LOOK_UP = OPTIONS | {"SIZE": 64, "num_warps": 1}
+"""Few rays of one warp: most views are left out."""
 
 
 @triton.jit

@@ -83,15 +83,14 @@ class DeviceLookup:
         R_d_w = np.array([view.pose.R_w_c.T for view in views])
         turns = torch.from_numpy(R_d_w @ R_w_c[:, None]).to(device)
         arguments = directions, turns, _projections(views, device), *self.arrays, self.unseen
-        self.launch(kernels.look_up, *arguments, VIEWS=len(views), BEYOND=_BEYOND)
+        counts = {"VIEWS": len(views), "BEYOND": _BEYOND}
+        self.launch(kernels.look_up, *arguments, **kernels.OF_LOOK_UP, **counts)
 
     def launch(self, kernel: Any, *arguments: Any, sizes: tuple[int, ...] = (), **constants: Any) -> None:
         """Run a kernel for all rays, with the numbers of rays and images behind its arguments."""
-        from omniscv.torch.kernels import OPTIONS
-
         images, count = self.shape
-        grid = (images * -(-count // OPTIONS["SIZE"]),)
-        kernel[grid](*arguments, count, images, *sizes, **constants, **OPTIONS)
+        grid = (images * -(-count // constants["SIZE"]),)
+        kernel[grid](*arguments, count, images, *sizes, **constants)
 
 
 class DeviceTiles:
@@ -130,10 +129,10 @@ class DeviceTiles:
         arguments, shape = (self.tensor, self._of_views, *lookup.arrays, out), self.tensor.shape
         if self._kind == "blended":
             step = 1 if self._flat else shape[2]
-            constants = {"CHANNELS": channels, "STEP": step, "ROUND": whole}
+            constants = kernels.OPTIONS | {"CHANNELS": channels, "STEP": step, "ROUND": whole}
             lookup.launch(kernels.blend, *arguments, sizes=(shape[1],), **constants)
         else:
-            constants = {"CHANNELS": channels, "ALONG": self._kind == "surface"}
+            constants = kernels.OPTIONS | {"CHANNELS": channels, "ALONG": self._kind == "surface"}
             lookup.launch(kernels.take, *arguments, sizes=(shape[2], shape[1]), **constants)
         return out[:, 0] if self._flat else out
 

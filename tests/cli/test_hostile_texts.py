@@ -27,7 +27,11 @@ WRONG = [
         "{a: {model: equirectangular, width: 1000000, height: 1000000}}",
         "cameras.a: size: expected at most",
     ),
-    ("cameras", "{'': {model: equirectangular, width: 8, height: 4}}", "cameras: expected the start of a file name"),
+    (
+        "cameras",
+        "{'': {model: equirectangular, width: 8, height: 4}}",
+        "cameras: expected the start of a file name",
+    ),
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
     ("poses", "[{position: [0, 0, 1e300]}]", "position: expected coordinates of at most 1e+09"),
     ("modes", "[[lit]]", "modes[0]: expected a text"),

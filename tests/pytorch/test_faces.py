@@ -78,7 +78,8 @@ def kernels(request):
             pytest.importorskip("triton")
             from omniscv.torch import kernels
 
-            patch.setitem(kernels.OPTIONS, "SIZE", 4096)  # its interpreter takes its time for each program
+            for options in (kernels.OPTIONS, kernels.OF_LOOK_UP):
+                patch.setitem(options, "SIZE", 4096)  # its interpreter takes its time for each program
         patch.setattr("omniscv.torch.faces._ON_PROCESSOR", request.param)
         yield bool(request.param)
 
