@@ -83,10 +83,10 @@ class DeviceLookup:
         R_d_w = np.array([view.pose.R_w_c.T for view in views])
         turns = torch.from_numpy(R_d_w @ R_w_c[:, None]).to(device)
         arguments = directions, turns, _projections(views, device), *self.arrays, self.unseen
-        counts = {"VIEWS": len(views), "BEYOND": _BEYOND}
-        self.launch(kernels.look_up, *arguments, **kernels.OF_LOOK_UP, **counts)
+        constants = kernels.OF_LOOK_UP | {"VIEWS": len(views), "BEYOND": _BEYOND}
+        self.launch(kernels.look_up, *arguments, sizes=(), **constants)
 
-    def launch(self, kernel: Any, *arguments: Any, sizes: tuple[int, ...] = (), **constants: Any) -> None:
+    def launch(self, kernel: Any, *arguments: Any, sizes: tuple[int, ...], **constants: Any) -> None:
         """Run a kernel for all rays, with the numbers of rays and images behind its arguments."""
         images, count = self.shape
         grid = (images * -(-count // constants["SIZE"]),)
