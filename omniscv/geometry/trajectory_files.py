@@ -190,6 +190,7 @@ def _refuse(path: Path, dialect: Dialect, wrong: NDArray[np.bool_], expected: st
 # -- from columns to poses ---------------------------------------------------------------------------------
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
 def _check(path: Path, dialect: Dialect, columns: dict[str, NDArray[Any]]) -> None:
     """Refuse rows with numbers that no pose has."""
     wrong = np.zeros(len(next(iter(columns.values()))), np.bool_)

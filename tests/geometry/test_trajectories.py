@@ -219,6 +219,7 @@ def test_a_table_of_quaternions_is_as_tum(tmp_path):
         ("0 0 0 0 .1 .2 .3 .8\n", "line 1: expected a quaternion of length 1, or names"),
         ("0 0 0 0 0 0 0 0\n", "line 1: expected a quaternion of length 1, as the rotation is zero"),
         ("x y z qw qx qy qz\n1 2 3 1 0 0 0\n1 2 3 0 0 0 0\n", "line 3: .*as the rotation is zero"),
+        ("x y z qx qy qz qw\n0 0 0 1e300 0 0 1\n", "line 2: expected a quaternion of length 1"),
         ("", "got none"),
         ("0 1 2 3 0 0 0\n", "line 1: expected names of the columns, or 8"),
         ("0 0 0 0 0 0 0 1\n0 1 2 3 0 0 0 0\n", "line 2: expected"),
