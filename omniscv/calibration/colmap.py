@@ -35,7 +35,7 @@ PINHOLE pinhole PARAMS=fx,fy,cx,cy
 OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2
 OPENCV_FISHEYE kannala-brandt PARAMS=fx,fy,cx,cy,k1,k2,k3,k4
 FULL_OPENCV pinhole PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,k5,k6
-FOV - PARAMS=fx,fy,cx,cy,omega
+FOV field-of-view PARAMS=fx,fy,cx,cy,omega
 < SIMPLE_RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1
 < RADIAL_FISHEYE kannala-brandt PARAMS=f,cx,cy,k1,k2
 THIN_PRISM_FISHEYE - PARAMS=fx,fy,cx,cy,k1,k2,p1,p2,k3,k4,s1,s2
@@ -112,7 +112,7 @@ COLMAP = Colmap(
     poses=(("rigs.txt", "T_c_b"),),
     label="{1}",
     from_first=True,
-    refused="FOV, THIN_PRISM_FISHEYE, DIVISION with two focal lengths",
+    refused="THIN_PRISM_FISHEYE, DIVISION with two focal lengths",
 )
 
 

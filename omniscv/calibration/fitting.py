@@ -66,6 +66,7 @@ _FAMILIES: dict[str, _Family] = {
         bounds={"xi": (-1 + 1e-6, 1.0), "alpha": _ALPHA},
     ),
     "division": _family("k", _ONE_FOCAL, starts={"k": (-0.5, -0.2, -0.05, 0.0)}),
+    "field-of-view": _family("omega", starts={"omega": (0.2, 0.5, 0.9, 1.4)}, bounds={"omega": (1e-3, 3.1)}),
     "ftheta": _family("c2 c3 c4 c5", _ONE_FOCAL),
     "fisheye-equidistant": _family("", _ONE_FOCAL),
     "fisheye-stereographic": _family("", _ONE_FOCAL),

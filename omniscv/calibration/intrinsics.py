@@ -28,6 +28,7 @@ _ARGUMENTS: dict[str, dict[str, str]] = {
     "extended-unified": {"skew": "skew", "alpha": "alpha", "beta": "beta"},
     "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
     "division": {"k": "k"},
+    "field-of-view": {"skew": "skew", "omega": "omega"},
     "scaramuzza": {"coefficients": COEFFICIENTS, "affine": "c d e"},
     "ftheta": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},
     "ftheta-inverse": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},

@@ -121,6 +121,7 @@ KALIBR = Kalibr(
     pinhole+none pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
     pinhole+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2;k3
     pinhole+equidistant kannala-brandt intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,k3,k4
+    pinhole+fov field-of-view intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=omega;
     omni+none unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
     omni+radtan unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2
     eucm+none extended-unified intrinsics=alpha,beta,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
@@ -135,5 +136,4 @@ KALIBR = Kalibr(
     label="cam{0}",
     from_first=True,
     harmless="^t_cn_cnm1$",
-    refused="pinhole-fov",
 )

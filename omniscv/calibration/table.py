@@ -118,6 +118,7 @@ BASALT = Form("basalt", "basalt",
     < ds double-sphere {_FXY} .xi .alpha
     < eucm extended-unified {_FXY} .alpha .beta
     < ucm extended-unified {_FXY} .alpha
+    < fov field-of-view {_FXY} .w=omega
     """,
     word="camera_type", size="resolution", time=("cam_time_offset_ns", 1e-9), split=parts.basalt,
     poses=(("T_imu_cam", "T_imu_cam.px=x .py=y .pz=z .qx .qy .qz .qw"),),
@@ -207,10 +208,11 @@ OPENICC = Form("openicc", "OpenImuCameraCalibrator",
 DSO = Form("dso", "DSO, LSD-SLAM, TUM monoVO: camera.txt",
     "model numbers size", """
     < Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
+    < FOV|ATAN|none field-of-view numbers=fx,fy,cx,cy,omega
     < RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
     < EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
     """,
-    word="model", size="size", split=parts.dso, refused="FOV (ATAN) with an angle")
+    word="model", size="size", split=parts.dso)
 
 ZED = Form("zed", "ZED: SN.conf",
     "LEFT_CAM_HD", "< - pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",

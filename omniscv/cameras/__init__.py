@@ -15,7 +15,7 @@ from omniscv.cameras.fisheyes import (
 )
 from omniscv.cameras.central_mirrors import CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.polynomials import Fisheye624, FTheta, KannalaBrandt, Scaramuzza
-from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, Unified
+from omniscv.cameras.spheres import Division, DoubleSphere, ExtendedUnified, FieldOfView, Unified
 from omniscv.cameras.circle_panoramas import NoncentralPanorama, OmnidirectionalStereo, Vr180
 from omniscv.cameras.noncentral_mirrors import NoncentralConicalMirror, NoncentralSphericalMirror
 from omniscv.cameras.lidar import Lidar
@@ -38,6 +38,7 @@ __all__ = [
     "Equirectangular",
     "ExtendedUnified",
     "FTheta",
+    "FieldOfView",
     "Fisheye624",
     "FisheyeEquidistant",
     "FisheyeEquisolid",

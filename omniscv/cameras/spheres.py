@@ -1,4 +1,4 @@
-"""Lenses in closed form: projection by spheres or an ellipsoid from an eccentric centre, and division."""
+"""Lenses in closed form: spheres or an ellipsoid seen from an eccentric centre, division, field of view."""
 
 from typing import Any, Self
 
@@ -230,6 +230,51 @@ class Division(FocalLens):
         ahead = 2 * across / (along + root)
         back = (along - root) / (2 * self.k * across) if self.k else np.full_like(across, np.nan)
         return np.where(along >= 0, ahead, back)
+
+
+@register
+class FieldOfView(FocalLens):
+    """A lens by one angle (FOV, ATAN): ``r = atan2(2 tan(omega / 2) sin(theta), cos(theta)) / omega``, theta
+    from +z, ``u = cx + fx (x + skew y)``, (x, y) = r (cos a, sin a), a the azimuth.
+
+    Parameters: ``fx``, ``fy`` px; ``cx``, ``cy`` px (default: the middle; pixel centres at +0.5); ``omega``
+    in (0, pi), rad; ``skew``; ``fov_deg`` <= 360, an optional limit.
+    Domain: r <= pi / omega; the source has angles below 90 degrees, r < pi / (2 omega).
+    Source: Devernay and Faugeras 2001.
+    """
+
+    name = "field-of-view"
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        *,
+        omega: float,
+        skew: float = 0.0,
+        fov_deg: float | None = None,
+    ) -> None:
+        super().__init__(width, height)
+        self.omega = number("omega", omega, above=0, below=float(np.pi))
+        self._stretch = 2 * float(np.tan(self.omega / 2))
+        self._r_end = np.pi / self.omega
+        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+
+    @classmethod
+    def example(cls, width: int = 512) -> Self:
+        return cls(width, width, fx=0.35 * width, fy=0.35 * width, omega=1.0)
+
+    def _meridian(self, r: Array) -> Meridian:
+        across, along = np.sin(self.omega * r), self._stretch * np.cos(self.omega * r)
+        distance = np.hypot(across, along)
+        return Meridian(across / distance, along / distance)
+
+    def _radius(self, across: Array, along: Array) -> Array:
+        return np.arctan2(self._stretch * across, along) / self.omega
 
 
 def _second_limit(alpha: float) -> tuple[float, float, float]:

@@ -233,6 +233,11 @@ _LIMITS: dict[str, list[Limit]] = {
         _to("r → where the ray turns back", edge, focal=160.0, k=0.8),
         _to("k → −∞", focal=160.0, k=lambda left: -1 / left),
     ],
+    "field-of-view": [
+        _to("r → π / ω", edge, omega=0.9, **_KB),
+        _to("ω → 0", omega=lambda left: left, **_KB),
+        _to("ω → π", omega=lambda left: np.pi * (1 - left), **_KB),
+    ],
     "pinhole": [
         _to("r → turn of the distortion", edge_to_the_right, distortion=(-0.3, 0.01, 1e-3, -2e-3), **_KB),
         _to("r → pole of the distortion", distortion=(0, 0, 0, 0, 0, -0.3, 0, 0), **_KB),

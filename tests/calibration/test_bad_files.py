@@ -29,7 +29,7 @@ REPLACED = {
     "colmap": [
         ("1 PINHOLE 64 48 50 50 32 24", "", "colmap: expected"),
         (" 48 50 50 32 24", "", "line 1: expected 'CAMERA_ID"),
-        ("1 PINHOLE", "\n1 FOV", "1: MODEL: expected one of SIMPLE_PINHOLE"),
+        ("1 PINHOLE", "\n1 THIN_PRISM_FISHEYE", "1: MODEL: expected one of SIMPLE_PINHOLE"),
         ("PINHOLE 64 48 50 50 32 24", "EQUIRECTANGULAR 64 32 64 33", "the image size, 64 32"),
         ("32 24", "32 24\n01 PINHOLE 64 48 50 50 32 24", "line 2: expected each CAMERA_ID once"),
         ("PINHOLE 64 48 50 50 32 24", "DIVISION 64 48 40 41 32 24 -0.2", "focal lengths: expected two"),
@@ -99,7 +99,7 @@ CHANGED_KEYS = {
             "cam0: intrinsics: expected fu = -fv",
         ),
         ({"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]}, "cam0: intrinsics: .*0 <= xi <= 1"),
-        ({"distortion_model": "fov"}, "cam0: .*pinhole-none.*pinhole-fov"),
+        ({"distortion_model": "division"}, "cam0: .*pinhole-none.*pinhole-fov"),
         (
             {"camera_model": "omni", "distortion_model": "equidistant"},
             "pinhole-none.*omni-equidistant",

@@ -50,6 +50,14 @@ def mei(points: np.ndarray, xi: float, D: Any) -> np.ndarray:
     return pinhole(plane, D)
 
 
+def fov(points: np.ndarray, omega: float) -> np.ndarray:
+    """Devernay and Faugeras 2001, as DSO's Undistort.cpp has it."""
+    plane = points[:, :2] / points[:, 2:]
+    r = np.linalg.norm(plane, axis=1, keepdims=True)
+    factor = np.arctan(r * 2 * np.tan(omega / 2)) / (omega * r)
+    return ideal(np.hstack([plane * factor, np.ones_like(r)]))
+
+
 def of_angle(points: np.ndarray, radius: Any, center: Any) -> np.ndarray:
     """A lens of revolution by its radius, px, of the angle."""
     rho = np.hypot(points[:, 0], points[:, 1])
@@ -257,6 +265,12 @@ CASES: dict[str, tuple[str | bytes, Any]] = {
         "Pinhole 0.5 0.6 0.51 0.49 0\n640\t480\nnone\n640 480\n",
         lambda p: ideal(p, [[320, 0, 0.51 * 640 - 0.5], [0, 288.0, 0.49 * 480 - 0.5], [0, 0, 1]]),
     ),
+    "dso-fov": ("310.5 309.25 322.25 238.75 0.9\n640 480\ncrop\n640 480\n", lambda p: fov(p, 0.9)),
+    "kalibr-fov": (
+        json.dumps({"cam0": {"camera_model": "pinhole", "distortion_model": "fov", "intrinsics": list(F.values()), "distortion_coeffs": [0.9], "resolution": SIZE}}),
+        lambda p: fov(p, 0.9),
+    ),
+    "colmap-fov": ("1 FOV 640 480 310.5 309.25 322.75 239.25 0.9\n", lambda p: fov(p, 0.9)),
     "zed": (ZED, lambda p: pinhole(p, D5)),
     "hugin-fisheye": (
         PTO.format(3, 110, -0.01, 0.02, -0.03),
@@ -353,7 +367,6 @@ REFUSED = {
     "centre": (json.dumps({"fx": 300, "fy": 300, "cx": 1e300, "cy": 240, "width": 640, "height": 480}), "cx: expected"),
     "four": (json.dumps({"K": K, "D": KB, "image_size": SIZE}), "may be of two"),
     "modified": (CASES["realsense"][0].replace("Brown Conrady", "Modified Brown Conrady"), "coeff|expected 0"),
-    "dso fov": ("FOV 0.35 0.43 0.49 0.5 0.93\n640 480\ncrop\n640 480\n", "numbers: expected 0"),
     "gyroflow": (CASES["gyroflow"][0].replace("stretch\": 1.0", "stretch\": 1.3"), "stretch: expected 1"),
     "hugin": (PTO.format(0, 60, 0.1, 0, 0), "odd powers"),
     "metashape": (metashape("frame", f=310, k4=0.1), "k4: expected 0"),

@@ -125,6 +125,10 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
         {**LONG, "focal": 30.0, "k": 0.4, "cx": 41.0},
         {**ROUND, "focal": 9.0, "k": -0.4, "fov_deg": 320},
     ],
+    "field-of-view": [
+        {**LONG, "fx": 20.0, "fy": 21.0, "omega": 1.2, "skew": 0.01},
+        {**ROUND, "fx": 12.0, "fy": 12.0, "omega": 0.4, "fov_deg": 300},
+    ],
     "pinhole": [
         LONG,
         {**LONG, "focal": 30.0, "center": (10, 40)},

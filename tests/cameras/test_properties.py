@@ -59,6 +59,7 @@ central = st.one_of(
     model("extended-unified", **focals, alpha=up_to(1, True), beta=st.floats(-3, 3).map(lambda e: 10**e)),
     model("unified", **focals, xi=st.floats(-0.99, 5), distortion=st.tuples(*[small] * 4)),
     model("division", focal=st.floats(1, 300), k=st.floats(-10, 10)),
+    model("field-of-view", **focals, omega=st.floats(1e-3, 3.1)),
     model("ftheta", polynomial=st.tuples(st.just(0), st.floats(1, 300), *[st.floats(-50, 50)] * 4)),
 )
 metres = st.floats(-2, 2).map(lambda e: 10**e)  # 1 cm to 100 m

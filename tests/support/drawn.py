@@ -97,6 +97,8 @@ def _parameters(name, rng, width):
                 "beta": between(0.8, 1.5),
                 "fov_deg": between(100, 190),
             }
+        case "field-of-view":
+            return {**_focals(between, width, 0.3, 0.5), "omega": between(0.4, 1.3)}
         case "unified":
             return {
                 **_focals(between, width, 0.5, 0.8),

@@ -24,6 +24,7 @@ _ALIKE = {
     "double-sphere",
     "extended-unified",
     "division",
+    "field-of-view",
     "equiangular-cube",
     "vr180",
 }

@@ -92,6 +92,14 @@ def pinhole(camera, x, y, z):
     return by_focals(camera, *opencv(x / z, y / z, [mp.mpf(k) for k in camera.distortion.tolist()]))
 
 
+def field_of_view(camera, x, y, z):
+    """As the paper has it, with the perspective radius; beyond 90 degrees its continuation."""
+    theta, cos_a, sin_a = polar(x, y, z)
+    w = mp.mpf(camera.omega)
+    r = (mp.atan(2 * mp.tan(theta) * mp.tan(w / 2)) + (mp.pi if z < 0 else 0)) / w
+    return by_focals(camera, r * cos_a, r * sin_a)
+
+
 def division(camera, x, y, z):
     """x / z = x_d / (1 + k r_d^2): the smaller root r_d, which is the one that grows from the centre."""
     theta, cos_a, sin_a = polar(x, y, z)
@@ -109,4 +117,5 @@ FORMULAS = {
     "ftheta": ftheta,
     "pinhole": pinhole,
     "division": division,
+    "field-of-view": field_of_view,
 }
