@@ -325,9 +325,10 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
             shares = {split for split, share in job.recipe.split.shares.items() if share > 0}
-            places = len({frame.place for frame in frames.values()})
+            by, places = job.recipe.split.by, {frame.place for frame in frames.values()}
+            units = len({place.partition("/")[0] for place in places} if by == "world" else places)
             for split in sorted(shares - {frame.split for frame in frames.values()}):
-                why = f"they are of {places} places, and places are not divided"
+                why = f"they are of {units} {by}s, and {by}s are not divided"
                 warn(f"split: {split} has no frames: {why}")
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
