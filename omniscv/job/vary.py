@@ -24,7 +24,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import partial
 from statistics import NormalDist
 from typing import Any
 
@@ -155,24 +154,10 @@ class Vary:
     per: str = checked(
         one_of, words=("frame", "place", "world"), default="frame", help="how often: frame, place or world"
     )
-    objects: Rules = checked(_rules, default=None, help="by name: shift, turn_deg, shown, clearance")
-    lights: Rules = checked(_rules, default=None, help="by name: settings, or a command's")
-    materials: Rules = checked(_rules, default=None, help="by name: settings, or a command's")
-    cameras: Any = checked(
-        lambda name, value: {
-            camera: {
-                key: read_value(f"{name}.{camera}.{key}", entry) for key, entry in mapping(name, of).items()
-            }
-            for camera, of in mapping(name, {} if value is None else value).items()
-        },
-        default=None,
-        help="by name: parameters, drawn for each world",
-    )
-
-    def __post_init__(self) -> None:
-        for kind in (*KINDS, "cameras"):
-            if getattr(self, kind) is None:
-                object.__setattr__(self, kind, {})
+    objects: Rules = checked(_rules, default_factory=dict, help="by name: shift, turn_deg, shown, clearance")
+    lights: Rules = checked(_rules, default_factory=dict, help="by name: settings, or a command's")
+    materials: Rules = checked(_rules, default_factory=dict, help="by name: settings, or a command's")
+    cameras: Rules = checked(_rules, default_factory=dict, help="by name: parameters, drawn for each world")
 
     def camera(self, name: str, description: object, world: str) -> object:
         """Return the description of a camera in a job with the parameters that are drawn for a world."""
@@ -180,18 +165,19 @@ class Vary:
             return description
         if not isinstance(description, Mapping) or "file" in description:
             raise ArgumentError(f"vary.cameras.{name}: expected a camera with its parameters in the job")
-        drawn = {}
-        for key, value in self.cameras[name].items():
-            path = f"cameras.{key}"
-            drawn[key] = draw(value, partial(self._camera_u, path, name, world))
+        drawn = {
+            key: draw(value, self.u(world, f"cameras.{key}", name, ""))
+            for key, value in self.cameras[name].items()
+        }
         # Sizes are whole numbers.
         return {
             **description,
             **{key: int(value) if value % 1 == 0 else value for key, value in drawn.items()},
         }
 
-    def _camera_u(self, path: str, name: str, world: str, part: str) -> float:
-        return uniform(self.seed, world, path + part, name, "")
+    def u(self, world: str, path: str, name: str, key: str) -> Callable[[str], float]:
+        """Return the function of :func:`draw`."""
+        return lambda part: uniform(self.seed, world, path + part, name, key)
 
     @property
     def rules(self) -> dict[str, Rules]:
@@ -264,15 +250,12 @@ class Draws:
     def _draw(
         self, kind: str, name: str, draw_name: str, settings: Mapping[str, Any], key: str
     ) -> dict[str, Any]:
-        def u(setting: str) -> Callable[[str], float]:
-            seed, world = self.vary.seed, self.world
-            return lambda part: uniform(seed, world, f"{kind}.{setting}{part}", draw_name, key)
-
+        u = {setting: self.vary.u(self.world, f"{kind}.{setting}", draw_name, key) for setting in settings}
         values = {
-            setting: draw(value, u(setting)) for setting, value in settings.items() if setting != "clearance"
+            setting: draw(value, u[setting]) for setting, value in settings.items() if setting != "clearance"
         }
         if kind == "objects" and "shown" in values:
-            values["shown"] = u("shown")("") < values["shown"]
+            values["shown"] = u["shown"]("") < values["shown"]
         return values
 
     def _keep_apart(self, objects: dict[str, dict[str, Any]], key: str) -> None:
