@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, get_args, get_type_hints
@@ -288,9 +288,9 @@ def keys() -> Iterator[Key]:
             yield from _SOURCE_OPTIONS
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
-                yield from (
-                    Key(f"{path}.{key_of(field)}", field.default, help_of(field)) for field in fields(cls)
-                )
+                for field in fields(cls):
+                    default = field.default if field.default_factory is MISSING else None
+                    yield Key(f"{path}.{key_of(field)}", default, help_of(field))
 
 
 # -- reading ---------------------------------------------------------------------------------------------
