@@ -64,3 +64,12 @@ def test_marks_are_the_same_at_every_scale(name, way):
         assert abs(other.doubtful - image.doubtful) < 0.002
         assert abs(other.label_edge.sum() - image.label_edge.sum()) < 0.002 * image.valid.sum()
         assert Errors(other, scene).uncovered.sum() <= 1
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_centre_a_micrometre_off_a_wall(seed):
+    x, (y, z) = -3.0 + 1e-6, np.random.default_rng(seed).uniform((-1, 0.5), 2)
+    camera, pose = CAMERAS["panorama"](1), Pose.from_angles((x, y, z), yaw_deg=40 + seed, pitch_deg=25)
+    with omniscv.open_source("scene://six-wall") as source:
+        image = omniscv.render(camera, pose, source, ("object_mask", "depth"))
+    assert not Errors(image, mock_server.load_scene("six-wall")).uncovered.any()
