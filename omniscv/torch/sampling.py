@@ -90,7 +90,8 @@ class DeviceLookup:
         """Run a kernel for all rays, with the numbers of rays and images behind its arguments."""
         images, count = self.shape
         grid = (images * -(-count // constants["SIZE"]),)
-        kernel[grid](*arguments, count, images, *sizes, **constants)
+        with torch.cuda.device_of(self.unseen):  # else Triton would launch on the current device
+            kernel[grid](*arguments, count, images, *sizes, **constants)
 
 
 class DeviceTiles:

@@ -122,7 +122,8 @@ def test_samples_are_what_render_makes(recording):
             pose = record.pose
             image = omniscv.render(record.camera, pose, source, MODES, filter="nearest")
             np.testing.assert_array_equal(sample["labels"].numpy(), image.labels)
-            np.testing.assert_array_equal(sample["depth"][0].numpy(), image.depth)
+            off = np.abs(sample["depth"][0].numpy() - image.depth)
+            assert (off <= image.depth_error / 32).all()  # composed depth is rounded by as much
             blended = omniscv.render(record.camera, pose, source, filter="bilinear")
             lit = np.moveaxis(sample["lit"].numpy(), 0, -1).astype(int)
             assert np.abs(lit - blended.lit).max() <= 1
