@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.compiled import njit
+from mock_server.compiled import inner, njit
 
 RECTANGLE, BOX, SPHERE, CYLINDER = range(4)
 COLUMNS = 20
@@ -55,7 +55,7 @@ _GLOBE = np.array(
 _MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _rectangle(p: Vector, d: Vector, half_x: float, half_y: float) -> Hit:
     if d[2] == 0.0:
         return _MISS
@@ -89,7 +89,7 @@ def _box(p: Vector, d: Vector, half: Vector) -> Hit:
     return t, m if axis == 0 else 0.0, m if axis == 1 else 0.0, m if axis == 2 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
     """Return the ordered roots of a t^2 + 2 half_b t + c, without cancellation; infinite if none."""
     square = half_b * half_b - a * c
@@ -101,7 +101,7 @@ def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
     return (t0, t1) if t0 < t1 else (t1, t0)
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _sphere(p: Vector, d: Vector, r: float) -> Hit:
     x, y, z = p
     t0, t1 = _roots(1.0, x * d[0] + y * d[1] + z * d[2], x * x + y * y + z * z - r * r)
@@ -112,7 +112,7 @@ def _sphere(p: Vector, d: Vector, r: float) -> Hit:
     return t, side * (x + t * d[0]) / r, side * (y + t * d[1]) / r, side * (z + t * d[2]) / r
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
     best = _MISS
     t0, t1 = _roots(d[0] * d[0] + d[1] * d[1], p[0] * d[0] + p[1] * d[1], p[0] * p[0] + p[1] * p[1] - r * r)

@@ -1,5 +1,5 @@
 """numba's decorator with a cache that loads quickly: the mock server's, which imports nothing of omniscv."""
 
-from mock_server.compiled import njit
+from mock_server.compiled import inner, njit
 
-__all__ = ["njit"]
+__all__ = ["inner", "njit"]

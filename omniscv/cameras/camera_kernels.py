@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry.arrays import ROUNDING
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ def blank(vectors: Array, keep: NDArray[np.bool_]) -> None:
             vectors[i, 0] = vectors[i, 1] = vectors[i, 2] = np.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def in_plane(pixels: Array, i: int, center: tuple[float, float], plane: Plane) -> tuple[float, float]:
     """Return pixel i in the plane, whose unit is the focal length."""
     du, dv = pixels[i, 0] - center[0], pixels[i, 1] - center[1]
@@ -121,7 +121,7 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
     return out
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, float]:
     """Return p, p' and p'' / 2 at x."""
     value, slope, bend = coefficients[-1], 0.0, 0.0
@@ -146,7 +146,7 @@ _STEPS = 3  # of Newton's: mostly enough
 _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _distort(k: Coefficients, x: float, y: float) -> Distorted:
     """Return the distorted (x, y), and the derivative there; see :class:`distortion.Distortion`."""
     r2 = x * x + y * y
@@ -179,7 +179,7 @@ def distort_all(plane: Array, k: Coefficients) -> Array:
     return out
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _stretches_everywhere(k: Coefficients, r: float, azimuths: int) -> bool:
     """Return whether the derivative is positive definite on the circle of radius r."""
     for j in range(azimuths):
@@ -250,7 +250,7 @@ def undistorted_within(
     return n
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _initial_guess(target_x: float, target_y: float, last: float, table: Array) -> tuple[float, float]:
     """Return the coordinates that the radial terms alone distort to the target."""
     reached, cells = length(target_x, target_y), len(table) - 1
@@ -260,7 +260,7 @@ def _initial_guess(target_x: float, target_y: float, last: float, table: Array) 
     return target_x * scale, target_y * scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y: Array) -> None:
     """Make one of Newton's steps for all coordinates: without branches, so that it is vectorised."""
     for m in range(len(x)):
@@ -270,7 +270,7 @@ def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y
         y[m] -= (xx * off_y - yx * off_x) * scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _undistort(target_x: float, target_y: float, solver: Solver) -> tuple[float, float, bool]:
     """Return the undistorted coordinates of a target, and whether it has them: Newton's steps in the disc."""
     k, end, last, _, slack, table = solver

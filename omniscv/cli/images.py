@@ -160,10 +160,10 @@ def plan(
     measure: Annotated[bool, Option("--measure", help="Open the source, and time captures.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
-    """List what each strategy and three accuracies would capture for a job, and how long that takes.
+    """List what auto, three accuracies, exact and cube would capture for a job, and how long that takes.
 
-    The last columns are the largest distance from a pixel's own optical centre to that of its captures, and
-    the share of pixels that are expected to be marked as inexact or unsure: the price of fewer captures.
+    The last column is the share of pixels that are expected to be marked as inexact or unsure: the price of
+    fewer captures.
     """
     from omniscv.make import costs, measured_price
 
@@ -179,11 +179,11 @@ def plan(
     rows = [
         (
             cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}",
-            f"{cost.displacement_m:.3f}", f"{100 * cost.marked:.2g}",
+            f"{100 * cost.marked:.2g}",
         )
         for cost in found
     ]  # fmt: skip
-    console.table(("strategy", "captures", "Mpx", "seconds", "shift m", "marked %"), rows)
+    console.table(("strategy", "captures", "Mpx", "seconds", "marked %"), rows)
 
 
 # -- job -------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
@@ -170,7 +170,7 @@ def _sample(
                 distance[i] = stored
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _gather(
     view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array, start: Ints
 ) -> None:
@@ -210,7 +210,7 @@ def _gather(
             around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _interpolate(
     around: Floats, at: Array, size: int, precision: Precision, distance: Floats, error: Floats
 ) -> None:
@@ -228,7 +228,7 @@ def _interpolate(
         error[j] = z * z * point.error * length
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[float, float]:
     """Return depth along a ray that has no surface all around it, and the bound on its error."""
     precision, shape, focal = pictures.precision, pictures.shape, pictures.projections[k, 0]
@@ -239,7 +239,7 @@ def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[
     return z * length, (z * z * point.error + _MARGIN * point.jump) * length
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
     """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
     height, width = pictures.shape
@@ -247,7 +247,7 @@ def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
     return float(pictures.depth[(k * height + r) * width + c] * _ray_length(pictures, k, x, y))
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _ray_length(pictures: _Pictures, k: int, x: float, y: float) -> float:
     """Return the length of the ray through a point of a picture to a planar depth of 1 m, metres."""
     of = pictures.projections[k]

@@ -8,7 +8,7 @@ digital image processing, 1981, with a = -0.5.
 import cv2
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry.arrays import Floats, Pixels, run
 
 LARGEST_PX = 32766
@@ -58,7 +58,7 @@ def sample_bicubic(picture: Pixels, x: Floats, y: Floats) -> Pixels:
     return out
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _weights(t: float, w: Floats) -> None:
     w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)

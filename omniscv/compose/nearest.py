@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
@@ -165,7 +165,7 @@ def _blend(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, nearest
             out[i, j] /= np.sqrt(square)
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _one_surface(face: Floats, r: int, c: int, own_r: int, own_c: int) -> bool:
     for j in range(r, r + 2):
         for k in range(c, c + 2):

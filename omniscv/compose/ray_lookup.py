@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.sources.base import View
@@ -155,7 +155,7 @@ def _look_up(
     return min(half_width - most_u, half_height - most_v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _in_view(
     rays: Array, R: Array, scale: tuple[float, float, float], sure: float, x: Floats, y: Floats
 ) -> tuple[int, float, float]:

@@ -54,7 +54,7 @@ class SeenPoints(NamedTuple):
         visible = ~np.isnan(hits.reach)
         agree = hits.join(around)
         better = ~agree & ~hits.sure & (around.sure | ~visible)
-        hits.replace(better, around.of(better))
+        hits[better] = around[better]
         reach = np.where(np.isposinf(hits.reach), FAR_M, hits.reach)[:, None]
         toward_w = origins_w + reach * directions_w - center_w
         return cls(hits.known_depth(), visible & ~better, toward_w)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry.arrays import Floats
 
 STEP = 0.0025
@@ -131,7 +131,7 @@ def surface_point(
     return continued(depth, first, shape, x, y, focal, precision)  # type: ignore[no-any-return]
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner(cache=True, nogil=True, forceinline=True)
 def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]:
     """Return row and column of the pixel that holds (x, y), or of the nearest one at the border."""
     c = min(max(int(np.floor(x)), 0), shape[1] - 1)
@@ -139,7 +139,7 @@ def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]
     return r, c
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def plane_of(
     inverse: float, across: float, down: float, dx: float, dy: float, fx: float, fy: float
 ) -> tuple[float, float, float]:
@@ -153,7 +153,7 @@ def plane_of(
     return across * fx, down * fy, inverse - across * dx - down * dy
 
 
-@njit(nogil=True, error_model="numpy", cache=True, forceinline=True)
+@inner(nogil=True, error_model="numpy", cache=True, forceinline=True)
 def interpolated(cell: Cell, a: float, b: float, length: float, size: int, precision: Precision) -> Point:
     """Return the surface between the 2 x 2 pixels of a cell; ``inverse`` is 0 if they are not one surface.
 
@@ -186,7 +186,7 @@ def interpolated(cell: Cell, a: float, b: float, length: float, size: int, preci
     return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def inverse_depth(z: float) -> float:
     """Return 1 / z, 0 where there is no surface."""
     return float(1.0 / max(z, LEAST_M))
@@ -210,7 +210,7 @@ def discontinuities(face: Floats) -> NDArray[np.uint8]:
     return out
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _same(before: float, a: float, b: float, after: float) -> bool:
     """Return whether neighbouring depths a and b are both no surface, or one."""
     if a == np.inf and b == np.inf:
@@ -239,7 +239,7 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     return float(step / length + COMPUTED * _FLOAT32 * z)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner(cache=True, nogil=True, forceinline=True)
 def _bend(before: float, a: float, b: float, after: float, at: float, noise: float) -> float:
     """Return how far a curve or a crease may lie off the chord from a to b, ``at`` the way along it; all 1/z.
 
@@ -266,7 +266,7 @@ def _bend(before: float, a: float, b: float, after: float, at: float, noise: flo
     return one if before > 0.0 or after > 0.0 else none
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def continued(
     depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
 ) -> Point:
@@ -297,13 +297,13 @@ def continued(
     return Point(limited, across, along, error, jump)
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _at(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return planar depth at a pixel; +inf beyond the picture."""
     return float(depth[first + r * shape[1] + c]) if 0 <= r < shape[0] and 0 <= c < shape[1] else np.inf
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return the largest difference in depth to the surfaces of the neighbours, metres.
 
@@ -325,7 +325,7 @@ def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     return float(most)
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
     """Return the slope of 1/z at the middle of five pixels, and whether it is known.
 
@@ -344,7 +344,7 @@ def _slope(line: tuple[float, float, float, float, float], toward: float) -> tup
     return 0.0, False
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tuple[float, bool]:
     """Return 1/z of the next pixel less that of this one, and whether both lie on one surface."""
     if not next_ < np.inf:
@@ -355,13 +355,13 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
     return step, on
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def allowed_step(z: float) -> float:
     """Return how far 1/z may be off a line through neighbours on the same surface."""
     return float(STEP * inverse_depth(z))
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@inner(cache=True, nogil=True, forceinline=True)
 def _continues(before: float, a: float, b: float, after: float) -> bool:
     """Return whether a and b lie on one line with the neighbours on both sides, or are nearly equal; all
     1/z."""
@@ -372,7 +372,7 @@ def _continues(before: float, a: float, b: float, after: float) -> bool:
     return bool((a > 0.0) & (b > 0.0) & ((abs(step) <= allowed) | (from_left & from_right)))
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float, float, bool]:
     """Return 1/z at a pixel, its change across and down, and whether these are known.
 
@@ -405,7 +405,7 @@ def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float
     )
 
 
-@njit(cache=True, nogil=True)
+@inner(cache=True, nogil=True)
 def _smaller_step(face: Floats, r: int, c: int, down: int, across: int) -> float:
     """Return the smaller change of 1/z to a neighbour along an axis: that one is on the pixel's own
     surface."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.surfaces import Point, Precision, discontinuities, nearest_pixel, surface_point
@@ -194,7 +194,7 @@ def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
         least[i], most[i] = near / along * length, far / along * length
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _face_of(direction: Any) -> int:
     """Return which face of the world-aligned cube a direction hits."""
     x, y, z = direction
@@ -205,7 +205,7 @@ def _face_of(direction: Any) -> int:
     return 4 if z > 0 else 5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
 
@@ -225,7 +225,7 @@ def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     return -1, 0.0, 0.0, 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
     """Return the pixel of a view in which a direction is, and its component along the view's axis.
 
@@ -240,7 +240,7 @@ def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
     return u, v, along
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
     """Return the nearest pixel of one of a view's ``pictures``, planar metres."""
     width = int(2.0 * shell.lenses[k, 10])
@@ -248,7 +248,7 @@ def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
     return float(shell.pictures[which, int(shell.lenses[k, 12]) + r * width + c])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
     shape = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
@@ -258,7 +258,7 @@ def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     return Point(point.inverse, point.across, point.down, max(point.error, relief), point.jump)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def planar_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return planar depth between pixels; +inf where there is no surface."""
     point = surface_at(shell, k, u, v)

@@ -14,7 +14,6 @@ import numpy as np
 
 from omniscv.geometry import Pose
 from omniscv.planning import strategy
-from omniscv.planning.recorded_views import sees
 from omniscv.planning.refinement import OneCenter, Refinement
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategies import SAME_M
@@ -23,11 +22,8 @@ from omniscv.planning.strips import PIXELS_PER_REQUEST
 from omniscv.render_options import Price
 from omniscv.sources.base import Request
 
-_AWAY_M = 2.0
 _MARKED = 0.03
-_MARKED_PER_M = 3.0
-"""Marked pixels of images in rooms: their share from own optical centres, and by how much it grows with the
-distance to a shared one (docs/accuracy.md)."""
+"""Share of marked pixels of images in rooms, from own optical centres (docs/accuracy.md)."""
 
 
 def rounds(task: Task) -> Rounds:
@@ -170,15 +166,14 @@ class Cost:
         requests: captures.
         pixels: captured, over all modes.
         seconds: by the price of captures.
-        displacement_m: the largest distance from a pixel's optical centre to that of its captures, metres.
-        marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure.
+        marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
+            where the options have optical centres shared, which nothing is known of.
     """
 
     way: str
     requests: int
     pixels: int
     seconds: float
-    displacement_m: float = 0.0
     marked: float = 0.0
 
     def __add__(self, other: Cost) -> Cost:
@@ -188,7 +183,6 @@ class Cost:
             self.requests + other.requests,
             self.pixels + other.pixels,
             self.seconds + other.seconds,
-            max(self.displacement_m, other.displacement_m),
             max(self.marked, other.marked),
         )
 
@@ -212,34 +206,10 @@ def cost(way: str, frames: Iterable[Sequence[Task]], modes: Sequence[str], **cha
         price = Price(*changed[0].options.capture_ms)
         for plan in share_captures(changed, modes):
             if plan.task.aim is not None:
-                requests, pixels = _refinement(plan.task).expected()
-                total += Cost(way, requests, pixels, 0.0, marked=plan.task.aim)
+                total += Cost(way, *_refinement(plan.task).expected(), 0.0, plan.task.aim)
                 continue
-            plan = plan if plan.requests else Plan.make(plan.task, modes)
-            shared |= plan.requests
-            total += Cost(way, 0, 0, 0.0, *_shared(plan))
+            shared |= plan.requests or Plan.make(plan.task, modes).requests
+            own = plan.task.rays.one_center or plan.task.options.viewpoints is None
+            total += Cost(way, 0, 0, 0.0, _MARKED if own else 1.0)
     total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0)
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
-
-
-def _shared(plan: Plan) -> tuple[float, float]:
-    """Return the largest distance from a pixel's optical centre to that of its captures, metres, and the
-    share of pixels that are expected to be marked.
-
-    Viewpoints of marched rays count as exact. Labels are marked where no view shows the point that a ray
-    meets, taken to be 2 m away; else by measurement of rooms.
-    """
-    task = plan.task
-    if task.rays.origins is None:
-        return 0.0, _MARKED
-    farthest_m, marked = 0.0, _MARKED * task.rays.valid_count
-    for viewpoint in (viewpoint for round_ in plan.planned or () for viewpoint in round_.viewpoints):
-        if viewpoint.toward_w is not None or not len(viewpoint.pixels):
-            continue
-        own_w = task.origins_w(viewpoint.pixels) - viewpoint.center_w
-        away = np.linalg.norm(own_w, axis=1)
-        points = own_w + _AWAY_M * task.directions_w(viewpoint.pixels)  # from the centre
-        shown = np.any([sees(view, points) for view in viewpoint.views], axis=0)
-        farthest_m = max(farthest_m, float(away.max()))
-        marked += float(np.where(shown, np.minimum(_MARKED_PER_M * away, 1 - _MARKED), 1 - _MARKED).sum())
-    return farthest_m, marked / max(1, task.rays.valid_count)

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Mask, run
+from omniscv.geometry.arrays import Floats, Mask, run
 from omniscv.geometry.surfaces import plane_of
 from omniscv.planning.depth_shell import (
     CAPTURED,
@@ -74,35 +74,35 @@ class KnownDepth:
     unsure: Mask
 
 
-class Hits(NamedTuple):
-    """What N rays meet.
+class Hits(np.recarray[Any, Any]):
+    """What N rays meet: a record for each.
 
     Attributes:
         reach: (N,) metres along each ray, +inf for the sky, NaN where it is unknown.
-        sure: (N,) whether all of the way is visible from the centre.
         error: (N,) bound on the error of ``reach``, metres; +inf where nothing bounds it.
         direction_error: (N,) radians, bound on the resulting error of the direction from the centre.
-        grazes: (N,) whether the ray passes within a pixel of another surface on its way.
         hidden_from, hidden_to: (N,) metres along the ray, the part of it that the centre does not see;
             +inf and -inf if it sees all.
         beside_from, beside_to: (N,) metres along the ray, the part of it where another surface is within a
             pixel; +inf and -inf if none is.
+        sure: (N,) whether all of the way is visible from the centre.
+        grazes: (N,) whether the ray passes within a pixel of another surface on its way.
     """
 
     reach: Array
-    sure: Mask
     error: Array
     direction_error: Array
-    grazes: Mask
     hidden_from: Array
     hidden_to: Array
     beside_from: Array
     beside_to: Array
+    sure: Mask
+    grazes: Mask
 
-    def of(self, rows: Ints | Mask) -> Hits:
-        """Return the hits of some of the rays."""
-        parts: list[Any] = [values[rows] for values in self]
-        return Hits(*parts)
+    @classmethod
+    def unknown(cls, count: int) -> Hits:
+        """Return the hits of rays of which nothing is known."""
+        return np.full(count, _UNKNOWN).view(cls)
 
     def known_depth(self) -> KnownDepth:
         """Return the depth of the rays' pixels; a short hidden part of the way adds to its error."""
@@ -144,18 +144,11 @@ class Hits(NamedTuple):
         self.error[grazing] = np.maximum(self.error, off + others.error)[grazing]
         return np.asarray(same)
 
-    def replace(self, rows: Mask | Ints, others: Hits) -> None:
-        """Set some of the hits to others, as many as there are rows."""
-        for known, new in zip(self, others, strict=True):
-            known[rows] = new
 
-    @classmethod
-    def unknown(cls, count: int) -> Hits:
-        """Return the hits of rays of which nothing is known."""
-        no, endless = np.zeros(count, np.bool_), np.full(count, np.inf)
-        reach = np.full(count, np.nan)
-        beside = endless.copy(), -endless
-        return cls(reach, no, endless, np.zeros(count), no.copy(), endless.copy(), -endless, *beside)
+_UNKNOWN = np.array(
+    (np.nan, np.inf, 0.0, np.inf, -np.inf, np.inf, -np.inf, False, False),
+    [(name, np.float64 if kind == "Array" else np.bool_) for name, kind in Hits.__annotations__.items()],
+)
 
 
 class _Arc(NamedTuple):
@@ -183,7 +176,7 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
         origins_w, directions_w: (N, 3), unit directions.
     """
     hits = Hits.unknown(len(origins_w))
-    run(_march_block, (origins_w, directions_w, *hits), shell)
+    run(_march_block, (origins_w - shell.center_w, directions_w, hits.view(np.ndarray)), shell)
     behind = hits.reach <= 0  # a hit counts only in front of the ray's origin
     hits.reach[behind] = np.nan
     hits.distrust(behind)
@@ -191,42 +184,24 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _march_block(
-    origins: Any,
-    directions: Any,
-    reach: Any,
-    sure: Any,
-    error: Any,
-    direction_error: Any,
-    grazes: Any,
-    hidden_from: Any,
-    hidden_to: Any,
-    beside_from: Any,
-    beside_to: Any,
-    shell: Any,
-) -> None:
-    hits = Hits(reach, sure, error, direction_error, grazes, hidden_from, hidden_to, beside_from, beside_to)
+def _march_block(origins: Any, directions: Any, hits: Any, shell: Any) -> None:
+    """Write hits, of rays whose origins are relative to the centre."""
     for i in range(origins.shape[0]):
-        arc = _arc(shell, origins[i], directions[i])
-        if arc.h < 1e-9:
-            _march_from_center(shell, arc, hits, i)
+        ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        foot = -(ox * dx + oy * dy + oz * dz)
+        hx, hy, hz = ox + foot * dx, oy + foot * dy, oz + foot * dz
+        h = np.sqrt(hx * hx + hy * hy + hz * hz)
+        divisor = h if h > 0.0 else 1.0
+        toward = hx / divisor, hy / divisor, hz / divisor
+        arc = _Arc((ox, oy, oz), (dx, dy, dz), toward, h, foot)
+        if h < 1e-9:
+            _march_from_center(shell, arc, hits[i])
         else:
-            _march(shell, arc, hits, i)
+            _march(shell, arc, hits[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _arc(shell: Any, origin: Any, direction: Any) -> _Arc:
-    cx, cy, cz = shell.center_w[0], shell.center_w[1], shell.center_w[2]
-    ox, oy, oz = origin[0] - cx, origin[1] - cy, origin[2] - cz
-    dx, dy, dz = direction[0], direction[1], direction[2]
-    foot = -(ox * dx + oy * dy + oz * dz)
-    hx, hy, hz = ox + foot * dx, oy + foot * dy, oz + foot * dz
-    h = np.sqrt(hx * hx + hy * hy + hz * hz)
-    divisor = h if h > 0.0 else 1.0
-    return _Arc((ox, oy, oz), (dx, dy, dz), (hx / divisor, hy / divisor, hz / divisor), h, foot)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     """Return the direction from the centre to the point of the ray at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
@@ -234,18 +209,18 @@ def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     return hx * s + dx * c, hy * s + dy * c, hz * s + dz * c
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _march_from_center(shell: Any, arc: Any, hits: Any, i: int) -> None:
+@inner(cache=True, nogil=True, error_model="numpy")
+def _march_from_center(shell: Any, arc: Any, hit: Any) -> None:
     """Write the hit of a ray that runs through the centre, or starts there."""
     k, u, v, along = look_up(shell, arc.direction)
     if k >= 0:
-        hits.reach[i] = planar_depth(shell, k, u, v) / along + arc.foot
-        hits.sure[i] = arc.foot <= 0.0 or _distance(shell, arc.origin) > arc.foot
+        hit.reach = planar_depth(shell, k, u, v) / along + arc.foot
+        hit.sure = arc.foot <= 0.0 or _distance(shell, arc.origin) > arc.foot
         _, error, _, jump = _met_at(shell, arc, arc.direction)
-        hits.error[i] = error + _MARGIN * jump
+        hit.error = error + _MARGIN * jump
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _distance(shell: Any, direction: Any) -> float:
     """Return the captured distance of the nearest pixel; 0 in a direction that was not captured."""
     k, u, v, along = look_up(shell, direction)
@@ -253,7 +228,7 @@ def _distance(shell: Any, direction: Any) -> float:
     return pixel_depth(shell, CAPTURED, k, u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> float:
     """Return the angle up to which a ray is in the views without a gap, seen from its end."""
     psi = end
@@ -262,8 +237,8 @@ def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> 
     return psi
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
+@inner(cache=True, nogil=True, error_model="numpy")
+def _march(shell: Any, arc: Any, hit: Any) -> None:
     """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
     start = psi = np.arctan2(h, -foot)
@@ -274,7 +249,7 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         psi = np.arcsin(h / shell.least)
     was_free, first, last_step = False, True, step
     if not shell.everywhere and psi < start:
-        hits.hidden_from[i], hits.hidden_to[i] = 0.0, foot + h / np.tan(psi)
+        hit.hidden_from, hit.hidden_to = 0.0, foot + h / np.tan(psi)
         first = False
     met_at, passed, ahead = -1.0, np.inf, np.inf
     while True:
@@ -300,23 +275,23 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
                 free = True
                 if planar >= ahead * along:
                     beside_m = _passed_beside(shell, arc, psi, ahead)
-                    passed = min(passed, _noted(arc, hits, i, psi, beside_m))
+                    passed = min(passed, _noted(arc, hit, psi, beside_m))
                 beside = pixel_depth(shell, NEAREST, k, u, v)
                 ahead = beside / along
                 if planar >= beside:
-                    passed = min(passed, _noted(arc, hits, i, psi, _passing(arc, psi, ahead)))
+                    passed = min(passed, _noted(arc, hit, psi, _passing(arc, psi, ahead)))
             elif was_free and not (first and planar > planar_depth(shell, k, u, v) * _BEHIND):
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + (last_step + step), np.pi)
                 at, gap = _refined(shell, arc, behind, before)
                 if abs(gap) <= _ON_SURFACE * h / np.sin(at):
                     met_at = at
-                    passed = min(passed, _noted(arc, hits, i, at, _passed_beside(shell, arc, at, ahead)))
+                    passed = min(passed, _noted(arc, hit, at, _passed_beside(shell, arc, at, ahead)))
                     break
         if not free:
             seen_m = foot + h / np.tan(min(psi + last_step, np.pi - 1e-9))
-            hits.hidden_from[i] = min(hits.hidden_from[i], seen_m)
-            hits.hidden_to[i] = foot + h / np.tan(max(psi - step, end)) if psi > end else np.inf
+            hit.hidden_from = min(hit.hidden_from, seen_m)
+            hit.hidden_to = foot + h / np.tan(max(psi - step, end)) if psi > end else np.inf
         was_free, first = free, False
         if psi <= end:
             break
@@ -325,20 +300,20 @@ def _march(shell: Any, arc: Any, hits: Any, i: int) -> None:
         step = _STEP_PX / shell.focal
         psi = _hidden_beyond(shell, arc, end, step)
         if psi >= 0.0:
-            hits.hidden_from[i] = min(hits.hidden_from[i], foot + h / np.tan(psi + step))
-            hits.hidden_to[i] = np.inf
-    hits.sure[i] = hits.hidden_from[i] > hits.hidden_to[i]
+            hit.hidden_from = min(hit.hidden_from, foot + h / np.tan(psi + step))
+            hit.hidden_to = np.inf
+    hit.sure = hit.hidden_from > hit.hidden_to
     if met_at >= 0.0:
-        _meet(shell, arc, hits, i, met_at)
-    elif hits.sure[i]:
-        hits.reach[i] = np.inf
-        hits.error[i] = np.inf if shell.precision.largest_m < np.inf else 0.0
+        _meet(shell, arc, hit, met_at)
+    elif hit.sure:
+        hit.reach = np.inf
+        hit.error = np.inf if shell.precision.largest_m < np.inf else 0.0
     if passed < np.inf:
-        hits.grazes[i] = True
-        hits.error[i] = max(hits.error[i], _MARGIN * (hits.reach[i] - passed))
+        hit.grazes = True
+        hit.error = max(hit.error, _MARGIN * (hit.reach - passed))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     """Return the first angle from ``end`` down to 0 at which a surface hides the ray; -1 if there is none.
 
@@ -352,17 +327,17 @@ def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     return -1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _noted(arc: Any, hits: Any, i: int, psi: float, passed: float) -> float:
+@inner(cache=True, nogil=True, error_model="numpy")
+def _noted(arc: Any, hit: Any, psi: float, passed: float) -> float:
     """Return the reach at which a ray may have met a surface beside it; note where that was seen."""
     if passed < np.inf:
         along_ray = arc.foot + arc.h / np.tan(psi)
-        hits.beside_from[i] = min(hits.beside_from[i], along_ray)
-        hits.beside_to[i] = max(hits.beside_to[i], along_ray)
+        hit.beside_from = min(hit.beside_from, along_ray)
+        hit.beside_to = max(hit.beside_to, along_ray)
     return passed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _passing(arc: Any, psi: float, surface_m: float) -> float:
     """Return the reach at which a ray is as far from the centre as a surface that it may have met."""
     s, c = np.sin(psi), np.cos(psi)
@@ -370,7 +345,7 @@ def _passing(arc: Any, psi: float, surface_m: float) -> float:
     return float(min(arc.foot + (away if c > 0 else -away), arc.foot + arc.h * c / s))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     """Return the reach at which a ray before a surface may have met a nearer one beside it; +inf if none.
 
@@ -384,22 +359,22 @@ def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     return _passing(arc, psi, beside / along) if beside * own < _BESIDE else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _meet(shell: Any, arc: Any, hits: Any, i: int, psi: float) -> None:
+@inner(cache=True, nogil=True, error_model="numpy")
+def _meet(shell: Any, arc: Any, hit: Any, psi: float) -> None:
     """Write the reach and its bounds of a ray that meets a surface at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
     along_ray = arc.foot + arc.h * c / s
-    hits.reach[i], hits.error[i], hits.direction_error[i], jump = _met_at(shell, arc, _toward(arc, psi))
+    hit.reach, hit.error, hit.direction_error, jump = _met_at(shell, arc, _toward(arc, psi))
     if jump > 0.0:  # it may pass the edge of that surface, and meet anything behind
-        hits.error[i] = np.inf
-    if abs(hits.reach[i] - along_ray) > _ON_SURFACE * arc.h / s:  # too grazing for a plane
-        hits.reach[i], hits.error[i] = along_ray, hits.error[i] + abs(hits.reach[i] - along_ray)
+        hit.error = np.inf
+    if abs(hit.reach - along_ray) > _ON_SURFACE * arc.h / s:  # too grazing for a plane
+        hit.reach, hit.error = along_ray, hit.error + abs(hit.reach - along_ray)
     focal = shell.lenses[look_up(shell, _toward(arc, psi))[0], 9]
     if _touches(shell, arc, psi - _DEEPER_PX * _STEP_PX / focal):
-        hits.error[i], hits.grazes[i] = np.inf, True
+        hit.error, hit.grazes = np.inf, True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, float]:
     """Return where a ray meets the plane through the surface in a direction from the centre.
 
@@ -431,7 +406,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
     return reach, off, off * aside / distance, point.jump / along / cosine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _touches(shell: Any, arc: Any, psi: float) -> bool:
     """Return whether a ray that met a surface is hardly behind it at an angle a little farther on."""
     k, u, v, along = look_up(shell, _toward(arc, psi))
@@ -442,7 +417,7 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
     return bool(arc.h / np.sin(psi) * along * point.inverse < 1.0 + _TOUCHING * error)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner(cache=True, nogil=True, error_model="numpy")
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
     """Return the angle between two where g changes its sign, by secants and bisection, and g there."""
     middle, gap, gap_behind, gap_before = behind, np.inf, np.inf, -np.inf

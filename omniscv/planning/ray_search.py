@@ -128,7 +128,7 @@ class Search:
         """
         for number, captures in finer.items():
             self.shells[number] = self.shells[number].refined(captures)
-        self.hits.replace(rows, Hits.unknown(len(rows)))
+        self.hits[rows] = Hits.unknown(len(rows))
         self.shell_of[rows] = -1
         self._march(rows, 0)
 
@@ -166,13 +166,13 @@ class Search:
     def _march_through(self, number: int, rows: Ints) -> None:
         hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
         hits.distrust(~(hits.direction_error <= _MOST_ERROR_PX * self._steps[rows]))
-        known = self.hits.of(rows)
+        known = self.hits[rows]
         known.join(hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
         better = hits.sure | (np.isnan(known.reach) & ~np.isnan(hits.reach))
-        known.replace(better, hits.of(better))
+        known[better] = hits[better]
         self.shell_of[rows[better]] = number
-        self.hits.replace(rows, known)
+        self.hits[rows] = known
 
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves.
@@ -188,7 +188,7 @@ class Search:
             self._faces.views(center_w, faces_hit(toward_w, np.eye(3))) if views is None else views,
             self.pixels[rows],
             toward_w=toward_w,
-            known_depth=self.hits.of(rows).known_depth(),
+            known_depth=self.hits[rows].known_depth(),
             occluded=occluded,
             truth_scale=self._task.options.truth_scale if views is None else 1,
         )

@@ -26,8 +26,8 @@ from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
-FEW_CENTERS = 32
-"""Optical centres, each of which takes no more captures than a planner that shares them."""
+FEW_CENTERS = 16
+"""Optical centres, all of which take about a hundred captures at most: a face cube each."""
 AIM = 0.03
 """Of ``auto`` for several optical centres."""
 

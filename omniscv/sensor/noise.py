@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import njit
+from omniscv.compiled import inner, njit
 from omniscv.geometry.arrays import Floats
 
 PIXEL, ROW, PRNU, DSNU = 0, 1, 2, 3
@@ -73,7 +73,7 @@ def quantiles() -> NDArray[np.float64]:
     return np.asarray(ndtri(np.ldexp(1 + step / _STEPS, octave) / 2.0**33))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inner(cache=True, nogil=True, inline="always")
 def _normal(half: Any, table: Any) -> float:
     """Return the normal number of 32 random bits: the highest is its sign."""
     bits = np.float64(np.int64(2 * (half & np.uint64(0x7FFFFFFF)) + np.uint64(1))).view(np.int64)
@@ -83,7 +83,7 @@ def _normal(half: Any, table: Any) -> float:
     return float(z if half >> np.uint64(31) else -z)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inner(cache=True, nogil=True, inline="always")
 def _poisson(mean: float, half: Any, table: Any) -> float:
     """Return the Poisson number of a mean by 32 random bits."""
     if mean <= 0.0:
