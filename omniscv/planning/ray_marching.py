@@ -21,7 +21,7 @@ import numpy as np
 
 from omniscv.compiled import inner, njit
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Mask, run
+from omniscv.geometry.arrays import Floats, Ints, Mask, run
 from omniscv.geometry.surfaces import plane_of
 from omniscv.planning.depth_shell import (
     CAPTURED,
@@ -103,6 +103,10 @@ class Hits(np.recarray[Any, Any]):
     def unknown(cls, count: int) -> Hits:
         """Return the hits of rays of which nothing is known."""
         return np.full(count, _UNKNOWN).view(cls)
+
+    def of(self, rows: Ints | Mask) -> Hits:
+        """Return the hits of some of the rays."""
+        return self[rows].view(Hits)
 
     def known_depth(self) -> KnownDepth:
         """Return the depth of the rays' pixels; a short hidden part of the way adds to its error."""

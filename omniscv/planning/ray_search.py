@@ -166,7 +166,7 @@ class Search:
     def _march_through(self, number: int, rows: Ints) -> None:
         hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
         hits.distrust(~(hits.direction_error <= _MOST_ERROR_PX * self._steps[rows]))
-        known = self.hits[rows]
+        known = self.hits.of(rows)
         known.join(hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
         better = hits.sure | (np.isnan(known.reach) & ~np.isnan(hits.reach))
@@ -188,7 +188,7 @@ class Search:
             self._faces.views(center_w, faces_hit(toward_w, np.eye(3))) if views is None else views,
             self.pixels[rows],
             toward_w=toward_w,
-            known_depth=self.hits[rows].known_depth(),
+            known_depth=self.hits.of(rows).known_depth(),
             occluded=occluded,
             truth_scale=self._task.options.truth_scale if views is None else 1,
         )

@@ -192,7 +192,7 @@ class SeveralCenters(Refinement):
             again: whether coarse views are captured again for rays that no patch shows.
         """
         search, viewpoints = self._search, []
-        rows = rows[~self._doubtful(search.hits[rows])]
+        rows = rows[~self._doubtful(search.hits.of(rows))]
         for number in np.unique(search.shell_of[rows]):
             mine = rows[search.shell_of[rows] == number]
             views = self._finer[number]
@@ -224,7 +224,7 @@ class SeveralCenters(Refinement):
     def doubts(self, pixels: Ints) -> list[Doubt]:
         search = self._search
         rows = self._rows_of(pixels)
-        hits = search.hits[rows]
+        hits = search.hits.of(rows)
         deep, parts = self._doubtful(hits), []
         beside = deep & (hits.beside_from <= hits.beside_to)
         helped = ~hits.known_depth().unsure
