@@ -188,8 +188,11 @@ def _best_windows(
     """
     ratios, windows = np.zeros(len(axes)), np.zeros((len(axes), 3), np.int64)
     before, by_step = np.empty(2 * _STEPS + 1), np.empty((len(heights), _STEPS))
+    starts = np.empty(_STEPS, np.int64)
     for k in range(len(axes)):
-        by_step[:] = 0.0
+        for h in range(len(heights)):
+            for step in range(_STEPS):
+                by_step[h, step] = 0.0
         for i in range(len(points)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             off = abs(axes[k, 0, 0] * x + axes[k, 0, 1] * y + axes[k, 0, 2] * z)
@@ -201,23 +204,34 @@ def _best_windows(
                     h += 1
                 by_step[h, int(_turns(a, b) * _STEPS) % _STEPS] += worth[i]
         for h in range(len(heights)):
-            if h > 0:
-                by_step[h] += by_step[h - 1]
-            before[0] = 0.0
-            for step in range(2 * _STEPS):
-                before[step + 1] = before[step] + by_step[h, step % _STEPS]
+            count, before[0] = 0, 0.0  # a window is worth most where it starts at a ray
+            for step in range(_STEPS):
+                if h > 0:
+                    by_step[h, step] += by_step[h - 1, step]
+                before[step + 1] = before[step] + by_step[h, step]
+                if by_step[h, step] > 0.0:
+                    starts[count] = step
+                    count += 1
+            for step in range(_STEPS, 2 * _STEPS):
+                before[step + 1] = before[step] + by_step[h, step - _STEPS]
             for s in range(len(lengths)):
                 least = ratios[k] * prices[h, s]
                 if before[_STEPS] <= least:  # not even all of the band is worth more
                     continue
                 most, start = least, -1
-                for step in range(_STEPS):
-                    total = before[step + lengths[s]] - before[step]
+                for j in range(count):
+                    total = before[starts[j] + lengths[s]] - before[starts[j]]
                     if total > most:
-                        most, start = total, step
+                        most, start = total, starts[j]
                 if start >= 0:
                     ratios[k] = most / prices[h, s]
                     windows[k, 0], windows[k, 1], windows[k, 2] = start, h, s
+        if ratios[k] > 0.0:  # its rays are set in the middle: azimuths are approximate
+            start, h, empty = windows[k, 0], windows[k, 1], 0
+            end = start + lengths[windows[k, 2]] - 1
+            while by_step[h, (end - empty) % _STEPS] == 0.0:
+                empty += 1
+            windows[k, 0] = (start - empty // 2) % _STEPS
     return ratios, windows  # type: ignore[return-value]
 
 

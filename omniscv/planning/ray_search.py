@@ -18,21 +18,13 @@ import numpy as np
 
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
+from omniscv.planning import tuned
 from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups
 from omniscv.planning.strategy import Task, Viewpoint
 from omniscv.sources.base import Capture, View
-
-INITIAL_VIEWPOINTS = 8
-"""Optical centres that are captured first, if the options give none."""
-_MOST_ERROR_PX = 0.5  # of the image: rays whose lookup may be farther off are unsure
-_TRIES = 4
-"""Number of centres, nearest first, through which a ray is marched."""
-_SAMPLED_RAYS = 20_000
-_ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
-_NEIGHBOURHOODS = 128
 
 
 def serving_all(viewpoint: Viewpoint) -> Viewpoint:
@@ -68,14 +60,14 @@ class Search:
         self._first_w = [task.pose.to_world(group.center_c) for group in groups]
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
-        some = slice(None, None, max(1, len(self.origins_w) // _SAMPLED_RAYS))
+        some = slice(None, None, max(1, len(self.origins_w) // tuned.SAMPLED_RAYS))
         for group in groups:  # and those that see parts of the rays' way
             offset, directions_w = (
                 self.origins_w[some] - task.pose.to_world(group.center_c),
                 self.directions_w[some],
             )
             away = np.linalg.norm(offset, axis=1, keepdims=True)
-            hit += [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in _ON_THE_WAY]
+            hit += [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in tuned.ON_THE_WAY]
         self._hit = np.any(hit, axis=0)
 
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
@@ -101,7 +93,7 @@ class Search:
 
     def _march(self, unsure: Ints, first: int) -> None:
         """March rays that are not certified through the nearest centres, from the first one on."""
-        nearest = self._nearest(unsure)[:, :_TRIES]
+        nearest = self._nearest(unsure)[:, : tuned.TRIES]
         for rank in range(nearest.shape[1]):
             for number in range(first, len(self.shells)):
                 rows = unsure[(nearest[:, rank] == number) & ~self.hits.sure[unsure]]
@@ -140,7 +132,7 @@ class Search:
             worth: rays that there are at least around each.
         """
         groups, hidden = int(self.center_of.max()) + 1, self.center_of[~self.hits.sure]
-        reach = max(1, groups // _NEIGHBOURHOODS)
+        reach = max(1, groups // tuned.NEIGHBOURHOODS)
         count = np.bincount(hidden, minlength=groups).astype(np.float64)
         before = np.concatenate([[0.0], np.cumsum(count)])
         at = np.arange(groups)
@@ -165,7 +157,7 @@ class Search:
 
     def _march_through(self, number: int, rows: Ints) -> None:
         hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
-        hits.distrust(~(hits.direction_error <= _MOST_ERROR_PX * self._steps[rows]))
+        hits.distrust(~(hits.direction_error <= tuned.MOST_ERROR_PX * self._steps[rows]))
         known = self.hits.of(rows)
         known.join(hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.

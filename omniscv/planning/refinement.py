@@ -20,7 +20,7 @@ import numpy as np
 from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
-from omniscv.planning import strategy
+from omniscv.planning import strategy, tuned
 from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
@@ -30,21 +30,7 @@ from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
 
 AIM = "aim"
-ROOM = 0.029
-"""Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
-_SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
-_LOCAL_MS = 550.0
-"""Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
-_PATCH_PX = 200_000  # of a typical patch
-FINER = (2.0, 3.0, 4.5, 7.0, 11.0)
-_COARSE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
-_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
-_FALLS, _PATIENCE = 0.02, 3  # least relative fall of doubt in a round, and how many rounds may miss it
-_RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
-_MOST_ROUNDS = 12
-_FINER_FACES = 1.2
-"""How much more finely faces sample on the mean than patches of their focal length."""
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
 RECORDED = "the recording holds no finer views"
 
@@ -117,14 +103,14 @@ class Refinement(ABC):
 
     def steps(self, doubtful: int) -> tuple[float, ...]:
         """Return how many times finer patches may be than what is in doubt, of so many pixels."""
-        return FINER
+        return tuned.FINER
 
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
         requests = [request for round_ in self.rounds() for request in round_.requests(self.task.modes)]
-        local = self.expected_ms / (self.price.of(1, _PATCH_PX) or 1)
+        local = self.expected_ms / (self.price.of(1, tuned.PATCH_PX) or 1)
         pixels = pixels_of(request.view for request in requests)
-        return len(requests) + round(local), pixels + round(local * _PATCH_PX)
+        return len(requests) + round(local), pixels + round(local * tuned.PATCH_PX)
 
     def _count(self, planned: Round) -> Round:
         viewpoints = (replace(viewpoint, state=self.task.state) for viewpoint in planned.viewpoints)
@@ -137,16 +123,16 @@ class Refinement(ABC):
     def finer(self, kept: Kept) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
         before, stuck = np.inf, 0
-        for _ in range(_MOST_ROUNDS):
+        for _ in range(tuned.MOST_ROUNDS):
             assert kept.doubt is not None
             doubt = np.flatnonzero(kept.doubt())
             if len(doubt) <= self.aim:
                 yield Round((), AIM)
                 return
-            stuck = stuck + 1 if len(doubt) > before * (1 - _FALLS) else 0
-            if stuck == _PATIENCE or (len(doubt) == before and self.serves):  # depth without end, for example
-                break
-            self._resolve = _RESOLVE_LESS if stuck else 1.0
+            stuck = stuck + 1 if len(doubt) > before * (1 - tuned.FALLS) else 0
+            if stuck == tuned.PATIENCE or (len(doubt) == before and self.serves):
+                break  # for example where half floats store no depth, beyond 655 m
+            self._resolve = tuned.RESOLVE_LESS if stuck else 1.0
             before = len(doubt)
             choice = self.choice(doubt)
             if isinstance(choice, str):
@@ -165,12 +151,13 @@ class Refinement(ABC):
         doubts = self.doubts(pixels)
         if not doubts:
             return STUCK
-        coarse = float(np.quantile(np.concatenate([doubt.focal_px for doubt in doubts]), _COARSE))
+        focal_px = np.concatenate([doubt.focal_px for doubt in doubts])
+        coarse = float(np.quantile(focal_px, tuned.COARSE_QUANTILE))
         lengths = [finer * coarse for finer in self.steps(len(pixels))]
         best: Choice | None = None
         self._limited = False
-        for focal_px in lengths:
-            choice = self._patched(len(pixels), doubts, focal_px, np.inf if best is None else best.ms)
+        for length in lengths:
+            choice = self._patched(len(pixels), doubts, length, np.inf if best is None else best.ms)
             if best is not None and choice.patches and choice.ms >= best.ms:
                 break  # finer ones are dearer still
             best = choice if choice.patches else best
@@ -193,7 +180,7 @@ class Refinement(ABC):
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
-        modes, left, target, ms, area = self._modes, float(count), _SAFE * self.aim, 0.0, 0.0
+        modes, left, target, ms, area = self._modes, float(count), tuned.SAFE * self.aim, 0.0, 0.0
         batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):
@@ -212,7 +199,7 @@ class Refinement(ABC):
     def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Patch]:
         """Return patches of a centre, those first that resolve the most doubt at their price."""
         task = self.task
-        worth = np.maximum(0, 1 - _LEFT * doubt.focal_px / focal_px)
+        worth = np.maximum(0, 1 - tuned.DOUBT_LEFT * doubt.focal_px / focal_px)
         _, where, repeated = np.unique(doubt.pixels, return_inverse=True, return_counts=True)
         worth /= repeated[where]
         if task.capabilities.can_set_fov:
@@ -236,10 +223,10 @@ class Refinement(ABC):
     def local_ms(self, share: float) -> float:
         """Return what patches are expected to take after faces that leave a share of the pixels in doubt."""
         rays, price = self.task.rays, self.price
-        edges = share / ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
+        edges = share / tuned.ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
         dearer = (price.request / PRICE[0] + price.megapixel / PRICE[1]) / 2 * len(self.truth) / 2
         further = math.sqrt(share * rays.valid_count / max(1.0, self.aim)) - 1
-        return float(dearer * _LOCAL_MS * edges * max(0.0, further))
+        return float(dearer * tuned.LOCAL_MS * edges * max(0.0, further))
 
     def full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""
@@ -283,8 +270,8 @@ class OneCenter(Refinement):
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
         first = self._faces(SMALLEST) or base
-        self.expected_ms = self.local_ms(ROOM)
-        self.focal_px[:] = _FINER_FACES * first.views[0].focal_px
+        self.expected_ms = self.local_ms(tuned.ROOM)
+        self.focal_px[:] = tuned.FINER_FACES * first.views[0].focal_px
         return (yield Round((replace(first, modes=self.truth),)))
 
     def _faces(self, edge: int) -> Viewpoint | None:

@@ -16,16 +16,14 @@ from dataclasses import replace
 import numpy as np
 
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning import strategy
+from omniscv.planning import strategy, tuned
 from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.patches import Doubt
 from omniscv.planning.ray_marching import Hits
-from omniscv.planning.ray_search import INITIAL_VIEWPOINTS, Search, serving_all
+from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.refinement import (
     AIM,
-    FINER,
-    ROOM,
     STUCK,
     Choice,
     Refinement,
@@ -36,21 +34,7 @@ from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass
 from omniscv.sources.base import View
 
 _NONE = np.zeros(0, np.int64)
-_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
-_WORTH = 0.05  # of the aim: rays that a further centre must promise
-_MOST_ADDED = 1  # centres that a round adds at most
-_FEWER = 0.95  # of the hidden rays: further centres must leave less
-_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
-_EDGES = 0.9
-"""Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
-_MOST_ROUNDS = 4  # of depth alone
-_READY = 3.0
-"""How much more masks are worth where finer depth has just been captured for them."""
-_ROOMS = 1.7
-"""Doubt of images from few centres, relative to that of one centre."""
 
-_NEARLY_CENTRAL = 0.05  # metres: the middle of centres so near to it serves them better than the position
-_FAR = 4.0  # times the aim: of so much doubt little is known
 _Sent = Generator[Round, Kept | None, Kept | None]
 
 
@@ -69,7 +53,7 @@ class SeveralCenters(Refinement):
     def steps(self, doubtful: int) -> tuple[float, ...]:
         """Small ones at first: marched rays are known as precisely as depth, and miss patches that are much
         finer."""
-        return FINER[:2] if doubtful > _FAR * self.aim else FINER
+        return tuned.FINER[:2] if doubtful > tuned.FAR_FROM_AIM * self.aim else tuned.FINER
 
     def _rounds(self) -> Rounds:
         groups = self._groups()
@@ -85,14 +69,14 @@ class SeveralCenters(Refinement):
         if around is not None:
             self._occluded = occlusion(around, search.origins_w)[1]
         search.adopt_lost()
-        rate = 0.0
-        for _ in range(_MOST_ROUNDS):
+        rate, before = 0.0, math.inf
+        for _ in range(tuned.DEPTH_ROUNDS):
             doubt = search.pixels[self._doubtful(search.hits)]
-            enough = _EDGES * self.aim if self.truth else self.aim
-            choice = self.choice(doubt) if len(doubt) > enough else ""
+            enough = tuned.EDGES * self.aim if self.truth else self.aim
+            choice = self.choice(doubt) if enough < len(doubt) < before else ""
             if isinstance(choice, str):
                 break
-            rate = choice.rate
+            rate, before = choice.rate, len(doubt)
             yield from self._capture_depth(choice)
         self.reserved = 0, 0
         every = np.arange(len(search.pixels))
@@ -135,11 +119,11 @@ class SeveralCenters(Refinement):
         if task.options.viewpoints is None:
             centers = task.rays.own_viewpoints.centers
             middle = centers.mean(axis=0)
-            near = np.abs(centers - middle).max() <= _NEARLY_CENTRAL
+            near = np.abs(centers - middle).max() <= tuned.NEARLY_CENTRAL
             center_c = middle if near else np.zeros(3)
             choices.append((RayGroup(center_c, np.flatnonzero(task.rays.valid), task.rays),))
         if task.recorded is not None or not choices:
-            choices.append(task.groups(INITIAL_VIEWPOINTS))
+            choices.append(task.groups(tuned.INITIAL_VIEWPOINTS))
         for groups in choices:
             if task.recorded is None or task.recorded.hold(Search(planned, groups).first_views()):
                 return groups
@@ -156,13 +140,13 @@ class SeveralCenters(Refinement):
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
                 yield Round(tuple(map(serving_all, viewpoints)))
-                self.expected_ms = self.local_ms(_ROOMS * ROOM)
+                self.expected_ms = self.local_ms(tuned.ROOM_OF_FEW_CENTERS * tuned.ROOM)
                 return False
             search.march([captures["depth"] for captures in kept])
             before, hidden = hidden, float(np.count_nonzero(~search.hits.sure))
-            helps = hidden < _FEWER * before
-            most = _MOST_ADDED if helps and hidden > _HIDDEN * self.aim else 0
-            more_w = search.hidden_origins(most, max(1.0, _WORTH * self.aim))
+            helps = hidden < tuned.HIDDEN_LEFT * before
+            most = tuned.MOST_ADDED if helps and hidden > tuned.MOST_HIDDEN * self.aim else 0
+            more_w = search.hidden_origins(most, max(1.0, tuned.LEAST_PROMISED * self.aim))
             viewpoints, views, requests = [], 0, 0
             for viewpoint in map(search.depth_viewpoint, more_w):
                 if task.recorded is not None and not task.recorded.hold(viewpoint.views_of("depth")):
@@ -254,7 +238,7 @@ class SeveralCenters(Refinement):
         if not self.truth:
             return known.unsure
         with np.errstate(invalid="ignore"):
-            off = ~(known.error <= _DEPTH * known.distance)
+            off = ~(known.error <= tuned.DOUBTFUL_DEPTH * known.distance)
         return np.asarray(known.grazes | known.unsure | off)
 
     def _rows_of(self, pixels: Ints) -> Ints:
@@ -262,7 +246,7 @@ class SeveralCenters(Refinement):
 
     def capture(self, choice: Choice) -> _Sent:
         rows, kept = yield from self._capture_depth(choice)
-        return (yield from self._serve(rows, _READY * choice.rate, kept, again=True))
+        return (yield from self._serve(rows, tuned.MASKS_READY * choice.rate, kept, again=True))
 
     def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Kept]]:
         """Yield depth in patches, march their rays again, and return these."""

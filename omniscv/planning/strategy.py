@@ -18,6 +18,7 @@ from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
+from omniscv.planning import tuned
 from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.recorded_views import RecordedViews
@@ -26,10 +27,6 @@ from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
-FEW_CENTERS = 16
-"""Optical centres, all of which take about a hundred captures at most: a face cube each."""
-AIM = 0.03
-"""Of ``auto`` for several optical centres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +139,17 @@ def pass_on(
     """Yield rounds, changed, and pass on what is sent; return what was sent for the last one."""
     kept: Kept | None = None
     with closing(rounds):
-        while True:
-            try:
-                planned = rounds.send(kept)
-            except StopIteration:
-                return kept
+        while (planned := _next(rounds, kept)) is not None:
             kept = yield change(planned)
+    return kept
+
+
+def _next(rounds: Rounds, kept: Kept | None) -> Round | None:
+    """Return the next round, None at the end, when what was kept of the last one is sent."""
+    try:
+        return rounds.send(kept)
+    except StopIteration:
+        return None
 
 
 def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
@@ -164,11 +166,7 @@ def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:
     """
     kept: Kept | None = None
     with closing(rounds):
-        while True:
-            try:
-                planned = rounds.send(kept)
-            except StopIteration:
-                return
+        while (planned := _next(rounds, kept)) is not None:
             kept = capture(planned)
 
 
@@ -273,7 +271,7 @@ class Task:
         """
         if self.options.accuracy is not None or self.options.strategy != "auto" or self.rays.one_center:
             return self.options.accuracy
-        return AIM if self.scattered or len(self.rays.groups()) > FEW_CENTERS else None
+        return tuned.DEFAULT_AIM if self.scattered or len(self.rays.groups()) > tuned.FEW_CENTERS else None
 
     def border(self, default: int) -> int:
         """Return how much wider views are on every side, px."""

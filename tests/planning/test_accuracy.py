@@ -49,6 +49,14 @@ def made(camera, where, modes=MODES, **options):
     return omniscv.render(camera, POSE, where, modes, **options)
 
 
+def assert_right(image, scene="four-wall"):
+    """By exact tracing: 0.05 % at most is wrong and not marked."""
+    found = Errors(image, mock_server.load_scene(scene))
+    wrong = found.uncovered & (found.label | (found.depth_m > image.depth_error))
+    assert wrong[image.valid].mean() <= 0.0005
+    return found
+
+
 @pytest.fixture(scope="module")
 def one_percent(tmp_path_factory):
     """An image, what it took, and its recording."""
@@ -71,12 +79,30 @@ def test_an_aim_is_reached_for_less_than_by_finer_captures_of_everything(one_per
 
 
 def test_what_is_not_doubted_is_right(one_percent):
-    """By exact tracing: patches claim no more than faces do, 0.05 % at most."""
     image = one_percent[0]
-    found = Errors(image, mock_server.load_scene("four-wall"))
-    wrong = found.uncovered & (found.label | (found.depth_m > image.depth_error))
-    assert wrong[image.valid].mean() <= 0.0005
-    assert found.label[image.valid].mean() < 0.0025  # faces of 384 px: 0.5 %
+    assert assert_right(image).label[image.valid].mean() < 0.0025  # faces of 384 px: 0.5 %
+
+
+def test_what_relief_makes_doubtful_is_captured_finer():
+    with source(scene="courtyard") as counted:
+        plain, image = (made(NARROW, counted, TRUTH, accuracy=aim) for aim in (None, "1%"))
+    assert plain.doubtful > 0.1
+    assert image.effort.stopped == "aim"
+    assert image.doubtful <= 0.01
+    assert_right(image, "courtyard")
+
+
+@pytest.mark.parametrize("camera", [create("equirectangular", 64, 32), RING], ids=["panorama", "ring"])
+def test_captures_end_where_the_source_stores_no_depth(camera):
+    """Half floats of centimetres end at 655 m; finer captures gain nothing of what is farther."""
+    grey = {"kind": "plain", "colors": [[0.5, 0.5, 0.5]]}
+    solids = [{"box": [200, 200, 900], "at": [900, 0, 0]}, {"box": [1, 1, 6], "at": [8, 3, 1]}]
+    towers = Scene("far", {"sky": [0, 0, 1], "objects": {"Tower": {"texture": grey, "solids": solids}}})
+    with mock_server.serve(towers) as server, omniscv.open_source(server.uri) as where:
+        image = made(camera, where, TRUTH, accuracy="0.3%")
+    assert image.effort.stopped == "doubt no longer falls"
+    assert image.doubtful > 0.003
+    assert image.effort.captures <= 100
 
 
 def test_colours_are_those_of_an_image_without_an_aim(one_percent):
@@ -139,9 +165,7 @@ def test_several_centres_are_captured_from_few_and_finer_only_at_edges():
     assert image.doubtful <= 0.03
     assert len(counted.places) <= 6
     assert image.seconds < 0.4
-    found = Errors(image, mock_server.load_scene("four-wall"))
-    wrong = found.uncovered & (found.label | (found.depth_m > image.depth_error))
-    assert wrong[image.valid].mean() <= 0.0005
+    assert_right(image)
 
 
 def test_centres_are_added_only_while_they_show_what_was_hidden():
@@ -151,13 +175,6 @@ def test_centres_are_added_only_while_they_show_what_was_hidden():
         image = made(ring, counted, TRUTH, accuracy="0.01%")
     assert image.effort.stopped
     assert len(counted.places) <= 12
-
-
-def test_a_ring_of_centres_becomes_finer_until_it_is_accurate():
-    with source() as counted:
-        image = made(RING, counted, TRUTH, accuracy="2%")
-    assert image.doubtful <= 0.02
-    assert image.effort.stopped == "aim"
 
 
 def test_no_view_is_narrower_than_an_engine_can_capture():
