@@ -179,10 +179,10 @@ def _patterns(
             down[c] = _exceeded(bend_down, above[c] - below[c], z, noise)
         turned = 0
         for c in range(1, width - 1):
-            turns[0, c] = x[c] * x[c - 1] < np.float32(0) and max(abs(x[c]), abs(x[c - 1])) > np.float32(1)
-            turns[1, c] = down[c] * last[c] < np.float32(0) and max(abs(down[c]), abs(last[c])) > np.float32(
-                1
-            )
+            clear_across = max(abs(x[c]), abs(x[c - 1])) > np.float32(1)
+            clear_down = max(abs(down[c]), abs(last[c])) > np.float32(1)
+            turns[0, c] = (x[c] * x[c - 1] < np.float32(0)) & clear_across
+            turns[1, c] = (down[c] * last[c] < np.float32(0)) & clear_down
             turned += turns[0, c] + turns[1, c]
         number[width] = 0
         for c in range(1, width - 1 if turned else 1):
