@@ -74,7 +74,12 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
 
 
 def planar_relief(capture: Capture) -> Floats | None:
-    """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none."""
+    """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none.
+
+    Depth that comes with a bound was resampled from a panorama: its steps are the pixels of that.
+    """
+    if capture.encoding == codecs.BOUNDED:
+        return None
     depth, focal = capture.pixels, capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
     alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)

@@ -17,7 +17,6 @@ from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.geometry.instant import turn_about_z
-from omniscv.geometry.surfaces import STEP
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
@@ -433,13 +432,16 @@ def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]
     Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
     +inf where a neighbour is on another surface, or whole numbers say that there is none.
     """
+    from omniscv.geometry.surfaces import STEP  # imports numba
+
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
         across = np.roll(inverse[[0, -1]], inverse.shape[1] // 2, 1)  # beyond the poles
         rows = np.concatenate([across[:1], inverse, across[1:]])
         neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
         change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
-        allowed = (STEP + 2 * step_m * inverse) * inverse
+        curved = 2 - 2 * np.cos(2 * np.pi / inverse.shape[1])  # of a plane, between pixels of a panorama
+        allowed = (STEP + curved + 2 * step_m * inverse) * inverse
         for before, after in neighbours:
             bend = np.abs(before - 2 * inverse + after)
             change += 0.5 * np.maximum(np.abs(before - inverse), np.abs(after - inverse)) + 0.25 * bend
