@@ -13,6 +13,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 from omniscv.arguments import within
+from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.writer import Writer
 from omniscv.errors import ArgumentError, OmniscvError, SourceError
@@ -27,7 +28,6 @@ from omniscv.make.watch import left_out
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
-from omniscv.truth.object_boxes import visible_ids
 from omniscv.truth.registry import Observation, Record, file_contents
 
 T = TypeVar("T")
@@ -160,14 +160,11 @@ class FrameMaker:
         """Return the objects that the world has left out of an image; SourceError if that is a failure."""
         image, options = observation.image, self._job.options
 
-        def look() -> set[str]:
+        def look() -> OmniImage:
             with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
-                again = renderer.render(image.camera, image.pose, ("object_mask",), options)
-            names = self._renderer.source.objects().names()
-            assert again.labels is not None
-            return {names[label - 1] for label in visible_ids(again.labels) - {0}}
+                return renderer.render(image.camera, image.pose, ("object_mask", "depth"), options)
 
-        names = left_out(observation, look)
+        names = left_out(observation, self._renderer.source.objects().names(), look)
         if names and self._job.recipe.watch == "fail":
             raise SourceError(f"watch: expected {', '.join(names)} in {observation.frame.key}, got none")
         return names

@@ -1,13 +1,13 @@
 """Find objects that a live world has left out of an image, as games do now and then.
 
 An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is seen
-before that part. It may be thin, or fill its box in part. So masks are captured again, and only an object
-that is seen then was left out.
+before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and only an
+object that is seen then, where nothing was before it at first, was left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -17,17 +17,21 @@ from omniscv.truth.object_boxes import surface_w, visible_ids
 from omniscv.truth.registry import Observation
 
 _TOUCHING = 0.01  # of its distance: by how much an object may be seen before its box
-_LOOKS = 2  # an object may be left out of the second captures, too
+_SAME = 1e-3  # of its distance: by how much depth may differ from capture to capture
+_LOOKS = 3  # an object may be left out of the second captures, too
 
 
-def left_out(seen: Observation, look: Callable[[], set[str]]) -> tuple[str, ...]:
+def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniImage]) -> tuple[str, ...]:
     """Return the names of objects that an image should show.
 
     Args:
         seen: an image with labels and depth, and the boxes of objects.
-        look: returns the names of the objects that new captures show.
+        names: of the labels 1, 2, 3, ... of the source.
+        look: returns the image of new captures, with labels of the source and depth.
     """
+    depth = seen.image.depth
     assert seen.labels is not None
+    assert depth is not None
     shown, found = visible_ids(seen.labels), set[str]()
     suspects = {
         name
@@ -36,7 +40,11 @@ def left_out(seen: Observation, look: Callable[[], set[str]]) -> tuple[str, ...]
     }
     for _ in range(_LOOKS):
         if suspects - found:
-            found |= suspects & look()
+            again = look()
+            assert again.labels is not None
+            assert again.depth is not None
+            clear = np.where(depth >= (1 - _SAME) * again.depth, again.labels, 0)
+            found |= suspects & {names[label - 1] for label in visible_ids(clear) - {0}}
     return tuple(sorted(found))
 
 
