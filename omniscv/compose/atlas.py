@@ -68,6 +68,7 @@ class Gutter:
         at = self._pixel + corners[self._neighbour]
         x, y = np.ascontiguousarray(at.reshape(-1, 2).T, dtype=np.float32)
         column, row = np.moveaxis(self._ring[None] + corners[:, None], -1, 0)
+        picture[row.ravel(), column.ravel()] = 0  # read with a weight of 0, which NaN would spoil
         picture[row.ravel(), column.ravel()] = sample_bilinear(picture, x, y)
         if self._bicubic:  # again: at the edge of a neighbour it needs the neighbour's gutter
             picture[row.ravel(), column.ravel()] = sample_bicubic(picture, x, y)
@@ -139,6 +140,7 @@ class Atlas:
                 f"{views[0].width} x {views[0].height} each"
             )
         self.shape = top, right
+        self._is_full = len(levels) == 1 and len(views) % columns == 0
 
     def picture(self, faces: Faces, used: Mask | None = None) -> Pixels:
         """Return the picture of (h, w) or (h, w, C) faces, one per view.
@@ -147,8 +149,10 @@ class Atlas:
         """
         if faces[0].shape[:2] == self.shape and len(self.levels) == 1:
             return faces[0]
-        # Beside tiles nothing is read, unless smaller levels stand beside larger ones.
-        make = np.empty if len(self.levels) == 1 else np.zeros
+        guttered = any(level.gutter for level in self.levels)  # from every neighbour
+        laid_out = range(self._count) if used is None or guttered else np.flatnonzero(used).tolist()
+        # Kernels read beside tiles, too.
+        make = np.empty if self._is_full and len(laid_out) == self._count else np.zeros
         picture = make((*self.shape, *faces[0].shape[2:]), faces[0].dtype)
 
         def lay_out(k: int) -> None:
@@ -160,10 +164,7 @@ class Atlas:
                 pixels = _halved(pixels)
                 level.tile(picture, k)[...] = pixels
 
-        guttered = any(level.gutter for level in self.levels)  # from every neighbour
-        side_by_side(
-            lay_out, range(self._count) if used is None or guttered else np.flatnonzero(used).tolist()
-        )
+        side_by_side(lay_out, laid_out)
         for level in self.levels:
             if level.gutter is not None:
                 level.gutter.fill(picture, level.corners)

@@ -173,6 +173,7 @@ NAMED = [
     ("color-cast=0.3", "agree", "colours that depend on the view", ""),
     ("roll=5", "agree six-wall", "depth, turned", ""),
     ("gloss=Layout_Floor", "agree", "colours that depend on the view", "Layout_Floor"),
+    ("vanishing@0.3", "agree", "objects where they should be", "is not shown"),
     ("glass=Sofa", "agree", "objects where they should be", "Sofa is not shown"),
     ("sky-dome=100", "agree open", "domes", "SkyDome at 100 m"),
     ("late-objects=7", "motion", "captures follow a move", "stale ticks: "),
@@ -245,7 +246,7 @@ def test_what_spoils_no_capture_is_not_named():
 
 
 def test_every_fault_of_the_mock_has_its_place():
-    named = {row[0].partition("=")[0] for row in (*NAMED, *REFUSED)}
+    named = {re.split("[=@]", row[0])[0] for row in (*NAMED, *REFUSED)}
     assert sorted([*named, *CONNECTION.split(), *HARMLESS_NAMES]) == sorted(KINDS)
 
 
