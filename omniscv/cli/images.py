@@ -23,7 +23,7 @@ _OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube m
     no_args_is_help=True,
     epilog="Example: omniscv render --source mock://four-wall --camera fisheye-equidistant "
     "--size 1024x1024 --set camera.fov_deg=185 --position 0,0,1.5 --modes lit,depth --out out/\n\n"
-    "Example: omniscv render job.yaml --modes lit --set face_size=512 --out draft/",
+    "Example: omniscv render job.yaml --modes lit --set camera.width=512 --out draft/",
 )
 @with_job(IMAGES)
 def render(
@@ -102,7 +102,7 @@ RECORD = {
 @app.command(
     no_args_is_help=True,
     epilog="Example: omniscv record --source mock://four-wall --position 0,0,1.5 --position 1,0,1.5 "
-    "--set face_size=256 --modes lit,mask,depth --out room.sqlite",
+    "--modes lit,mask,depth --out room.sqlite",
 )
 @with_job(RECORD)
 def record(

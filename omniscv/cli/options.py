@@ -32,7 +32,7 @@ _PATHS = ("source", "out", "record")
 _CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
 SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
 _SET_HELP = (
-    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as face_size=512, camera.fov_deg=185, "
+    "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as strategy=exact, camera.fov_deg=185, "
     "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
 )
 
@@ -68,7 +68,7 @@ def numbers(option: str, text: str, example: str = "0,0,1.5") -> tuple[float, ..
     return values
 
 
-def setting(text: str, example: str = "face_size=512 or camera.fov_deg=185") -> tuple[str, Any]:
+def setting(text: str, example: str = "strategy=exact or camera.fov_deg=185") -> tuple[str, Any]:
     """Return ``--set KEY=VALUE`` as a dotted key and YAML's value.
 
     ``camera.`` and ``pose.`` at the start stand for every camera and every pose.

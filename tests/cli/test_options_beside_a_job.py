@@ -70,7 +70,7 @@ def test_an_option_overrides_its_key(options, field, value, job, capsys):
     [
         (
             "face_size",
-            "--set: expected KEY=VALUE such as face_size=512 or camera.fov_deg=185, got 'face_size'",
+            "--set: expected KEY=VALUE such as strategy=exact or camera.fov_deg=185, got 'face_size'",
         ),
         ("a..b=1", "--set: expected KEY=VALUE"),
         ("modes=[lit", "--set modes: line 2: expected YAML"),

@@ -129,6 +129,7 @@ def test_a_recording_gives_the_same_bits_and_says_what_it_lacks(tmp_path):
         online = examined(source, face_size=64)
     assert online.provenance["light"]["objects"].keys() == {"translucent", "view_dependent"}
     assert objects(online)["view_dependent"] == {"Layout_Floor"}
+    assert "strategy exact" in online.provenance["light"]["objects"]["view_dependent"]["Layout_Floor"][0]
     with RecordedSource(tmp_path / "checked.sqlite") as source:
         offline = examined(source)
     np.testing.assert_array_equal(online["light"], offline["light"])
