@@ -109,10 +109,13 @@ class Hits(np.recarray[Any, Any]):
         return self[rows].view(Hits)
 
     def known_depth(self) -> KnownDepth:
-        """Return the depth of the rays' pixels; a short hidden part of the way adds to its error."""
+        """Return the depth of the rays' pixels; a short hidden part of the way adds to its error.
+
+        Rays that end nowhere are hidden from +inf to -inf, and unsure.
+        """
         with np.errstate(invalid="ignore"):
             may_be_nearer = np.where(self.sure, 0.0, self.reach - self.hidden_from)
-            long = ~(self.hidden_to - self.hidden_from <= _SHORT * self.reach)
+            long = ~(np.abs(self.hidden_to - self.hidden_from) <= _SHORT * self.reach)
         return KnownDepth(
             self.reach.astype(np.float32),
             np.fmax(self.error, may_be_nearer).astype(np.float32),

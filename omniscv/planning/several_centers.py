@@ -211,7 +211,7 @@ class SeveralCenters(Refinement):
         hits = search.hits.of(rows)
         deep, parts = self._doubtful(hits), []
         beside = deep & (hits.beside_from <= hits.beside_to)
-        helped = ~hits.known_depth().unsure
+        helped = ~hits.known_depth().unsure | (hits.hidden_from > hits.hidden_to)  # finer depth shows an end
         for chosen, reach in (
             (helped & ~beside, hits.reach),
             (helped & beside, hits.beside_from),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from support.judged import Errors
 
 import mock_server
@@ -175,6 +176,19 @@ def test_centres_are_added_only_while_they_show_what_was_hidden():
         image = made(ring, counted, TRUTH, accuracy="0.01%")
     assert image.effort.stopped
     assert len(counted.places) <= 12
+
+
+def test_rays_that_no_centre_sees_to_their_end_are_unsure_in_colours_alone():
+    """Behind a lamp and a ball, areas of a wrong colour were in no layer; errors of a pixel are edges."""
+    pose = Pose.from_angles((-0.9, -0.5, 1.4), yaw_deg=25.0)
+    camera = create("noncentral-panorama", width=384, height=192, radius=0.6)
+    with source() as rooms:
+        image = omniscv.render(camera, pose, rooms, ("lit",))
+    color = traced(mock_server.load_scene("four-wall"), camera, pose).color
+    wrong = (np.abs(image.lit - 255 * color) > 30).any(axis=-1)
+    areas = ndimage.binary_erosion(wrong, np.ones((3, 3)))
+    assert not np.count_nonzero(areas & ~image.unsure)
+    assert image.unsure.mean() < 0.01
 
 
 def test_no_view_is_narrower_than_an_engine_can_capture():
