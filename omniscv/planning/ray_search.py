@@ -124,6 +124,23 @@ class Search:
         self.shell_of[rows] = -1
         self._march(rows, 0)
 
+    def corrected(self, rows: Ints, number: int) -> Ints:
+        """March rays again through the centre that serves them, where depth is finer now.
+
+        Relief finer than a capture's pixels makes its depth wrong without a sign of it.
+
+        Returns:
+            Of the rays that meet something else in finer depth, or an edge: their hits are replaced.
+        """
+        before, after = self.hits.of(rows), self._through(number, rows)
+        with np.errstate(invalid="ignore"):
+            off = np.abs(after.reach - before.reach)
+            bounded = (off < np.inf) & (after.error < np.inf) & (off <= before.error + after.error)
+        wrong = ~bounded & ~(np.isposinf(before.reach) & np.isposinf(after.reach))
+        self.hits[rows[wrong]] = after[wrong]
+        self.shell_of[rows[wrong & np.isnan(after.reach)]] = -1
+        return rows[wrong]
+
     def hidden_origins(self, most: int, worth: float) -> list[Array]:
         """Return origins, (3,) world frame, metres, around which most rays are not certified.
 
@@ -155,9 +172,13 @@ class Search:
             rows = lost[self.shell_of[lost] == number]
             self.hits.reach[rows] = distances(self.shells[number], self.directions_w[rows])[1]
 
-    def _march_through(self, number: int, rows: Ints) -> None:
+    def _through(self, number: int, rows: Ints) -> Hits:
         hits = march(self.shells[number], self.origins_w[rows], self.directions_w[rows])
         hits.distrust(~(hits.direction_error <= tuned.MOST_ERROR_PX * self._steps[rows]))
+        return hits
+
+    def _march_through(self, number: int, rows: Ints) -> None:
+        hits = self._through(number, rows)
         known = self.hits.of(rows)
         known.join(hits)
         # A guess is better than none, and the nearer centre's is better than a farther one's.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from omniscv.planning.refinement import (
 )
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
-from omniscv.sources.base import View
+from omniscv.sources.base import Capture, View
 
 _NONE = np.zeros(0, np.int64)
 
@@ -46,6 +46,8 @@ class SeveralCenters(Refinement):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self._search: Search
+        self._shown_finer: Mask  # rays that finer depth shows
+        self._was_wrong: Mask  # those that coarser depth was wrong about
         self._occluded: Mask | None = None
         self._focal_px = float(self.focal_px[0])  # of coarse views
         self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
@@ -62,6 +64,7 @@ class SeveralCenters(Refinement):
             return
         around = (yield from capture_around(self.task, groups)) if len(groups) > 1 else None
         self._search = search = Search(self.task, groups)
+        self._shown_finer, self._was_wrong = np.zeros((2, len(search.pixels)), np.bool_)
         if not (yield from self._march(groups)):
             return
         if len(groups) == 1:  # captured at the camera's position
@@ -203,7 +206,12 @@ class SeveralCenters(Refinement):
     def _viewpoint(self, rows: Ints, view: View | None = None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves, with a patch or with coarse views."""
         occluded = None if self._occluded is None else self._occluded[rows]
-        return self._search.viewpoint(rows, None if view is None else (view,), occluded)
+        viewpoint = self._search.viewpoint(rows, None if view is None else (view,), occluded)
+        known = viewpoint.known_depth
+        if view is None and known is not None:  # masks coarser than depth may be wrong without a sign
+            doubtful = self._shown_finer[rows] & self._doubtful(self._search.hits.of(rows))
+            known = replace(known, grazes=known.grazes | self._was_wrong[rows] | doubtful)
+        return replace(viewpoint, known_depth=known)
 
     def doubts(self, pixels: Ints) -> list[Doubt]:
         search = self._search
@@ -245,11 +253,18 @@ class SeveralCenters(Refinement):
         return np.searchsorted(self._search.pixels, pixels)
 
     def capture(self, choice: Choice) -> _Sent:
-        rows, kept = yield from self._capture_depth(choice)
+        rows, wrong, kept = yield from self._capture_depth(choice)
+        if len(wrong):  # until finer masks are captured
+            search = self._search
+            known = replace(search.hits.of(wrong).known_depth(), unsure=np.ones(len(wrong), np.bool_))
+            pixels = search.pixels[wrong]
+            yield Round((Viewpoint(search.centers_w[0], (), pixels, modes=(), known_depth=known),))
+            rows = np.union1d(rows, wrong)
         return (yield from self._serve(rows, tuned.MASKS_READY * choice.rate, kept, again=True))
 
-    def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Kept]]:
-        """Yield depth in patches, march their rays again, and return these."""
+    def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Ints, Kept]]:
+        """Yield depth in patches and march rays again; return those of the patches, and those that coarser
+        depth was wrong about."""
         views: dict[int, list[View]] = defaultdict(list)
         for each in choice.patches:
             views[each.center].append(each.view)
@@ -265,6 +280,22 @@ class SeveralCenters(Refinement):
             self._finer[number] += [capture.view for capture in captures]
             self._finer[number].sort(key=lambda view: -view.focal_px)
         rows = self._rows_of(np.unique(np.concatenate([each.pixels for each in choice.patches])))
-        self._search.march_again(rows, finer)
-        self._search.adopt_lost()
-        return rows, kept
+        return rows, self._march_again(rows, finer), kept
+
+    def _march_again(self, doubted: Ints, finer: Mapping[int, Sequence[Capture]]) -> Ints:
+        """March doubted rays again through finer depth; return others that coarser depth was wrong about."""
+        search = self._search
+        wrong: list[Ints] = [_NONE]
+        search.march_again(doubted, finer)
+        self._shown_finer[doubted] = True
+        for number, captures in finer.items():
+            mine = np.flatnonzero((search.shell_of == number) & ~self._doubtful(search.hits))
+            mine = np.setdiff1d(mine, doubted, assume_unique=True)
+            views = [capture.view for capture in captures]
+            shown = mine[first_view(search.toward_w(mine), views, FACE_BORDER_PX) >= 0]
+            self._shown_finer[shown] = True
+            wrong.append(search.corrected(shown, number))
+        search.adopt_lost()
+        rows = np.concatenate(wrong)
+        self._was_wrong[rows] = True
+        return rows
