@@ -156,7 +156,8 @@ def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
 def _pictures(capture: Capture) -> Floats:
     """Return (3, h, w) a view's pictures, as :class:`DepthShell` has them."""
     face, relief = capture.pixels, planar_relief(capture)
-    least = cv2.erode(face, np.ones((3, 3), np.uint8))
+    # Beyond its border a picture goes on: OpenCV's own border is a finite depth, in the sky the nearest.
+    least = cv2.erode(face, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
     return np.stack([face, np.where(beside, least, face), np.zeros_like(face) if relief is None else relief])
 
