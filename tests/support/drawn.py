@@ -18,6 +18,9 @@ def drawn_camera(name, rng, most_px=256):
     """A camera of a model, its parameters drawn over what is built and sold."""
     sizes = rng.integers(int(_LEAST * most_px), most_px, 2, endpoint=True)
     width, height = map(int, sizes)
+    if name == "lidar":  # a channel a row
+        elevations = np.linspace(1, -1, height) * rng.uniform(10, 60)
+        return cameras.create(name, width=width, table={"elevation_deg": elevations.tolist()})
     return cameras.create(name, width=width, height=height, **_parameters(name, rng, width))
 
 
