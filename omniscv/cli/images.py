@@ -179,7 +179,7 @@ def plan(
     rows = [
         (
             cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}",
-            f"{100 * cost.marked:.2g}",
+            f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown",
         )
         for cost in found
     ]  # fmt: skip
