@@ -104,6 +104,11 @@ class Composition:
             layers["unseen"] = task.rays.valid & ~valid
         _mark_beyond_reach(layers, valid)
         if "depth" in layers and "depth_error" in layers:
+            if not task.rays.camera.central:  # a bound that reaches 0: the ray may begin behind the surface
+                error = layers["depth_error"]
+                layers["unsure"] = layers["unsure"] | (
+                    np.isfinite(error) & (error >= layers["depth"]) & valid
+                )
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,

@@ -57,6 +57,19 @@ def test_what_the_shared_centre_does_not_see_is_marked(case):
     assert not wrongly_hidden.any()
 
 
+def test_a_ray_that_may_begin_behind_the_surface_is_unsure():
+    """A column whose centre lies 0.1 mm beyond the ceiling, which half floats do not tell."""
+    camera = create("noncentral-panorama", width=159, height=151, radius=0.8848034526754156)
+    pose = Pose.from_angles(
+        (3.5699475547949464, -1.9086233142483346, 1.9513983729138498),
+        67.3273578197774, -51.66423899981052, -66.56996205040052,
+    )  # fmt: skip
+    with omniscv.open_source("mock://six-wall") as source:
+        image = omniscv.render(camera, pose, source, MODES, strategy="cube", viewpoints=9)
+    uncovered = Errors(image, mock_server.load_scene("six-wall")).uncovered
+    assert uncovered.sum() <= UNMARKED * image.valid.sum()
+
+
 def drawn_near_a_wall(seed):
     """A camera whose centres reach up to 0.6 m from its position, 0.1 to 0.5 m from a wall or a corner."""
     rng = np.random.default_rng(seed)
