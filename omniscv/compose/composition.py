@@ -104,11 +104,6 @@ class Composition:
             layers["unseen"] = task.rays.valid & ~valid
         _mark_beyond_reach(layers, valid)
         if "depth" in layers and "depth_error" in layers:
-            if not task.rays.camera.central:  # a bound that reaches 0: the ray may begin behind the surface
-                error = layers["depth_error"]
-                layers["unsure"] = layers["unsure"] | (
-                    np.isfinite(error) & (error >= layers["depth"]) & valid
-                )
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
         return OmniImage(
             camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
@@ -164,7 +159,8 @@ class Composition:
         if viewpoint.unsure is not None:
             self._canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
         if known is not None:
-            layers = {"depth": known.distance, "depth_error": known.error, "unsure": known.unsure}
+            unsure = known.unsure | _may_begin_behind(known.distance, known.error)
+            layers = {"depth": known.distance, "depth_error": known.error, "unsure": unsure}
             for layer, values in layers.items():
                 self._canvas.put_part(layer, viewpoint.pixels, values)
             if offsets_w is not None:  # known depth starts at the rays' origins
@@ -192,7 +188,8 @@ class Composition:
             rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
-            self._canvas.put_part("unsure", viewpoint.pixels, seen.unsure)
+            behind = _may_begin_behind(depth.distance, depth.error)
+            self._canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
         errors = [codecs.error_of(capture) for capture in captures]
         if any(error is not None for error in errors):
             known = [np.zeros_like(faces[0]) if error is None else error for error in errors]
@@ -398,6 +395,11 @@ def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
     for first in range(0, len(directions), _ROWS):
         turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
     return turned
+
+
+def _may_begin_behind(distance: Floats, error: Floats) -> Mask:
+    """Return which rays from beside a shared centre may begin behind a surface: their bound reaches 0 m."""
+    return np.isfinite(error) & (error >= distance)
 
 
 def _mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
