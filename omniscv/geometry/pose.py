@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from omniscv.arguments import numbers, shown
 from omniscv.errors import ArgumentError
 from omniscv.geometry import unreal_frame
+from omniscv.parallel import MIN_PARALLEL_ELEMENTS, row_blocks
 from omniscv.records import checked, record
 
 Array = NDArray[np.float64]
@@ -182,11 +183,11 @@ class Pose:
 
     def to_world(self, points_c: ArrayLike) -> Array:
         """Transform points (..., 3), metres, from the camera frame to the world frame."""
-        return np.asarray(points_c, dtype=np.float64) @ self.rotation.T + self.position
+        return rotated(np.asarray(points_c, dtype=np.float64), self.rotation) + self.position
 
     def to_camera(self, points_w: ArrayLike) -> Array:
         """Transform points (..., 3), metres, from the world frame to the camera frame."""
-        return np.asarray((np.asarray(points_w, dtype=np.float64) - self.position) @ self.rotation)
+        return rotated(np.asarray(points_w, dtype=np.float64) - self.position, self.rotation.T)
 
     def __matmul__(self, other: Pose) -> Pose:
         """Compose poses: ``T_w_c @ T_c_d = T_w_d``."""
@@ -200,6 +201,19 @@ class Pose:
     def from_dict(cls, data: dict[str, Any]) -> Pose:
         """Return the pose that :meth:`to_dict` described; other keys are ignored."""
         return cls(data["position"], data["rotation"])
+
+
+def rotated(vectors: Array, R_b_a: Array) -> Array:
+    """Return vectors (..., 3) of frame a in frame b.
+
+    Large arrays go in blocks, too small for BLAS's own threads: these would take the cores from ours.
+    """
+    if vectors.size < MIN_PARALLEL_ELEMENTS:
+        return np.asarray(vectors @ R_b_a.T)
+    rows, result = vectors.reshape(-1, 3), np.empty(vectors.shape)
+    turned = result.reshape(-1, 3)
+    row_blocks(lambda block: np.matmul(rows[block], R_b_a.T, out=turned[block]), len(rows), 1)
+    return result
 
 
 @cache

@@ -291,7 +291,7 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + (last_step + step), np.pi)
                 at, gap = _refined(shell, arc, behind, before)
-                if abs(gap) <= _ON_SURFACE * h / np.sin(at):
+                if abs(gap) <= _ON_SURFACE:
                     met_at = at
                     passed = min(passed, _noted(arc, hit, at, _passed_beside(shell, arc, at, ahead)))
                     break
@@ -426,21 +426,29 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
-    """Return the angle between two where g changes its sign, by secants and bisection, and g there."""
-    middle, gap, gap_behind, gap_before = behind, np.inf, np.inf, -np.inf
+    """Return the angle between two where g changes its sign, and g there relative to the reach.
+
+    Secants of inverse distances, which are those of a plane and a ray almost linear in the angle; where one
+    fails, bisection.
+    """
+    middle, gap, gap_behind, gap_before, seen = behind, np.inf, np.inf, -np.inf, 0.0
     for n in range(_REFINEMENTS):
-        secant = (behind * gap_before - before * gap_behind) / (gap_before - gap_behind)
-        known = n % 3 > 0 and behind < secant < before  # NaN while an end is not known
-        middle = secant if known else 0.5 * (behind + before)
+        if np.isinf(gap_behind) or np.isinf(gap_before):
+            guess = np.arcsin(min(1.0, arc.h * seen))  # as far from the centre as the surface last seen
+            guess = guess if middle <= 0.5 * np.pi else np.pi - guess
+        else:
+            guess = (behind * gap_before - before * gap_behind) / (gap_before - gap_behind)
+        known = n % 3 > 0 and behind < guess < before
+        middle = guess if known else 0.5 * (behind + before)
         k, u, v, along = look_up(shell, _toward(arc, middle))
         if k < 0:
             return middle, np.inf
-        away = arc.h / np.sin(middle)
-        gap = away - planar_depth(shell, k, u, v) / along
-        if abs(gap) <= _MET * away:
+        nearness, seen = np.sin(middle) / arc.h, surface_at(shell, k, u, v).inverse * along
+        gap = seen - nearness
+        if abs(gap) <= _MET * nearness:
             break
         if gap > 0:
             behind, gap_behind = middle, gap
         else:
             before, gap_before = middle, gap
-    return middle, gap
+    return middle, gap * arc.h / np.sin(middle)

@@ -18,6 +18,7 @@ from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
+from omniscv.geometry.pose import rotated
 from omniscv.planning import tuned
 from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
@@ -289,7 +290,7 @@ class Task:
 
     def directions_w(self, pixels: Ints) -> Array:
         """Return (N, 3) the unit rays of pixels, world frame."""
-        return RayGroup(np.zeros(3), pixels, self.rays).directions @ self.pose.R_w_c.T
+        return rotated(RayGroup(np.zeros(3), pixels, self.rays).directions, self.pose.R_w_c)
 
 
 class Strategy(ABC):
