@@ -428,8 +428,8 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
     """Return the angle between two where g changes its sign, and g there relative to the reach.
 
-    Secants of inverse distances, which are those of a plane and a ray almost linear in the angle; where one
-    fails, bisection.
+    The secant is that of inverse distances: of a plane they are almost linear in the angle. Where it fails,
+    the bracket is bisected.
     """
     middle, gap, gap_behind, gap_before, seen = behind, np.inf, np.inf, -np.inf, 0.0
     for n in range(_REFINEMENTS):
