@@ -13,7 +13,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
-from typing import NoReturn, Self, TypeVar
+from operator import attrgetter
+from typing import Any, NoReturn, Self, TypeVar, cast
 
 from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
@@ -30,6 +31,7 @@ from omniscv.sources.requests import View as View
 from omniscv.sources.world import SharedExposure, World
 
 S = TypeVar("S", bound="Source")
+F = TypeVar("F", bound=Callable[..., Any])
 
 _LONGEST_PART = 150  # characters of a part of a scene's identity
 
@@ -291,6 +293,17 @@ class Source(ABC):
         self.close()
 
 
+def _forwarded(method: F) -> F:
+    """Return a method of a wrapper that calls the wrapped source's."""
+    name = method.__name__
+    return cast(F, lambda wrapper, *args, **options: getattr(wrapper._source, name)(*args, **options))
+
+
+def _attribute(name: str) -> Any:
+    """Return a property of a wrapper: the wrapped source's."""
+    return property(attrgetter(f"_source.{name}"))
+
+
 class SourceWrapper(Source):
     """A source around another one, which is closed with it; subclasses override what they change.
 
@@ -301,36 +314,24 @@ class SourceWrapper(Source):
     def __init__(self, source: Source) -> None:
         self._source = source
 
-    @property
-    def capabilities(self) -> Capabilities:
-        return self._source.capabilities
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        return self._source.capture(requests)
-
-    def objects(self) -> ObjectTable:
-        return self._source.objects()
-
-    def cover(self, view: View) -> tuple[View, ...]:
-        return self._source.cover(view)
-
-    def recorded_views(self) -> tuple[View, ...] | None:
-        return self._source.recorded_views()
-
-    def recorded_in(self, mode: str) -> tuple[View, ...]:
-        return self._source.recorded_in(mode)
-
-    def geometry(self) -> SceneGeometry:
-        return self._source.geometry()
-
-    def object_poses(self) -> Mapping[str, Pose]:
-        return self._source.object_poses()
-
-    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        return self._source.variable(kind)
-
-    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
-        return self._source.rest_poses(objects)
+    capabilities = _attribute("capabilities")
+    scene_identity = _attribute("scene_identity")
+    state = _attribute("state")
+    instant = _attribute("instant")
+    world = _attribute("world")
+    capture = _forwarded(Source.capture)
+    objects = _forwarded(Source.objects)
+    geometry = _forwarded(Source.geometry)
+    cover = _forwarded(Source.cover)
+    variable = _forwarded(Source.variable)
+    object_poses = _forwarded(Source.object_poses)
+    rest_poses = _forwarded(Source.rest_poses)
+    recorded_views = _forwarded(Source.recorded_views)
+    recorded_in = _forwarded(Source.recorded_in)
+    command = _forwarded(Source.command)
+    one_instant = _forwarded(Source.one_instant)
+    share_exposure = _forwarded(Source.share_exposure)
+    close = _forwarded(Source.close)
 
     def around(self, source: Source) -> Source:
         """Return a source of the same world, wrapped as this one's is; as it is, if not overridden."""
@@ -339,36 +340,8 @@ class SourceWrapper(Source):
     def without(self, objects: Iterable[str]) -> Source:
         return self.around(self._source.without(objects))
 
-    @property
-    def state(self) -> str:
-        return self._source.state
-
-    @property
-    def instant(self) -> Instant:
-        return self._source.instant
-
-    def one_instant(self) -> AbstractContextManager[None]:
-        return self._source.one_instant()
-
     def at(self, instant: Instant) -> Source:
         return self.around(self._source.at(instant))
-
-    def command(self, text: str) -> str:
-        return self._source.command(text)
-
-    @property
-    def world(self) -> World:
-        return self._source.world
-
-    @property
-    def scene_identity(self) -> SceneIdentity:
-        return self._source.scene_identity
-
-    def share_exposure(self, shared: SharedExposure) -> None:
-        self._source.share_exposure(shared)
-
-    def close(self) -> None:
-        self._source.close()
 
 
 class SourceView(SourceWrapper):

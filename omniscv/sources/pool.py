@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import fields
@@ -16,9 +16,7 @@ from typing import Any, NoReturn, TypeVar
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
-from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
     Capabilities,
     Capture,
@@ -26,6 +24,7 @@ from omniscv.sources.base import (
     Request,
     SceneIdentity,
     Source,
+    SourceWrapper,
     View,
     closed_error,
     not_picklable,
@@ -41,7 +40,7 @@ _BATCHES_AHEAD = 2  # per replica: captured ahead of those that are used
 _log = logging.getLogger("omniscv")
 
 
-class SourcePool(Source):
+class SourcePool(SourceWrapper):
     """Captures from one or more replicas of one scene, such as copies of one game; they are closed with it.
 
     A replica that fails is not used again: the others capture its requests, and a warning is logged. All have
@@ -63,6 +62,8 @@ class SourcePool(Source):
         self._lock, self._closed = threading.Lock(), False
         self.share_exposure(exposure or SharedExposure())
 
+    recorded_in, one_instant, world = Source.recorded_in, Source.one_instant, Source.world  # of all replicas
+
     @property
     def capabilities(self) -> Capabilities:
         return self._capabilities
@@ -75,40 +76,14 @@ class SourcePool(Source):
         self._check_working()
         return self._objects
 
-    def cover(self, view: View) -> tuple[View, ...]:
-        return self._sources[0].cover(view)
-
     def recorded_views(self) -> tuple[View, ...] | None:
         """The views that every replica can replay; None where one of them is live."""
         return self._recorded_views
-
-    def geometry(self) -> SceneGeometry:
-        """What the first working replica knows."""
-        self._check_working()
-        return self._working[0].geometry()
-
-    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        return self._first.variable(kind)
-
-    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
-        return self._first.rest_poses(objects)
-
-    def object_poses(self) -> Mapping[str, Pose]:
-        return self._first.object_poses()
 
     def without(self, objects: Iterable[str]) -> Source:
         """A pool of the working replicas, each without the objects."""
         names = list(objects)
         return self._pool_of(lambda replica: replica.without(names))
-
-    @property
-    def instant(self) -> Instant:
-        """What the first working replica knows."""
-        return self._first.instant
-
-    @property
-    def state(self) -> str:
-        return self._first.state
 
     def at(self, instant: Instant) -> Source:
         """A pool of the working replicas, each at the instant.
@@ -208,7 +183,8 @@ class SourcePool(Source):
         return tuple(view for view in views[0] or () if view in common)
 
     @property
-    def _first(self) -> Source:
+    def _source(self) -> Source:  # type: ignore[override]
+        """The replica that says what all know, such as the boxes of objects."""
         return (self._working or self._sources)[0]
 
     def _pool_of(self, change: Callable[[Source], Source]) -> SourcePool:

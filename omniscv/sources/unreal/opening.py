@@ -96,7 +96,7 @@ class MockSource(HostedSource):
     @property
     def capabilities(self) -> Capabilities:
         """Those of the server; the world moves where its scene has objects that do."""
-        known = super().capabilities
+        known: Capabilities = super().capabilities
         return replace(known, moves=True) if self._scene.moving else known
 
     def geometry(self) -> SceneGeometry:
