@@ -1,36 +1,98 @@
-"""Convert a view's ray hits to the pixels of each mode, and to the plugin's bytes: PNG, BMP, NPY and EXR."""
+"""Traced views of a scene, their pixels in each mode, and the plugin's bytes: PNG, BMP, NPY and EXR."""
 
 import struct
 import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_server.scene import Hits, Scene
+
+Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
+Projection = tuple[float, float, float, float]
 
 LARGEST_HALF = 65504.0
 """The largest half float: depth saturates there, also the sky's."""
 
 
-def normals(normal: NDArray[np.float64]) -> Bytes:
+@dataclass(frozen=True, eq=False)
+class ViewHits(Hits):
+    """A perspective view (H, W) in every mode; ``depth`` is planar, float64, metres, +inf for the sky."""
+
+    depth: Array
+
+    @cached_property
+    def codes(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8, ``round(255 c)`` of the colours; computed when first used."""
+        return np.round(255 * np.clip(self.paint(), 0, 1)).astype(np.uint8)
+
+
+def pinhole_rays(
+    R_w_c: Array,
+    fov_deg: float,
+    size: tuple[int, int],
+    *,
+    rows: slice = slice(None),
+    projection: Projection | None = None,
+) -> tuple[Array, Array]:
+    """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
+
+    They are of a view of ``size`` (width, height), or of some ``rows`` of it. ``projection`` is fx, fy, cx,
+    cy in px; None for square pixels around the middle.
+    """
+    width, height = size
+    focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
+    fx, fy, cx, cy = projection or (focal, focal, width / 2, height / 2)
+    x = (np.arange(width) + 0.5 - cx) / fx
+    y = ((np.arange(height) + 0.5 - cy) / fy)[rows]
+    length = np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)
+    rays = np.empty((*length.shape, 3))
+    for axis, (right, below, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
+        rays[..., axis] = (x * right + (y * below)[:, None] + ahead) / length
+    return rays, length
+
+
+def trace_view(
+    scene: Scene,
+    center: Array,
+    rays: Array,
+    length: Array,
+    hidden: Iterable[str] = frozenset(),
+    near_m: float = 0.0,
+) -> ViewHits:
+    """Trace the rays of :func:`pinhole_rays` from an optical centre (3,), metres.
+
+    Objects that are ``hidden`` are left out; surfaces are seen from a planar depth of ``near_m``.
+    """
+    skipped = near_m * length
+    hits = scene.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
+    distance = hits.distance + skipped
+    return ViewHits(hits.label, distance, hits.normal, hits.paint, distance / length)
+
+
+def normals(normal: Array) -> Bytes:
     """Return (H, W, 3) ``0.5 n + 0.5`` of the normals in Unreal's world axes; middle grey for the sky."""
     return np.round(255 * (0.5 + 0.5 * normal * (1, -1, 1))).astype(np.uint8)
 
 
-def gray_depth(depth: NDArray[np.float64]) -> Bytes:
+def gray_depth(depth: Array) -> Bytes:
     """Return (H, W, 3) grey levels as the depth view mode shows planar depth (metres): 100 m is white."""
     return _gray(np.minimum(100 * depth / 10_000.0, 1.0))
 
 
-def rescaled(distance: NDArray[np.float64]) -> Bytes:
+def rescaled(distance: Array) -> Bytes:
     """Return (H, W, 3) grey levels of distances, white at the image's largest: for display only."""
     limited = np.minimum(distance, LARGEST_HALF)
     return _gray(limited / limited.max())
 
 
-def stored(depth: NDArray[np.float64], half: bool) -> NDArray[np.float32]:
+def stored(depth: Array, half: bool) -> NDArray[np.float32]:
     """Return depth as in the engine's buffers: float32; with ``half``, rounded to half floats."""
     limited = np.minimum(depth, LARGEST_HALF)
     return (limited.astype(np.float16) if half else limited).astype(np.float32)
@@ -80,5 +142,5 @@ def exr(rgb: NDArray[np.float32]) -> bytes:
         return path.read_bytes()
 
 
-def _gray(share: NDArray[np.float64]) -> Bytes:
+def _gray(share: Array) -> Bytes:
     return np.repeat(np.round(255 * share).astype(np.uint8)[..., None], 3, axis=2)

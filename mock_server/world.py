@@ -19,7 +19,7 @@ from mock_server.cine import Cine
 from mock_server.faults import Faults
 from mock_server.flaws import Film, mixed
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
-from mock_server.render import ViewHits, pinhole_rays, trace_view
+from mock_server.pixels import ViewHits, pinhole_rays, trace_view
 from mock_server.scene import LATEST_S, Scene
 from mock_server.settings import Settings
 

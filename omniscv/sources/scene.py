@@ -182,7 +182,7 @@ class SceneSource(Source):
 
     def _trace(self, view: View, *, colored: bool) -> dict[str, NDArray[Any]]:
         """Return all modes (H, W, ...), colours only if ``colored``."""
-        from mock_server.render import pinhole_rays
+        from mock_server.pixels import pinhole_rays
 
         def block(rows: slice) -> dict[str, NDArray[Any]]:
             rays, lengths = pinhole_rays(

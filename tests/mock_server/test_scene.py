@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import mock_server
 from mock_server import solids
-from mock_server.render import pinhole_rays, trace_view
+from mock_server.pixels import pinhole_rays, trace_view
 from mock_server.scene import Scene
 
 ROOMS = ("four-wall", "six-wall")
