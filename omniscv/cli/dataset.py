@@ -23,7 +23,7 @@ Settings = Annotated[
     Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100."),
 ]
 Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")]
-_CLUSTER_HELP = "Workers of Dask: local:N processes here, slurm:FILE.yaml, or a scheduler's address."
+_CLUSTER_HELP = "Workers of Dask: local:N processes here, or a scheduler's address."
 
 
 @app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")

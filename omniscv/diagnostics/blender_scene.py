@@ -5,7 +5,6 @@ import time
 import numpy as np
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import Request, View
@@ -13,17 +12,15 @@ from omniscv.sources.blender.process import TIMEOUT_S
 from omniscv.sources.blender.source import BlenderSource, open_process
 
 _EDGE_PX, _FOV_DEG = 128, 90.0
-_TURN_DEG, _DOWN_DEG = 22.5, -20.0
 _BLACK = 1 / 255
 _ELSEWHERE = "give --position where more is visible"
 _PACK = "put them there, or pack them into the file"
-_REPORT = "do not record: report this"
 
 
 def examine_blender(
     address: str, position: Array | None = None, timeout_s: float = TIMEOUT_S, patience_s: float | None = None
 ) -> list[Finding]:
-    """Examine a scene by some twenty small pictures.
+    """Examine a scene by some ten small pictures.
 
     Args:
         address: ``blender://SCENE.blend``, with its options.
@@ -55,7 +52,6 @@ def examine_blender(
             Finding.unless(bool(lit), "light", lights, "warning", "add a world or lamps, or all is black"),
             Finding.unless(bool(objects), "objects", str(objects), "warning", "nothing is rendered"),
             *_colors(source, center),
-            *_depth(source, center),
         ]
 
 
@@ -75,30 +71,4 @@ def _colors(source: BlenderSource, center: Array) -> list[Finding]:
         Finding.unless(mean > _BLACK, "brightness", f"{mean:.3f} of 1 at the mean", "warning", _ELSEWHERE),
         Finding.unless(same, "same again", equality, "bad", "render on the CPU, without denoiser"),
         Finding("time", f"{seconds:.3f} s for the colours of {_EDGE_PX} x {_EDGE_PX} px"),
-    ]
-
-
-def _depth(source: BlenderSource, center: Array) -> list[Finding]:
-    """Measure the field of view of depth, and whether it is planar, by turning the camera."""
-    yaws = np.arange(0, 360, 90.0)  # downwards: a level turn over a floor would align with any field of view
-    poses = [
-        Pose.from_angles(center, yaw_deg=yaw, pitch_deg=_DOWN_DEG) for yaw in (*yaws, *(yaws + _TURN_DEG))
-    ]
-    views = [View(pose, _FOV_DEG, _EDGE_PX, _EDGE_PX) for pose in poses]
-    pictures = [
-        Picture(capture.pixels, capture.view.pose)
-        for capture in source.capture(Request(view, "depth") for view in views)
-    ]
-    pairs = list(zip(pictures[:4], pictures[4:], strict=True))
-    fov_deg = fitted_fov(pairs, _FOV_DEG, "planar")
-    if fov_deg is None:
-        return [Finding("field of view, depth", "nothing to align", "warning", _ELSEWHERE)]
-    planar, ray = (
-        float(np.median([misfit(*pair, _FOV_DEG, kind) for pair in pairs])) for kind in ("planar", "ray")
-    )
-    value = f"{fov_deg:.1f} degrees, {_FOV_DEG:.1f} set"
-    kind = "planar" if planar < ray else "along the ray"
-    return [
-        Finding.unless(abs(fov_deg - _FOV_DEG) <= 1, "field of view, depth", value, "bad", _REPORT),
-        Finding.unless(planar < ray, "depth is", kind, "bad", _REPORT),
     ]

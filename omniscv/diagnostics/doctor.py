@@ -10,7 +10,7 @@ import numpy as np
 
 from omniscv import storage
 from omniscv.arguments import shown
-from omniscv.diagnostics import Finding, agreement, native_panorama
+from omniscv.diagnostics import Finding, agreement
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.recorded_faces import examine_recording
@@ -114,7 +114,6 @@ def examine_address(
             ]
             if not quick:
                 table = colors(connection)
-                findings += native_panorama.findings(connection, camera)
                 findings += agreement.findings(camera, table, boxes(connection, list(table)))
                 findings += manual_exposure(connection, camera)
             return [*findings, *motion]
