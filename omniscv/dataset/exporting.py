@@ -14,7 +14,7 @@ from pkgutil import iter_modules
 from typing import Any, TypeVar
 
 from omniscv import plugins, storage
-from omniscv.arguments import one_of, optional_number, text, within
+from omniscv.arguments import one_of, optional_number, shown, text, within
 from omniscv.cameras import Camera
 from omniscv.dataset.manifest import DATASET, open
 from omniscv.errors import ArgumentError
@@ -86,24 +86,6 @@ class Format(WithOptions, ABC):
         return None
 
 
-class _Outside(Format):
-    """A format that is no subclass of :class:`Format`: an object with ``name``, ``refuses``, ``write``."""
-
-    options = None
-
-    def __init__(self, format: Any) -> None:
-        if missing := [name for name in ("name", "refuses", "write") if not hasattr(format, name)]:
-            raise ArgumentError(f"format: expected an object with {', '.join(missing)}, got {format!r}")
-        self._format = format
-        names = ("name", "needs", "keys", "options", "refuses", "check_options", "check")
-        vars(self).update({name: getattr(format, name) for name in names if hasattr(format, name)})
-
-    def write(self, frames: Sequence[Frame], out: Path, options: Any) -> list[Path]:
-        """Write frames as the object does."""
-        files: list[Path] = self._format.write(frames, out, options)
-        return files
-
-
 _NAMES = sorted(module.name for module in iter_modules(import_module("omniscv.dataset.formats").__path__))
 """The formats of this package: each is registered by the module of its name."""
 
@@ -114,14 +96,15 @@ def register(format: T) -> T:
     """Add a format, or replace the one of its name; return it, as a decorator of its class does.
 
     Args:
-        format: a :class:`Format`, its class, or an object with ``name``, ``refuses`` and ``write``.
+        format: a :class:`Format`, or its class.
 
     Raises:
-        ArgumentError: it lacks one of these.
+        ArgumentError: it is none.
     """
     made = format() if isinstance(format, type) else format
-    adapted = made if isinstance(made, Format) else _Outside(made)
-    _FORMATS[adapted.name] = adapted
+    if not isinstance(made, Format):
+        raise ArgumentError(f"format: expected a dataset.Format, got {shown(format)}")
+    _FORMATS[made.name] = made
     return format
 
 

@@ -58,7 +58,7 @@ class Frame:
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
         varied: what was drawn for it (:mod:`omniscv.job.vary`), by kind, name and setting.
-        watch: objects that the world has left out of the image (:mod:`omniscv.make.watch`).
+        watch: objects that the world has left out of the image (:mod:`omniscv.make.frames`).
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
     """

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_type_hints
+from typing import Any, NamedTuple, get_args
 
 from omniscv.arguments import (
     Reader,
@@ -46,7 +46,7 @@ from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, re
 from omniscv.job.recipe import Media, Recipe, SplitOptions
 from omniscv.job.sampling import KINDS
 from omniscv.job.vary import Vary, read_vary
-from omniscv.modalities import TRANSFERS, Transfer
+from omniscv.modalities import TRANSFERS
 from omniscv.planning import RenderOptions
 from omniscv.records import checked, help_of, key_of, mapping, nested, optional, record
 from omniscv.records import read as read_record
@@ -54,9 +54,9 @@ from omniscv.render_options import LayoutKey, MapOptions, Tolerance
 from omniscv.sensor import Sensor
 from omniscv.sensor.imu import PASSES, Imu, ImuNoise, ImuTrack
 from omniscv.sensor.optics import NATURAL
-from omniscv.sources.registry import SourceOptions, is_recording, scheme_of
+from omniscv.sources.registry import is_recording, scheme_of
 from omniscv.sources.requests import MOST_STOPS
-from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
+from omniscv.sources.world import Freeze, exposure_bias
 from omniscv.storage import bounded, is_url, without_secrets
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
@@ -64,6 +64,25 @@ EXAMPLE = Path(__file__).parent / "example.yaml"
 
 EVERY = "*"
 """In a dotted key: every entry of a mapping or a list."""
+
+
+_freeze: Reader = partial(one_of, words=get_args(Freeze))
+_seconds, _count = partial(number, above=0), partial(whole_number, least=0)
+_SOURCE_OPTIONS: dict[str, tuple[Reader, Any, str]] = {
+    "timeout_s": (_seconds, 15.0, "seconds that connecting, and each reply, may take"),
+    "patience_s": (_seconds, 10.0, "seconds of connecting and sending again after a fault"),
+    "retries": (_count, 5, "how often, with exponential backoff"),
+    "transfer": (
+        partial(one_of, words=TRANSFERS),
+        None,
+        "what 8-bit colours say of light: srgb, linear, film or unknown",
+    ),
+    "fix_exposure": (flag, False, "switch off vignette and auto exposure in the running game"),
+    "exposure": (exposure_bias, None, "exposure of the camera: auto, its bias in stops, or game"),
+    "warmup": (_count, 0, "frames of colour to drop after each move, where effects blend them"),
+    "freeze": (_freeze, None, ""),
+}
+"""Reader, default and help; ``freeze`` is a key of its own."""
 
 
 # -- readers of the keys ---------------------------------------------------------------------------------
@@ -134,12 +153,9 @@ def _record(name: str, value: object) -> Path:
 
 def _source_options(name: str, value: object) -> dict[str, Any]:
     """Check the options that are known here; the opener checks all."""
-    if not isinstance(value, dict):
-        raise ArgumentError(f"{name}: expected a mapping from option to value, got {shown(value)}")
-    types = get_type_hints(SourceOptions)
     return {
-        key: _OPTION_READERS[types[key]](f"{name}.{key}", option) if key in types else option
-        for key, option in value.items()
+        key: _SOURCE_OPTIONS[key][0](f"{name}.{key}", option) if key in _SOURCE_OPTIONS else option
+        for key, option in mapping(name, value).items()
     }
 
 
@@ -150,17 +166,6 @@ def _brackets(name: str, value: object) -> tuple[float, ...]:
         wanted = f"expected two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]"
         raise ArgumentError(f"{name}: {wanted}; got {shown(value)}")
     return tuple(stops)
-
-
-_freeze: Reader = partial(one_of, words=get_args(Freeze))
-_OPTION_READERS: dict[object, Reader] = {
-    Transfer: partial(one_of, words=TRANSFERS),
-    CameraExposure: exposure_bias,
-    float: partial(number, above=0),
-    int: partial(whole_number, least=0),
-    bool: flag,
-    Freeze: _freeze,
-}
 
 
 # -- the keys --------------------------------------------------------------------------------------------
@@ -269,23 +274,13 @@ class Key(NamedTuple):
     help: str
 
 
-_SOURCE_OPTIONS = (
-    Key("source_options.timeout_s", 15.0, "seconds that connecting, and each reply, may take"),
-    Key("source_options.patience_s", 10.0, "seconds of connecting and sending again after a fault"),
-    Key("source_options.retries", 5, "how often, with exponential backoff"),
-    Key("source_options.transfer", None, "what 8-bit colours say of light: srgb, linear, film or unknown"),
-    Key("source_options.fix_exposure", False, "switch off vignette and auto exposure in the running game"),
-    Key("source_options.exposure", None, "exposure of the camera: auto, its bias in stops, or game"),
-    Key("source_options.warmup", 0, "frames of colour to drop after each move, where effects blend them"),
-)
-
-
 def keys() -> Iterator[Key]:
     """Yield every key that has a fixed name, each followed by the keys below it."""
     for name, key in _FIELDS.items():
         yield Key(name, key.default, help_of(key))
-        if name == "source_options":
-            yield from _SOURCE_OPTIONS
+        for option, (_, default, line) in _SOURCE_OPTIONS.items() if name == "source_options" else ():
+            if line:
+                yield Key(f"{name}.{option}", default, line)
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
                 for field in fields(cls):
@@ -412,6 +407,13 @@ def read(description: object, folder: Path) -> Job:
     return job
 
 
+_AS_READ = (
+    *("modes", "record", "image_format", "store", "depth_format"),
+    *("rig", "exposure", "brackets", "sensor", "vary"),
+)
+"""Keys that are attributes of a job as they are read."""
+
+
 def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     """Return the job of one world."""
     for path in _FILES:
@@ -430,26 +432,17 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
         lines.append(passed)
     posed = posed._replace(assumed="\n".join(filter(None, lines)))
     return Job(
+        **{name: getattr(keys, name) for name in _AS_READ},
+        **posed._asdict(),
         source=address(keys.source, folder),
         cameras=keys.cameras or {},
         out=keys.out if is_url(keys.out) else folder / keys.out,
-        modes=keys.modes,
-        record=keys.record,
         options=options,
-        image_format=keys.image_format,
-        store=keys.store,
-        depth_format=keys.depth_format,
         source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
         recipe=recipe,
-        rig=keys.rig,
         motions=keys.motions or {},
-        **posed._asdict(),
         clock=keys.times is not None,
-        exposure=keys.exposure,
-        brackets=keys.brackets,
-        sensor=keys.sensor,
         imu=track,
-        vary=keys.vary,
         failures=keys.failures.skip,
         world=world,
     )
@@ -495,22 +488,16 @@ def _located(value: Any, path: Sequence[str], folder: Path, words: Sequence[str]
     return {**value, **{name: _located(value[name], rest, folder, words) for name in names}}
 
 
-def address(source: str | Sequence[str], folder: Path) -> str | tuple[str, ...]:
-    """Return an address, or several, whose paths, if they have any, are relative to a folder."""
-    return (
-        _address(source, folder)
-        if isinstance(source, str)
-        else tuple(_address(text, folder) for text in source)
-    )
-
-
-def _address(address: str, folder: Path) -> str:
-    scheme = scheme_of(address)
+def address(source: str | Sequence[str], folder: Path) -> Any:
+    """Return an address, or several as a tuple, whose paths, if they have any, are relative to a folder."""
+    if not isinstance(source, str):
+        return tuple(address(each, folder) for each in source)
+    scheme = scheme_of(source)
     if scheme is None:
-        return str(folder / address)
-    path, question, options = address.removeprefix(f"{scheme}:").partition("?")
+        return str(folder / source)
+    path, question, options = source.removeprefix(f"{scheme}:").partition("?")
     slashes = "//" if path.startswith("//") else ""
     file = folder / path.removeprefix("//")
     if scheme == "launch" or os.path.isfile(file):
         return f"{scheme}:{slashes}{file}{question}{options}"
-    return address
+    return source

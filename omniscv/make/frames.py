@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any
+
+import numpy as np
 
 from omniscv.arguments import within
 from omniscv.compose.image import OmniImage
@@ -19,19 +20,17 @@ from omniscv.dataset.writer import Writer
 from omniscv.errors import ArgumentError, OmniscvError, SourceError
 from omniscv.frame import Frame
 from omniscv.geometry.instant import Instant
-from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.job import Job
 from omniscv.make.contents import Contents
 from omniscv.make.moments import Moment, images_of, renderer_at
 from omniscv.make.render import transfer_warning, warnings_of
-from omniscv.make.watch import left_out
+from omniscv.parallel import ahead
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
+from omniscv.truth.object_boxes import surface_w, visible_ids
 from omniscv.truth.registry import Observation, Record, file_contents
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 Composed = tuple[Observation, Instant]
 """A frame's image with the world that it shows, before it has the dataset's ids, and its instant."""
@@ -108,14 +107,9 @@ class FrameMaker:
         """
         unfinished = [moment for moment in moments if any(frame.key in missing for frame in moment.frames)]
         compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
-        with ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
-            saving: Future[None] | None = None
-            for composed in chain.from_iterable(_ahead(compose, unfinished, self._workers)):
-                if saving:
-                    saving.result()
-                saving = saver.submit(self._save, composed)
-            if saving:
-                saving.result()
+        threads = self._workers if self._workers > 1 else 0
+        composed = chain.from_iterable(ahead(compose, unfinished, threads))
+        deque(ahead(self._save, composed, 1), maxlen=0)
 
     def _compose(self, moment: Moment, keys: Collection[str], meter: Meter) -> list[Composed]:
         """Return the images of a moment, of captures that its cameras share."""
@@ -193,20 +187,49 @@ class FrameMaker:
         return records
 
 
-def _ahead(function: Callable[[T], R], items: Sequence[T], workers: int) -> Iterator[R]:
-    """Yield the results of a function in order; as many are computed at a time as there are workers."""
-    if workers == 1:
-        yield from map(function, items)
-        return
-    with ThreadPoolExecutor(workers, thread_name_prefix="compose") as pool:
-        pending: deque[Future[R]] = deque()
-        try:
-            for item in items:
-                pending.append(pool.submit(function, item))
-                if len(pending) > workers:
-                    yield pending.popleft().result()
-            while pending:
-                yield pending.popleft().result()
-        finally:
-            for future in pending:
-                future.cancel()
+# -- objects that the world has left out ---------------------------------------------------------------------
+
+_TOUCHING = 0.01  # of its distance: by how much an object may be seen before its box
+_SAME = 1e-3  # of its distance: by how much depth may differ from capture to capture
+_LOOKS = 3  # an object may be left out of the second captures, too
+
+
+def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniImage]) -> tuple[str, ...]:
+    """Return the names of objects that an image should show, but a live world has left out, as games do.
+
+    An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
+    seen before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and
+    only an object that is seen then, where nothing was before it at first, was left out.
+
+    Args:
+        seen: an image with labels and depth, and the boxes of objects.
+        names: of the labels 1, 2, 3, ... of the source.
+        look: returns the image of new captures, with labels of the source and depth.
+    """
+    depth = seen.image.depth
+    assert seen.labels is not None
+    assert depth is not None
+    shown, found = visible_ids(seen.labels), set[str]()
+    suspects = {
+        name
+        for name, box in seen.geometry.boxes.items()
+        if seen.instances.get(name, 0) not in shown and _unhidden(seen.image, box)
+    }
+    for _ in range(_LOOKS):
+        if suspects - found:
+            again = look()
+            assert again.labels is not None
+            assert again.depth is not None
+            clear = np.where(depth >= (1 - _SAME) * again.depth, again.labels, 0)
+            found |= suspects & {names[label - 1] for label in visible_ids(clear) - {0}}
+    return tuple(sorted(found))
+
+
+def _unhidden(image: OmniImage, box: ObjectBox) -> bool:
+    """Return whether the image shows nothing before some part of a box."""
+    assert image.depth is not None
+    points_c = image.pose.to_camera(surface_w(box))
+    pixels, valid = image.camera.project(points_c)
+    columns, rows = np.where(valid[:, None], pixels, 0).astype(int).T
+    met = image.depth[rows.clip(max=image.camera.height - 1), columns.clip(max=image.camera.width - 1)]
+    return bool((valid & (met > 0) & (met >= (1 - _TOUCHING) * np.linalg.norm(points_c, axis=1))).any())

@@ -3,10 +3,10 @@
 import time
 from collections import ChainMap
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache, partial, reduce
+from itertools import chain
 from operator import add
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -24,6 +24,7 @@ from omniscv.job import Job
 from omniscv.make.contents import check, check_face_size
 from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
+from omniscv.parallel import ahead
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
 from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.plans import Cost, cost
@@ -67,25 +68,26 @@ def run(
         wanted = "expected a folder for images; 'omniscv dataset make' writes to a URL"
         raise ArgumentError(f"out: {wanted}, got {shown(str(job.out))}")
     check(job)
-    written: list[Path] = []
-    with opened(job) as (job, source), ThreadPoolExecutor(1, thread_name_prefix="save") as saver:
+    warn = warn or (lambda line: None)
+    with opened(job) as (job, source):
         check_face_size(job, source)
-        saving = None
-        if warn:
-            for line in transfer_warning(job, source):
-                warn(line)
+        for line in transfer_warning(job, source):
+            warn(line)
         renderer, meter = Renderer(source), Meter(len(job), progress)
-        for moment in moments(job):
-            images = images_of(renderer, moment, job, progress=meter.part())
-            for frame, image in zip(moment.frames, images, strict=True):
-                if warn:
+
+        def images() -> Iterator[tuple[str, OmniImage]]:
+            for moment in moments(job):
+                of_moment = images_of(renderer, moment, job, progress=meter.part())
+                for frame, image in zip(moment.frames, of_moment, strict=True):
                     for line in warnings_of(frame.key, image):
                         warn(line)
-                written += saving.result() if saving else []
-                forms = job.image_format, job.store, job.depth_format
-                saving = saver.submit(image.save, job.out, frame.key, *forms)
-        written += saving.result() if saving else []
-    return written
+                    yield frame.key, image
+
+        def save(named: tuple[str, OmniImage]) -> list[Path]:
+            key, image = named
+            return image.save(job.out, key, job.image_format, job.store, job.depth_format)
+
+        return list(chain.from_iterable(ahead(save, images(), 1)))
 
 
 _WARNINGS = {
