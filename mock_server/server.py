@@ -95,7 +95,6 @@ class Server:
         host, port: where it listens.
         faults: active faults; they can be started and stopped while the server runs.
         statistics: counts of the commands received.
-        regions: by name, the shared memory of dialect N3 with ``shared_memory="serving"``.
         fault: why it has ended by itself; empty if it has not.
 
     Raises:
@@ -114,7 +113,6 @@ class Server:
         self.host, self.port = self._tcp.getsockname()[:2]
         self._files = OutputFolder(settings.folder, settings.files == "anywhere")
         self._dialect = BY_NAME[settings.dialect](world, settings, self.port, self._files)
-        self.regions: dict[str, bytearray] = getattr(self._dialect, "regions", {})
         self._stopping = threading.Event()
         self._connection: socket.socket | None = None
         self._thread = threading.Thread(target=self._listen, name="mock-unrealcv", daemon=True)

@@ -18,9 +18,8 @@ WORDS: dict[str, tuple[str, ...]] = {
     "dialect": DIALECTS,
     "depth": get_args(Depth),
     "platform": ("windows", "linux"),
-    "shared_memory": ("unlisted", "refusing", "serving"),
+    "shared_memory": ("unlisted", "refusing"),
     "files": ("folder", "anywhere"),
-    "panorama": ("fork", "centred"),
 }
 """By setting, the words that it accepts."""
 
@@ -55,8 +54,7 @@ class Settings:
         platform: ``linux``: dialects N1 and later listen on a Unix socket in place of TCP once their first
             client has left.
         shared_memory: whether N3 lists its commands for shared memory: ``unlisted``; ``refusing``, as a game
-            on Linux does; ``serving``, into buffers of this process, :attr:`Server.regions`.
-        panorama: the convention of the Dev build's panoramas: see :mod:`mock_server.dialects.v1_1`.
+            on Linux does.
         latency_ms: delay of every reply after its request; pipelined requests share it, as they share an
             engine's tick.
         size: width and height of new cameras, px.
@@ -83,7 +81,6 @@ class Settings:
     depth: Depth = "half"
     platform: str = "windows"
     shared_memory: str = "unlisted"
-    panorama: str = "fork"
     latency_ms: float = 0.0
     size: tuple[int, int] = (640, 480)
     fov_deg: float = 90.0

@@ -14,7 +14,6 @@
 ``pfm ray``         the same, along the ray
 ``png ids``         masks: ids of objects or classes, grey, 8 or 16 bits
 ``png normal``      normals of Unreal: 8 bits of ``0.5 n + 0.5``, n in Unreal's world axes
-``npy normal``      the same as NPY, of shared memory
 ``npy planar cm``   depth of UnrealCV 1.x: floats along the optical axis, centimetres
 ``npy ray m``       depth of UnrealCV 0.3.10: floats to the optical centre, metres
 =================== ==================================================================================
@@ -321,18 +320,8 @@ def show_light(codes: NDArray[np.uint8]) -> bool:
     return bool(((np.abs(length - 1) >= _UNIT_TOLERANCE) & (length >= _UNIT_TOLERANCE)).mean() > 0.5)
 
 
-def normal_codes(payload: bytes, view: View) -> NDArray[np.uint8]:
-    """Return the colours (H, W, 3) of Unreal's normals, PNG or NPY."""
-    if payload.startswith(_PNG):
-        return decode_png(payload, view)
-    codes = decode_npy(payload, view)
-    if codes.dtype != np.uint8 or codes.shape[2:] != (3,):
-        raise BadReplyError(f"expected NPY of 8-bit colours, got {codes.dtype} {codes.shape}")
-    return codes
-
-
 def _unreal_normals(payload: bytes, mode: str, view: View) -> NDArray[Any]:
-    n = normal_codes(payload, view).astype(np.float32)
+    n = decode_png(payload, view).astype(np.float32)
     n *= np.float32(2 / 255)
     n -= 1
     direction_from_unreal(n)
@@ -363,7 +352,6 @@ register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
 for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
     register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
 register("png normal", _unreal_normals, ("normals",))
-register("npy normal", _unreal_normals, ("normals",))
 _PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
 _RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)
 register("npy planar cm", partial(_unreal_depth, False), ("depth",), _PLANAR_CM)

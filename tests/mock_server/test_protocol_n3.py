@@ -106,24 +106,3 @@ def test_shared_memory_is_refused_elsewhere_than_on_windows(start, open_raw):
     no = "error Windows shared memory transport is only available on Windows"
     assert raw.text("vget /camera/0/lit_shared") == no
     assert raw.text("vget /camera/99/lit_shared") == "error Invalid sensor id"
-
-
-def test_regions_hold_what_comes_over_the_wire(start, open_raw):
-    server = start(shared_memory="serving", size=(40, 30))
-    raw = open_raw(server)
-    share = lambda word: json.loads(raw.text(f"vget /camera/0/{word}_shared"))  # noqa: E731
-    reply = share("depth")
-    assert list(reply)[:4] == ["transport", "modality", "name", "num_bytes"]
-    assert re.fullmatch(r"UnrealCV_\d+_camera_0_depth_float32_v1", reply["name"])
-    assert (reply["shape"], reply["num_bytes"], reply["frame"]) == ([30, 40], 4800, 1)
-    assert bytes(server.regions[reply["name"]]) == npy(raw.ask("vget /camera/0/depth npy")).tobytes()
-    mask, seg = share("object_mask"), share("seg")
-    assert (mask["name"], mask["frame"], seg["frame"]) == (seg["name"], 1, 2)
-    bgra = np.frombuffer(server.regions[mask["name"]], np.uint8).reshape(mask["shape"])
-    np.testing.assert_array_equal(bgra[..., [2, 1, 0, 3]], png(raw.ask("vget /camera/0/object_mask png")))
-    raw.ask("vset /camera/0/size 20 10")
-    assert (share("lit")["version"], share("depth")["name"]) == (1, reply["name"])  # it fits the old region
-    raw.ask("vset /camera/0/size 80 60")
-    larger = share("depth")
-    assert larger["name"].endswith("_v2")
-    assert reply["name"] not in server.regions

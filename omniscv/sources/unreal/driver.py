@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError, SourceError
 from omniscv.sources.base import Capture, Request, SceneIdentity, View
-from omniscv.sources.codecs import decode, normal_codes, show_light
+from omniscv.sources.codecs import decode, decode_png, show_light
 from omniscv.sources.unreal.client import Client, Connection
 from omniscv.sources.unreal.objects import paint
 from omniscv.sources.unreal.protocol import (
@@ -254,7 +254,7 @@ class CameraDriver(ABC):
         }
         pixels = decode(reply, encoding, request.mode, view)
         if request.mode == "normals" and not self._has_normals:
-            if show_light(normal_codes(reply, view)):
+            if show_light(decode_png(reply, view)):
                 raise self._refused("pictures of normals, got the lit image; update the plugin to 1.1.0")
             self._has_normals = True
         return Capture(request, view, pixels, provenance, reply, encoding)

@@ -12,7 +12,6 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
 from omniscv.geometry import Pose, pinhole
 from omniscv.sources.base import Capture, Request, View
-from omniscv.sources.codecs import decode
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
@@ -22,15 +21,11 @@ from omniscv.sources.unreal.protocol import (
     CAMERAS,
     EXPOSURE_METHOD,
     MODERN,
-    SHARED,
-    SHARED_MASK,
     VERSION,
-    Reply,
     name,
     names,
     numbers,
 )
-from omniscv.sources.unreal.shared_memory import SharedPictures, region_reader
 from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 
 _log = logging.getLogger("omniscv")
@@ -68,8 +63,6 @@ class ModernDriver(CameraDriver):
     """
 
     table = MODERN
-    _shared: SharedPictures | None = None
-    _may_share = True  # until shared memory has failed
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
     _changed_by_hand = False  # whether its exposure was ever set
     _exposure: Exposure = "game"  # of the camera's colours
@@ -153,7 +146,6 @@ class ModernDriver(CameraDriver):
                 return  # M reads no size; a game that has started again lacks the camera: captures find that
             if not np.allclose(numbers(read, len(values)), values, rtol=0, atol=_SAME_DEG):
                 raise self._refused(f"{_TRIED[what]} {text}, which was set, got {shown(read)}")
-        self._share()
 
     def _capture_at_once(self) -> None:
         """Switch fast captures off where a server lists the command; its reply is not documented."""
@@ -266,7 +258,7 @@ class ModernDriver(CameraDriver):
         batch = requests[:1] if self.stale_frames.in_doubt else requests
         steps = self._steps(batch)
         self._aimed = batch[-1].view
-        replies = self._replies(client, [*(step.command for step in steps), VERSION, *self.connection.scene])
+        replies = client.stream([*(step.command for step in steps), VERSION, *self.connection.scene])
         fresh, complete = True, None
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
@@ -288,55 +280,6 @@ class ModernDriver(CameraDriver):
 
     def check_scene(self) -> None:
         """As the driver's; the captures of a turn end with the scene's name, which was compared."""
-
-    def _share(self) -> None:
-        """Use shared memory if this process can read it, and a mask in it equals the one over the wire."""
-        self._shared, self.table = None, MODERN
-        read = region_reader(self.connection.endpoint)
-        if self.one_tick or not self._may_share or not read or not self.connection.supports(SHARED_MASK):
-            return
-        pictures, view = SharedPictures(read), View(Pose(np.zeros(3), np.eye(3)), 90.0, *_TRIED_PX)
-        at = f"/camera/{self.camera}"
-        before = self.connection.text(f"vget {at}/size")
-        self.connection.set([f"vset {at}/size {view.width} {view.height}"])
-        commands = [f"vget {at}/object_mask{end}" for end in ("_shared", " png")]
-        shared, sent = self.connection.read(commands, lambda _, reply: reply)
-        self.connection.set([f"vset {at}/size {before}"])
-        try:
-            mask = decode(pictures.payload(shared), "npy", "object_mask", view)
-            same = (
-                mask == decode(sent if isinstance(sent, bytes) else b"", "png", "object_mask", view)
-            ).all()
-        except BadReplyError:  # a game that is not on Windows refuses
-            same = False
-        self._may_share = bool(same)
-        if same:
-            self._shared, self.table = pictures, SHARED
-
-    def _replies(self, client: Client, commands: list[str]) -> Iterator[Reply]:
-        """Yield replies, and pictures in place of those that name a region: before it is overwritten."""
-        if self._shared is None:
-            yield from client.stream(commands)
-            return
-        start, regions = 0, set[str]()
-        for end, command in enumerate([*commands, ""]):
-            if command in regions or not command:
-                for reply, sent in zip(
-                    list(client.stream(commands[start:end])), commands[start:end], strict=True
-                ):
-                    yield self._picture(sent, reply)
-                start, regions = end, set[str]()
-            if command.endswith("_shared"):
-                regions.add(command)
-
-    def _picture(self, command: str, reply: Reply) -> Reply:
-        if self._shared is None or not command.endswith("_shared"):
-            return reply
-        try:
-            return self._shared.payload(reply)
-        except BadReplyError:
-            self._may_share, self._shared, self.table = False, None, MODERN
-            raise
 
     def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
         """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""

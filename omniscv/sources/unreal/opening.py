@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _Readers = dict[str, Callable[[str], Any]]
 _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "startup_timeout_s": float}
-_MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memory", "panorama"), str)
+_MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memory"), str)
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
 _CAMERA = re.compile(r"\d{1,6}|CID-[\w.-]{1,100}", re.ASCII)

@@ -107,14 +107,7 @@ _IMAGES = {
     "depth": ("depth npy", "npy planar cm"),
     "normals": ("normal png", "png normal"),
 }
-_SHARED_IMAGES = {
-    mode: (f"{command.split()[0]}_shared", encoding.replace("png", "npy"))
-    for mode, (command, encoding) in _IMAGES.items()
-}
-SHARED_MASK = "vget /camera/[uint]/object_mask_shared"
 MODERN = CameraTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
-SHARED = CameraTable(_SHARED_IMAGES, "fov", can_set_size=True, vertex_colors=False)
-"""Pictures by shared memory, whose names come as JSON."""
 _RAY_DEPTH = {"depth": ("depth npy", "npy ray m")}
 LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False, vertex_colors=True)
 
