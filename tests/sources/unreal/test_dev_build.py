@@ -1,12 +1,9 @@
 """The closed Dev build, as far as documents go: its commands are used where the server lists them."""
 
 import numpy as np
-import pytest
 from support.unreal import agrees
-from support.wire import RawClient
 from support.worlds import SCENE, ahead, at_time, serve
 
-import mock_server
 import omniscv
 
 
@@ -48,11 +45,3 @@ def test_fast_captures_are_switched_off_where_they_are_listed():
     with serve("Dev") as server, omniscv.open_source(server.uri):
         sent = server.statistics.counts
         assert sent["vset /camera/CID-FusionCameraActor_0-00/use_fast_capture 0"] == 1
-
-
-@pytest.mark.parametrize("command", ["panoramic bmp", "panoramic/depth_shared"])
-def test_a_panorama_of_no_pixels_is_refused(command):
-    with mock_server.serve("four-wall", dialect="Dev", shared_memory="serving") as server:
-        client = RawClient(server)
-        with client.socket:
-            assert client.text(f"vget /camera/0/{command} 0 0").startswith("error Invalid ")
