@@ -48,7 +48,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
         return [str(damaged)]
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
-    exports = [Export.from_dict(export) for export in whole.settings["exports"]]
+    exports = [Export(**export) for export in whole.settings["exports"]]
     if format is not None:
         name = exporting.get(format).name
         exports = [export for export in exports if export.format == name] or [Export(name)]
@@ -190,19 +190,19 @@ _CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _
 
 def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bool) -> list[str]:
     """Return faults of an export: those that its format finds, else how it differs from a new one."""
-    start = f"{EXPORTS}/{export.folder}/"
+    start = f"{EXPORTS}/{export.out}/"
     names = folder.names(start)
     if not names:
-        return [f"{EXPORTS}/{export.folder}: expected an export to {export.format}, it is missing"]
+        return [f"{EXPORTS}/{export.out}: expected an export to {export.format}, it is missing"]
     if not deep:
         return []
     with _local(folder, dict.fromkeys(names)) as root:
-        return [f"{EXPORTS}/{export.folder}: {fault}" for fault in _faults_there(root, frames, export)]
+        return [f"{EXPORTS}/{export.out}: {fault}" for fault in _faults_there(root, frames, export)]
 
 
 def _faults_there(root: Path, frames: list[Frame], export: Export) -> list[str]:
     """Return faults of a local export, below a folder that stands for the dataset's."""
-    place = root / EXPORTS / export.folder
+    place = root / EXPORTS / export.out
     format = exporting.get(export.format)
     exported = [frame for frame in frames if export.shows(frame.camera_name)]
     if (faults := format.check(exported, place)) is not None:

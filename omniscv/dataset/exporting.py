@@ -137,8 +137,8 @@ class Export:
 
     Attributes:
         format: its name.
+        out: a folder below ``exports/``; the format's name if empty.
         options: of the format.
-        folder: below ``exports/``.
         cameras: whose frames are exported; all if empty.
 
     Raises:
@@ -146,30 +146,16 @@ class Export:
     """
 
     format: str
+    out: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
-    folder: str = ""
-    cameras: tuple[str, ...] = ()
+    cameras: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         name = get(self.format).name
-        folder = text("out", self.folder or name)
+        folder = text("out", self.out or name)
         if folder != Path(folder).name or folder.startswith("."):
             raise ArgumentError(f"out: expected the name of a folder, got {folder!r}")
-        vars(self).update(format=name, folder=folder)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "format": self.format,
-            "out": self.folder,
-            "options": dict(self.options),
-            "cameras": list(self.cameras),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Export:
-        """The inverse of :meth:`to_dict`."""
-        return cls(data["format"], data["options"], data["out"], tuple(data["cameras"]))
+        vars(self).update(format=name, out=folder)
 
     def shows(self, camera_name: str) -> bool:
         """Return whether a camera's frames are exported."""
@@ -236,7 +222,7 @@ def export(
             dataset in ``out``.
         DatasetError: the dataset is not complete, or damaged.
     """
-    wanted = Export(to, options, cameras=tuple(cameras))
+    wanted = Export(to, options=options, cameras=cameras)
     source = storage.folder(folder)
     frames = open(source)
     kinds = [frame.kinds for frame in frames if wanted.shows(frame.camera_name)]
@@ -259,7 +245,7 @@ def replace_export(wanted: Export, frames: Sequence[Frame], out: Folder) -> list
     Raises:
         ArgumentError: as the format.
     """
-    target = out.below(f"{EXPORTS}/{wanted.folder}")
+    target = out.below(f"{EXPORTS}/{wanted.out}")
     written = _place(wanted, frames, target, within_dataset=True)
     if target.local is None:
         target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in written])
@@ -292,7 +278,7 @@ def _place(wanted: Export, frames: Sequence[Frame], target: Folder, within_datas
         return f"{target}/{name}"
 
     with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
-        part = Path(root) / EXPORTS / wanted.folder
+        part = Path(root) / EXPORTS / wanted.out
         part.mkdir(parents=True)
         paths = wanted.write_into(with_stand_in(frames, Path(root)) if within_dataset else frames, part)
         others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))

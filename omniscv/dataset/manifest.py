@@ -17,13 +17,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from omniscv import storage
-from omniscv.arguments import one_of, shown, stem, whole_number
+from omniscv import modalities, storage
+from omniscv.arguments import one_of, optional_number, shown, stem, texts, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import OBJECTS, versions
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
-from omniscv.frame import IMAGE, FileEntry, Frame, file_endings
+from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles, file_endings
 from omniscv.frame.classes import ClassRules, ClassTable
+from omniscv.frame.files import read_entries
+from omniscv.geometry import Pose
+from omniscv.records import mapping
 from omniscv.sensor.imu import ImuTrack
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
@@ -100,7 +103,34 @@ class Manifest:
         Raises:
             ArgumentError: no such line, a camera that the dataset does not have, or an unknown kind of file.
         """
-        return Frame.from_dict(line, folder, self.cameras, self._endings, self.names, self.classes, self.imu)
+        try:
+            key, camera_name = stem("key", line["key"]), stem("camera", line["camera"])
+            if camera_name not in self.cameras:
+                known = ", ".join(self.cameras)
+                raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
+            camera = self.cameras[camera_name]
+            size = camera.width, camera.height
+            return Frame(
+                key=key,
+                camera_name=camera_name,
+                camera=camera,
+                pose=Pose.from_dict(line["pose"]),
+                files=FrameFiles(read_entries(key, size, line["files"], self._endings), size, folder),
+                blank=tuple(one_of("blank", name, _marks()) for name in line.get("blank", ())),
+                instances=self.names,
+                classes=self.classes,
+                imu=self.imu,
+                time=optional_number("time", line["time"]),
+                place=any_text("place", line["place"]),
+                split=line["split"] and stem("split", line["split"]),
+                scene=any_text("scene", line["scene"]),
+                state=any_text("state", line.get("state", "")),
+                varied=mapping("varied", line.get("varied", {})),
+                watch=texts("watch", line["watch"]) if "watch" in line else (),
+            )
+        except (TypeError, KeyError, AttributeError) as cause:
+            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
+            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
         """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files.
@@ -143,10 +173,7 @@ class Manifest:
             got = data.get("format") if isinstance(data, dict) else data
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
-            cameras = {stem("camera", name): from_dict(camera) for name, camera in data["cameras"].items()}
-            names = {
-                name: whole_number("names", number, most=MOST_IDS) for name, number in data["names"].items()
-            }
+            cameras, names = read_cameras(data["cameras"]), read_names(data["names"])
             classes = data["classes"]
             rules, table = None, None
             if classes is not None:
@@ -169,6 +196,27 @@ class Manifest:
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def read_cameras(cameras: Any) -> dict[str, Camera]:
+    """Return the cameras that a manifest describes, by name."""
+    return {stem("camera", name): from_dict(camera) for name, camera in cameras.items()}
+
+
+def read_names(names: Any) -> dict[str, int]:
+    """Return the instance ids of a manifest, by the names of objects."""
+    return {name: whole_number("names", number, most=MOST_IDS) for name, number in names.items()}
+
+
+def any_text(name: str, value: object) -> str:
+    """Return a text, which may be empty; ArgumentError for anything else."""
+    if not isinstance(value, str):
+        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value
+
+
+def _marks() -> list[str]:
+    return [row.name for row in modalities.layers() if row.mark]
 
 
 def find(folder: Folder) -> Manifest | None:

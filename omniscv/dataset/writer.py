@@ -140,15 +140,13 @@ class Writer:
             UnmatchedNamesError: no rule of the classes matches some of its objects.
             OmniscvError: a file cannot be written.
         """
-        if not isinstance(place, str):
-            raise ArgumentError(f"place: expected a text, got {shown(place)}")
         frame = Frame(
             key=stem("key", key),
             camera_name=self._camera_name(image.camera),
             camera=image.camera,
             pose=pose or image.pose,
             time=optional_number("time", time),
-            place=place,
+            place=manifest.any_text("place", place),
             split=split and stem("split", split),
             scene=str(image.provenance.get("scene", "")),
         )

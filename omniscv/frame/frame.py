@@ -7,13 +7,13 @@ it:
 2. A truth is derived of it, an image and the world: :class:`omniscv.dataset.Observation`.
 3. ``omniscv.dataset.Writer`` writes its files: ``files`` are then :class:`FrameFiles`, with sizes and
 checksums.
-4. Its line in ``frames.jsonl`` is :meth:`Frame.to_dict`; :meth:`Frame.from_dict` reads it back.
+4. Its line in ``frames.jsonl`` is :meth:`Frame.to_dict`; ``omniscv.dataset.manifest.Manifest`` reads it back.
 5. Formats, checks, viewers and loaders read ``files``, ``layer(name)``, ``truth`` and ``layout``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -23,16 +23,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv import modalities
-from omniscv.arguments import one_of, optional_number, shown, stem, texts, within
+from omniscv.arguments import within
 from omniscv.cameras import Camera
 from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
 from omniscv.frame.classes import ClassTable
-from omniscv.frame.files import FileEntry, FrameFiles, read_entries, relative
+from omniscv.frame.files import FileEntry, FrameFiles, relative
 from omniscv.geometry import Pose
-from omniscv.records import mapping
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
@@ -177,64 +175,3 @@ class Frame:
             **({"watch": list(self.watch)} if self.watch else {}),
             **({"blank": sorted(self.blank)} if self.blank else {}),
         }
-
-    @classmethod
-    def from_dict(
-        cls,
-        data: Any,
-        folder: Folder,
-        cameras: Mapping[str, Camera],
-        endings: Mapping[str, Collection[str]],
-        instances: Mapping[str, int] | None = None,
-        classes: ClassTable | None = None,
-        imu: ImuTrack | None = None,
-    ) -> Frame:
-        """Return the frame of a line.
-
-        Args:
-            data: what :meth:`to_dict` returned.
-            folder: of the files.
-            cameras, instances, classes, imu: of the dataset.
-            endings: of the names of files, as :func:`omniscv.frame.file_endings` returns them.
-
-        Raises:
-            ArgumentError: no such line, or a camera that the dataset does not have.
-        """
-        try:
-            key, camera_name = stem("key", data["key"]), stem("camera", data["camera"])
-            if camera_name not in cameras:
-                known = ", ".join(cameras)
-                raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
-            camera = cameras[camera_name]
-            size = camera.width, camera.height
-            return cls(
-                key=key,
-                camera_name=camera_name,
-                camera=camera,
-                pose=Pose.from_dict(data["pose"]),
-                files=FrameFiles(read_entries(key, size, data["files"], endings), size, folder),
-                blank=tuple(one_of("blank", name, _marks()) for name in data.get("blank", ())),
-                instances=instances or {},
-                classes=classes,
-                imu=imu,
-                time=optional_number("time", data["time"]),
-                place=_text("place", data["place"]),
-                split=data["split"] and stem("split", data["split"]),
-                scene=_text("scene", data["scene"]),
-                state=_text("state", data.get("state", "")),
-                varied=mapping("varied", data.get("varied", {})),
-                watch=texts("watch", data["watch"]) if "watch" in data else (),
-            )
-        except (TypeError, KeyError, AttributeError) as cause:
-            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
-            raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
-
-
-def _marks() -> list[str]:
-    return [row.name for row in modalities.layers() if row.mark]
-
-
-def _text(name: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
-    return value

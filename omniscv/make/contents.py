@@ -64,9 +64,9 @@ def check_dataset(job: Job) -> Contents:
             truth.read_options(options)
     folders: set[str] = set()
     for export in contents.exports:
-        if export.folder in folders:
-            raise ArgumentError(f"export: expected different folders, got {export.folder!r} twice; set 'out'")
-        folders.add(export.folder)
+        if export.out in folders:
+            raise ArgumentError(f"export: expected different folders, got {export.out!r} twice; set 'out'")
+        folders.add(export.out)
         export.check(job.cameras, kinds)
     return contents
 
@@ -198,28 +198,23 @@ class Contents:
     def settings(self, job: Job) -> dict[str, Any]:
         """Return what the manifest holds of a job: all that its frames depend on, but addresses and paths."""
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
-        if job.store != "files":
-            options["store"] = job.store
-        if job.depth_format != "exr":
-            options["depth_format"] = job.depth_format
-        if job.exposure != Exposure():
-            options["exposure"] = asdict(job.exposure)
-        if job.brackets:
-            options["brackets"] = list(job.brackets)
-        if job.sensor is not None:
-            options["sensor"] = job.sensor.to_dict()
-        if job.imu is not None:
-            options["imu"] = job.imu.to_dict()
-        if job.worlds:
-            options["worlds"] = {world.world: world.world_split for world in job.worlds}
-        if job.vary is not None:
-            options["vary"] = asdict(job.vary)
+        further = {
+            "store": None if job.store == "files" else job.store,
+            "depth_format": None if job.depth_format == "exr" else job.depth_format,
+            "exposure": None if job.exposure == Exposure() else asdict(job.exposure),
+            "brackets": list(job.brackets) or None,
+            "sensor": None if job.sensor is None else job.sensor.to_dict(),
+            "imu": None if job.imu is None else job.imu.to_dict(),
+            "worlds": {world.world: world.world_split for world in job.worlds} or None,
+            "vary": None if job.vary is None else asdict(job.vary),
+        }
+        options |= {key: value for key, value in further.items() if value is not None}
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}
         options["truth"] = {name: {**truth, **named.get(name, {})} for name, truth in self.truth.items()}
         options["media"] = dict(job.recipe.media or {})
         return {
             "splits": None if job.recipe.split is None else job.recipe.split.to_dict(),
-            "exports": [export.to_dict() for export in self.exports],
+            "exports": [asdict(export) for export in self.exports],
             "options": options,
         }
 
@@ -228,7 +223,7 @@ def _export(keys: Mapping[str, Any], shared: Mapping[str, Any]) -> Export:
     options = {key: value for key, value in keys.items() if key not in ("format", "out", "cameras")}
     with within("export"):
         taken = _taken(exporting.get(keys["format"]), shared)
-        return Export(keys["format"], taken | options, keys.get("out", ""), tuple(keys.get("cameras", ())))
+        return Export(keys["format"], keys.get("out", ""), taken | options, keys.get("cameras", ()))
 
 
 def _taken(taker: object, shared: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camer
 pixels that no recorded view shows have masks of their own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -77,15 +77,8 @@ class Colmap(Format):
             ids, limit = model.image_ids, options.max_relative_error
             clouds = (_observed(frame, ids[frame.key], limit) for frame in frames)
             points = _Observations(merged(clouds, options.points), len(model.images))
-        lines = {
-            "cameras": model.camera_lines(),
-            "rigs": model.rig_lines(),
-            "frames": model.frame_lines(),
-            "images": model.image_lines(names, points),
-            "points3D": points.lines() if points else (),
-        }
         paths += [mask for mask in masks if mask is not None]
-        for name, of_file in lines.items():
+        for name, of_file in model.lines(names, points).items():
             text = "".join(f"{line}\n" for line in of_file)
             paths.append(write_text(out / "sparse" / "0" / f"{name}.txt", text))
         return paths
@@ -147,27 +140,26 @@ class _Model:
         self.images = [frame for rig in rigs for moment, _ in rig.moments for frame in moment.values()]
         self.image_ids = {frame.key: i for i, frame in enumerate(self.images, start=1)}
 
-    def camera_lines(self) -> Sequence[str]:
-        """Return the lines of ``cameras.txt``."""
-        cameras = {str(self.camera_ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
-        return colmap.write_colmap(cameras).splitlines()
-
-    def rig_lines(self) -> Iterator[str]:
-        """Yield the lines of ``rigs.txt``."""
+    def lines(self, names: Sequence[str], points: _Observations | None) -> dict[str, Iterable[str]]:
+        """Return the lines of all files by their names, with the names of the images and their points."""
+        ids = self.camera_ids
+        cameras = {str(ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
+        frames, rigs = list[str](), list[str]()
         for rig_id, rig in enumerate(self.rigs, start=1):
-            poses = {self.camera_ids[name]: mounted.pose for name, mounted in rig.rig.cameras.items()}
-            yield colmap.rig_line(rig_id, poses)
+            mounts = {ids[name]: mounted.pose for name, mounted in rig.rig.cameras.items()}
+            rigs.append(colmap.rig_line(rig_id, mounts))
+            for views, pose in rig.moments:
+                images = {ids[name]: self.image_ids[view.key] for name, view in views.items()}
+                frames.append(colmap.frame_line(len(frames) + 1, rig_id, pose, images))
+        return {
+            "cameras": colmap.write_colmap(cameras).splitlines(),
+            "rigs": rigs,
+            "frames": frames,
+            "images": self._image_lines(names, points),
+            "points3D": points.lines() if points else (),
+        }
 
-    def frame_lines(self) -> Iterator[str]:
-        """Yield the lines of ``frames.txt``."""
-        moments = [
-            (rig_id, *moment) for rig_id, rig in enumerate(self.rigs, start=1) for moment in rig.moments
-        ]
-        for frame_id, (rig_id, views, pose) in enumerate(moments, start=1):
-            images = {self.camera_ids[name]: self.image_ids[view.key] for name, view in views.items()}
-            yield colmap.frame_line(frame_id, rig_id, pose, images)
-
-    def image_lines(self, names: Sequence[str], points: _Observations | None) -> Iterator[str]:
+    def _image_lines(self, names: Sequence[str], points: _Observations | None) -> Iterator[str]:
         """Yield the lines of ``images.txt``: two for each image, the second one with its points."""
         for image_id, (view, name) in enumerate(zip(self.images, names, strict=True), start=1):
             yield f"{image_id} {colmap.pose_words(view.pose)} {self.camera_ids[view.camera_name]} {name}"

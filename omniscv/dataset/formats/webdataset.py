@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import storage
-from omniscv.arguments import shown, stem, whole_number
-from omniscv.cameras import from_dict
+from omniscv.arguments import shown, whole_number
 from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.manifest import MOST_IDS, Manifest
+from omniscv.dataset.manifest import Manifest, read_cameras, read_names
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry, Frame
 from omniscv.records import checked, record
@@ -137,8 +136,7 @@ def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]
             FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
             for shard in content["shards"]
         }
-        cameras = {stem("camera", name): from_dict(camera) for name, camera in content["cameras"].items()}
-        names = {name: whole_number(name, number, most=MOST_IDS) for name, number in content["names"].items()}
+        cameras, names = read_cameras(content["cameras"]), read_names(content["names"])
         return Manifest(cameras, names, versions={}), shards
     except (ValueError, TypeError, KeyError, AttributeError) as cause:
         raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
