@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import Any, TypeVar
 
 from omniscv import plugins, storage
@@ -86,8 +85,13 @@ class Format(WithOptions, ABC):
         return None
 
 
-_NAMES = sorted(module.name for module in iter_modules(import_module("omniscv.dataset.formats").__path__))
-"""The formats of this package: each is registered by the module of its name."""
+_MODULES = {
+    **{"coco": "coco", "omni3d": "coco", "cfl": "layouts", "horizonnet": "layouts"},
+    **{"depth_png": "numbers", "normals_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
+    **dict.fromkeys(("colmap", "euroc", "flow", "hf", "kalibr", "nerfstudio", "ply", "poses", "rosbag2")),
+    **dict.fromkeys(("structured3d", "tum_mono", "webdataset", "yolo")),
+}
+"""The formats of this package, and the modules that register them; None: that of the format's name."""
 
 _FORMATS: dict[str, Format] = {}
 
@@ -111,7 +115,7 @@ def register(format: T) -> T:
 def names() -> tuple[str, ...]:
     """Return the names of all formats."""
     plugins.load()
-    return tuple(dict.fromkeys((*_NAMES, *_FORMATS)))
+    return tuple(dict.fromkeys((*sorted(_MODULES), *_FORMATS)))
 
 
 def get(name: str) -> Format:
@@ -124,7 +128,7 @@ def get(name: str) -> Format:
     one_of("format", name.replace("-", "_"), known)
     name = known[name.replace("-", "_")]
     if name not in _FORMATS:
-        import_module(f"omniscv.dataset.formats.{name}")
+        import_module(f"omniscv.dataset.formats.{_MODULES[name] or name}")
     return _FORMATS[name]
 
 

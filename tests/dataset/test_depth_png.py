@@ -10,7 +10,7 @@ from support.traced_frames import frame_of
 
 from omniscv import Pose, cameras
 from omniscv.dataset import get
-from omniscv.dataset.pictures import PRESETS
+from omniscv.dataset.formats.numbers import PRESETS
 from omniscv.errors import ArgumentError
 
 POSE = Pose.from_angles((0, 0, 1))

@@ -10,7 +10,7 @@ from support.observed import framed, observed
 import mock_server
 import omniscv
 from omniscv import cameras, dataset
-from omniscv.dataset.formats.omni3d import matrix_of
+from omniscv.dataset.formats.coco import matrix_of
 from omniscv.errors import ArgumentError
 
 SCENE = mock_server.load_scene("four-wall")

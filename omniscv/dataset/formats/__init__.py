@@ -1,1 +1,1 @@
-"""One module per format, of the format's name: it registers a :class:`omniscv.dataset.Format`."""
+"""The formats that datasets are exported to; :mod:`omniscv.dataset.exporting` lists their modules."""

@@ -1,4 +1,6 @@
-"""COCO: ``annotations.json`` with run-length encoded masks, and one such file for each split.
+"""COCO, and Omni3D, which has its form.
+
+``coco`` writes ``annotations.json`` with run-length encoded masks, and one such file for each split.
 
 An annotation is an object in an image. Its ``bbox`` and ``area`` equal those that pycocotools computes from
 its mask. Further keys, which readers of COCO ignore, are ``instance_id``, ``name``; of a panorama
@@ -8,30 +10,171 @@ its mask. Further keys, which readers of COCO ignore, are ``instance_id``, ``nam
 
 Categories are the classes that are not stuff; without classes every object's name is a category, with its
 instance id. Objects without a class, and stuff, have no annotation.
+
+``omni3d`` writes ``omni3d.json``: boxes in space in the frame of the camera.
+
+Coordinates are those of the camera: x right, y down, z forward, metres. ``dimensions`` are width, height and
+length of the box: along z, y and x of its frame, whose axes in the camera's are the columns of ``R_cam``. In
+an upright box, y is down.
+The corners of ``bbox3D_cam`` are in the order of Omni3D: (-, -, -), (+, -, -), (+, +, -), (-, +, -), then the
+same with z positive. Unknown values are -1.
+
+Cameras with distortion have no matrix ``K``; every image has its ``camera``, as omniscv writes it. Readers of
+Omni3D load files of pinhole cameras without distortion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import flag, one_of
-from omniscv.dataset.coco_entries import (
-    category_entries,
-    class_of,
-    entries,
-    image_entry,
-    object_entries,
-    write_compact,
-)
+from omniscv.cameras import Camera
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import write_pixels
+from omniscv.dataset.pictures import reference, write_pixels
+from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.records import checked, record
+from omniscv.frame.classes import SemanticClass
+from omniscv.geometry import Array
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.records import NoOptions, checked, record
+from omniscv.storage.local import whole_file
+from omniscv.truth import rle
 from omniscv.truth.object_boxes import boxes
+
+_FROM_TRUTH = {
+    "boxes": {"distance": "distance", "truncated": "truncated"},
+    "bfov": {"bfov": "bfov", "rbfov": "rbfov"},
+    "amodal": {"visib_fract": "visib_fract", "px_all": "area_amodal", "bbox": "bbox_amodal"},
+}
+"""By truth: fields of its records, and their names in annotations."""
+
+
+def entries(
+    frames: Sequence[Frame],
+    image: Callable[[Frame, int], dict[str, Any]],
+    objects: Callable[[Frame], Iterable[dict[str, Any]]],
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the entries of ``images`` and ``annotations`` of frames, numbered from 1.
+
+    Args:
+        frames: in their order.
+        image: returns the entry of a frame and its number.
+        objects: returns the annotations of a frame, without ids.
+    """
+    images, annotations = [], list[dict[str, Any]]()
+    for number, frame in enumerate(frames, start=1):
+        images.append(image(frame, number))
+        for entry in objects(frame):
+            annotations.append({"id": len(annotations) + 1, "image_id": number, **entry})
+    return images, annotations
+
+
+def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
+    """Return the entry of ``images`` of a frame; its file's name is relative to a folder."""
+    return {
+        "id": number,
+        "file_name": reference(frame, "lit" if "lit" in frame.files else "labels", out),
+        "width": frame.camera.width,
+        "height": frame.camera.height,
+        "key": frame.key,
+        "camera": frame.camera.to_dict(),
+        "pose": frame.pose.to_dict(),
+        "split": frame.split,
+        "place": frame.place,
+        **({} if frame.time is None else {"time": frame.time}),
+    }
+
+
+def category_entries(frames: Sequence[Frame], stuff: bool) -> list[dict[str, Any]]:
+    """Return the entries of ``categories``: the classes, or without classes every object."""
+    categories: dict[int, SemanticClass] = {}
+    for frame in frames:
+        if frame.classes is not None:
+            classes = frame.classes.classes.values()
+            categories |= {category.id: category for category in classes if stuff or not category.stuff}
+        else:
+            categories |= {number: SemanticClass(number, name) for name, number in frame.instances.items()}
+    return [
+        {
+            "id": number,
+            "name": category.name,
+            "supercategory": category.supercategory,
+            "isthing": int(not category.stuff),
+        }
+        for number, category in sorted(categories.items())
+    ]
+
+
+def class_of(frame: Frame, object_name: str) -> SemanticClass | None:
+    """Return the category of an object; None without one."""
+    if frame.classes is None:
+        return SemanticClass(frame.instances[object_name], object_name)
+    return frame.classes.of(object_name)
+
+
+def object_entries(frame: Frame, split: bool) -> Iterator[dict[str, Any]]:
+    """Yield the entries of ``annotations`` of a frame, without ids.
+
+    Objects without a class, and stuff, have none. With ``split``, objects that cross the seam have one on
+    either side.
+    """
+    labels = frame.layer("labels")
+    from_truth = _fields_from_truth(frame)
+    for box in boxes(labels, frame.instances, frame.classes, wrap=frame.camera.wraps):
+        category = class_of(frame, box["name"])
+        if category is None or category.stuff:
+            continue
+        instance = box["instance_id"]
+        shared: dict[str, Any] = {"category_id": category.id, "iscrowd": 0, "instance_id": instance}
+        shared["name"] = box["name"]
+        shared |= {key: box[key] for key in ("bbox_wrap", "crosses_seam") if key in box}
+        shared |= from_truth.get(instance, {})
+        for mask in _parts_of(labels == instance, box, split):
+            yield {**_mask_fields(mask), **shared}
+
+
+def _parts_of(mask: NDArray[np.bool_], record: Mapping[str, Any], split: bool) -> list[NDArray[np.bool_]]:
+    """Return a mask, or if it crosses the seam without going all the way round, its parts on either side."""
+    x, _, width, _ = record.get("bbox_wrap", record["bbox"])
+    if not split or x + width <= mask.shape[1]:
+        return [mask]
+    right, left = mask.copy(), mask.copy()
+    right[:, :x] = False
+    left[:, x:] = False
+    return [right, left]
+
+
+def _mask_fields(mask: NDArray[np.bool_]) -> dict[str, Any]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    x, y = int(columns[0]), int(rows[0])
+    box = [x, y, int(columns[-1]) + 1 - x, int(rows[-1]) + 1 - y]
+    return {"bbox": box, "area": int(np.count_nonzero(mask)), "segmentation": rle.encode(mask)}
+
+
+def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:
+    """Return fields of annotations from a frame's truth, by instance id."""
+    fields: dict[int, dict[str, Any]] = {}
+    for truth, names in _FROM_TRUTH.items():
+        for of_object in frame.truth.get(truth, ()):
+            instance = fields.setdefault(of_object["instance_id"], {})
+            instance |= {new: of_object[old] for old, new in names.items() if of_object.get(old) is not None}
+    return fields
+
+
+def write_compact(path: Path, data: Mapping[str, Any]) -> Path:
+    """Write JSON without spaces, as masks are long, whole or not at all; return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as part:
+        text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+        part.write_text(text + "\n", encoding="utf-8")
+    return path
 
 
 @record
@@ -98,3 +241,110 @@ def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out:
     content = {"info": {}, "licenses": [], "images": list(images)}
     content |= {"categories": category_entries(frames, stuff=True), "annotations": annotations}
     return [*written, write_compact(out / "panoptic.json", content)]
+
+
+# -- Omni3D ----------------------------------------------------------------------------------------------
+
+_UNKNOWN = -1
+_CHECKED = 7  # rows and columns of pixels in which a camera with a matrix must be linear
+_LINEAR = 1e-9  # largest deviation, on the plane z = 1
+_R_B_O = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""From Omni3D's frame of a box, whose y is down, to ours, whose z is up."""
+_NO_BOX = [-1.0, -1.0, -1.0, -1.0]
+
+
+@register
+class Omni3d(Format):
+    """See the module."""
+
+    name = "omni3d"
+    needs = ("labels", "truth")
+
+    def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
+        """Write the boxes of frames; ArgumentError for a frame without the truth ``boxes3d``."""
+        ordered = sorted(frames, key=lambda frame: frame.key)
+
+        def image(frame: Frame, image_id: int) -> dict[str, Any]:
+            entry = image_entry(frame, image_id, out)
+            entry["file_path"] = entry.pop("file_name")
+            if (K := matrix_of(frame.camera)) is not None:
+                entry["K"] = K.tolist()
+            return entry | {"dataset_id": 0, "src_90_rotate": 0, "src_flagged": False}
+
+        images, annotations = entries(ordered, image, _annotations)
+        info = {"id": 0, "source": "omniscv", "name": "omniscv", "split": "", "version": "1", "url": ""}
+        content = {"info": info, "images": images, "categories": category_entries(ordered, stuff=False)}
+        return [write_compact(out / "omni3d.json", {**content, "annotations": annotations})]
+
+
+@lru_cache(maxsize=16)
+def matrix_of(camera: Camera) -> Array | None:
+    """Return ``K`` (3, 3), read-only, of a camera that projects as ``K (x, y, z)``; None for any other."""
+    u, v = (np.linspace(0, edge, _CHECKED) for edge in (camera.width, camera.height))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = camera.unproject(pixels)
+    if not rays.valid.all() or rays.origins.any() or (rays.directions[:, 2] <= 0).any():
+        return None
+    xy = rays.directions[:, :2] / rays.directions[:, 2:]
+    homogeneous = np.column_stack([pixels, np.ones(len(pixels))])
+    inverse = np.linalg.lstsq(homogeneous, xy, rcond=None)[0].T
+    if np.abs(homogeneous @ inverse.T - xy).max() > _LINEAR:
+        return None
+    K = np.round(np.linalg.inv(np.vstack([inverse, [0, 0, 1]])), 9).astype(np.float64) + 0.0
+    K.flags.writeable = False
+    return K
+
+
+def _annotations(frame: Frame) -> Iterator[dict[str, Any]]:
+    if "boxes3d" not in frame.truth:
+        raise ArgumentError(f"{frame.key}: expected the truth boxes3d, got none; make the dataset with it")
+    in_image = {entry["instance_id"]: entry for entry in object_entries(frame, split=False)}
+    shares = {share["instance_id"]: share["visib_fract"] for share in frame.truth.get("amodal", ())}
+    for box in frame.truth["boxes3d"]:
+        entry, category = in_image.get(box["instance_id"]), class_of(frame, box["name"])
+        if entry is None or category is None:
+            continue
+        size, center, R_c_b = (np.array(box[key]) for key in ("size", "center_camera", "R_camera_box"))
+        size, R_c_o = size[[0, 2, 1]], R_c_b @ _R_B_O
+        corners = ObjectBox(center, R_c_o, size, box["source"]).corners_w()  # in the camera's frame
+        projected = _projected(frame.camera, corners)
+        x, y, width, height = entry["bbox"]
+        most = 2 * (float(frame.camera.width), float(frame.camera.height))
+        inside = [min(max(0.0, value), edge) for value, edge in zip(projected, most, strict=True)]
+        yield {
+            "dataset_id": 0,
+            "category_id": entry["category_id"],
+            "category_name": category.name,
+            "instance_id": box["instance_id"],
+            "name": box["name"],
+            "valid3D": not box.get("partial", False),
+            "bbox2D_tight": [x, y, x + width, y + height],
+            "bbox2D_proj": projected,
+            "bbox2D_trunc": _NO_BOX if projected == _NO_BOX else inside,
+            "bbox3D_cam": corners.tolist(),
+            "center_cam": box["center_camera"],
+            "dimensions": size[[2, 1, 0]].tolist(),
+            "R_cam": R_c_o.tolist(),
+            "behind_camera": bool((corners[:, 2] <= 0).all()),
+            "visibility": shares.get(box["instance_id"], _UNKNOWN),
+            "truncation": box["truncated"],
+            "segmentation_pts": _UNKNOWN,
+            "lidar_pts": _UNKNOWN,
+            "depth_error": _UNKNOWN,
+        }
+
+
+def _projected(camera: Camera, corners_c: Array) -> list[float]:
+    """The box around the projected corners, which may exceed the image if the camera has a matrix.
+
+    It is unknown if a corner has no pixel, or if the box crosses the seam of a panorama.
+    """
+    if (K := matrix_of(camera)) is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = (corners_c @ K.T)[:, :2] / corners_c[:, 2:]
+        valid = corners_c[:, 2] > 0
+    else:
+        pixels, valid = camera.project(corners_c)
+    if not valid.all() or (camera.wraps and np.ptp(pixels[:, 0]) > camera.width / 2):
+        return _NO_BOX
+    return [*map(float, pixels.min(axis=0)), *map(float, pixels.max(axis=0))]

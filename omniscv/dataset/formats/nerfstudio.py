@@ -25,7 +25,8 @@ from omniscv.calibration.table import NERFSTUDIO
 from omniscv.cameras import Camera
 from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, PointOptions, register
-from omniscv.dataset.pictures import PRESETS, copy_lit, encode, without_limit, write_mask, write_pixels
+from omniscv.dataset.formats.numbers import PRESETS, encode
+from omniscv.dataset.pictures import copy_lit, without_limit, write_mask, write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

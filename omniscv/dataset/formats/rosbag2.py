@@ -29,7 +29,7 @@ from omniscv.calibration.opencv import to_opencv, to_opencv_fisheye
 from omniscv.cameras import Camera
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.formats.euroc import nanoseconds, track_of
-from omniscv.dataset.formats.kitti_lidar import LidarOptions
+from omniscv.dataset.formats.lidar import LidarOptions
 from omniscv.dataset.pictures import without_limit, write_color
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError

@@ -26,7 +26,8 @@ from omniscv.arguments import within
 from omniscv.cameras import Camera
 from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import PRESETS, encode, write_color, write_pixels
+from omniscv.dataset.formats.numbers import PRESETS, encode
+from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry.pose import Array

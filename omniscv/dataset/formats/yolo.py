@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from omniscv.arguments import one_of
 from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
-from omniscv.dataset.coco_entries import category_entries, object_entries
 from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.formats.coco import category_entries, object_entries
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame

@@ -1,6 +1,6 @@
-"""KITTI's LiDAR folders, with the labels of SemanticKITTI: those of one ``lidar``.
+"""Point clouds of a ``lidar``: KITTI's folders, and PCD of the Point Cloud Library.
 
-::
+``kitti_lidar``, with the labels of SemanticKITTI: those of one ``lidar``::
 
     velodyne/000000.bin      float32 x y z r: X ahead, Y left, Z up, metres; r the intensity, or 0
     labels/000000.label      uint32 class + 65536 * instance of each point, if the frames have labels
@@ -8,10 +8,17 @@
     calib.txt                Tr, from the sensor's axes to those of the camera (x right, y down, z forward)
 
 Only returns are points. Class 0 is SemanticKITTI's "unlabeled".
+
+``pcd``, PCD 0.7: ``KEY.pcd`` of each frame, binary and organised as the image is.
+
+Points are in the sensor's axes (X ahead, Y left, Z up), NaN where a pixel has none; ``VIEWPOINT`` is the
+sensor's pose in the world. Fields: ``x y z``, and as the frames have them ``intensity``, ``ring``, ``time``,
+``label``, ``class``: see :func:`omniscv.truth.point_cloud.sweep`.
 """
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +28,7 @@ from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.sequences import by_camera, timed, trajectory
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.geometry import R_LEVEL
+from omniscv.geometry import R_LEVEL, Pose
 from omniscv.geometry.trajectory_files import write_kitti, write_kitti_times
 from omniscv.records import checked, record
 from omniscv.storage.local import whole_file, write_text
@@ -89,4 +96,37 @@ class KittiLidar(Format):
             if timed(mine):
                 contents["times"] = write_kitti_times(poses)
             written += [write_text(out / f"{name}.txt", text) for name, text in contents.items()]
+        return written
+
+
+@register
+class Pcd(Format):
+    """See the module."""
+
+    name = "pcd"
+    needs = ("depth",)
+    options = LidarOptions
+
+    def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
+        written = []
+        for frame in frames:
+            points = sweep(frame, options.max_relative_error, options.intensity)
+            height, width = points.shape
+            x, y, z, w = Pose(frame.pose.position, frame.pose.rotation @ R_LEVEL.T).quaternion()
+            names = points.dtype.names or ()
+            types = [points.dtype[name] for name in names]
+            header: dict[str, Sequence[Any]] = {
+                "VERSION": [0.7],
+                "FIELDS": names,
+                "SIZE": [type.itemsize for type in types],
+                "TYPE": [type.kind.upper() for type in types],
+                "COUNT": [1] * len(types),
+                "WIDTH": [width],
+                "HEIGHT": [height],
+                "VIEWPOINT": [*frame.pose.position.tolist(), w, x, y, z],
+                "POINTS": [width * height],
+                "DATA": ["binary"],
+            }
+            text = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in header.items())
+            written.append(write_bytes(out / f"{frame.key}.pcd", text.encode(), points.tobytes()))
         return written

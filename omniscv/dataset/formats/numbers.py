@@ -1,0 +1,225 @@
+"""Layers as PNG of whole numbers: ``depth_png`` and ``normals_png``.
+
+``depth_png`` writes ``depth/STEM.png``, and ``depth/depth.json``, which describes the numbers.
+
+The option ``scale`` names one of ``PRESETS``; ``mm`` is that of Structured3D and nerfstudio, too.
+Planar depth is measured along the camera's axis, and exists for pinhole cameras only. Depth that the numbers
+cannot hold becomes the preset's none; nothing is clamped. ``depth.json`` counts by frame what became none:
+``beyond`` the numbers, ``infinite``, and ``outside`` the field of view. Half a step is rounded to even.
+
+``normals_png`` writes ``normals/STEM.png`` of 16 bits, RGB, and ``normals/normals.json``.
+
+Unit vectors in the camera frame (x right, y down, z forward), x in red, each component n as a number of 16
+bits, by the option ``scale``:
+
+``symmetric`` (default)
+    ``32767.5 (1 + n)``: exact at both ends, at most half a step off.
+``matterport``
+    ``32768 (1 + n)``; n = 1, which would be 65536, is 65535, a step off.
+
+(0, 0, 0), which is no unit vector, stands for none; ``normals.json`` counts such pixels by frame.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import one_of, within
+from omniscv.cameras import Camera, Pinhole
+from omniscv.compose.files import write_json
+from omniscv.dataset.exporting import Format, register
+from omniscv.dataset.pictures import write_pixels
+from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
+from omniscv.parallel import side_by_side
+from omniscv.records import checked, record
+
+Kind = Literal["planar", "ray"]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How metres become whole numbers.
+
+    Attributes:
+        per_metre: steps.
+        none: the number that stands for no depth.
+        kind: along the camera's axis or along the ray; None: planar for pinholes, else along the ray.
+        bits: of a number; 24 are three bytes, the lowest first.
+    """
+
+    per_metre: float
+    none: int
+    kind: Kind | None
+    bits: int = 16
+
+    def kind_of(self, camera: Camera) -> Kind:
+        """Return the kind of depth for a camera.
+
+        Raises:
+            ArgumentError: planar depth of a camera that is no pinhole.
+        """
+        pinhole = isinstance(camera, Pinhole)
+        if self.kind == "planar" and not pinhole:
+            raise ArgumentError(
+                "scale: expected a preset of depth along the ray (mm, stanford2d3d, tof360) for "
+                f"{camera.name}, which has no planar depth"
+            )
+        return self.kind or ("planar" if pinhole else "ray")
+
+
+PRESETS = {
+    "matterport": Preset(4000, 0, "planar"),
+    "stanford2d3d": Preset(512, 65535, None),
+    "mm": Preset(1000, 0, None),
+    "kitti": Preset(256, 0, "planar"),
+    "tum": Preset(5000, 0, "planar"),
+    "tof360": Preset(512, 0, "ray"),
+    "shift": Preset(2**24 / 1000, 2**24 - 1, "planar", 24),
+}
+
+
+def encode(depth: NDArray[np.float32], camera: Camera, preset: Preset) -> tuple[NDArray[Any], dict[str, int]]:
+    """Return depth as a preset's numbers, and how many pixels became none, by reason.
+
+    Half a step is rounded to even. Nothing is clamped: a depth that the numbers cannot hold becomes none.
+
+    Args:
+        depth: (H, W) metres along the rays.
+        camera: of the image.
+        preset: of the numbers.
+
+    Returns:
+        pixels, (H, W) uint16 or (H, W, 3) uint8; counts of ``beyond``, ``infinite``, ``outside``.
+
+    Raises:
+        ArgumentError: planar depth of a camera that is no pinhole.
+    """
+    metres = depth.astype(np.float64)
+    if preset.kind_of(camera) == "planar":
+        metres *= _axis_cosines(camera)
+    codes = np.rint(metres * preset.per_metre)
+    fits = (codes >= 0) & (codes < 1 << preset.bits) & (codes != preset.none) & (depth > 0)
+    codes = np.where(fits, codes, preset.none).astype(np.uint32)
+    infinite, outside = np.isposinf(depth), depth == 0
+    masks = {"beyond": ~fits & ~infinite & ~outside, "infinite": infinite, "outside": outside}
+    pixels = codes.astype(np.uint16)
+    if preset.bits == 24:
+        pixels = np.stack([codes >> shift & 255 for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
+    return pixels, {reason: int(np.count_nonzero(mask)) for reason, mask in masks.items()}
+
+
+@lru_cache(maxsize=4)
+def _axis_cosines(camera: Camera) -> NDArray[np.float64]:
+    """(H, W) the cosine between rays and the camera's axis; 0 where not valid."""
+    return np.nan_to_num(camera.unproject().directions[..., 2])
+
+
+def write_numbers(
+    frames: Sequence[Frame],
+    folder: Path,
+    encode: Callable[[Frame], tuple[NDArray[Any], Any]],
+    description: Mapping[str, Any],
+) -> list[Path]:
+    """Write a layer of frames as whole numbers: ``KEY.png``, and ``FOLDER.json``, which describes them.
+
+    Args:
+        frames: with the layer.
+        folder: of the files; made if it is not there.
+        encode: returns the pixels of a frame, and what of them is replaced, for the description.
+        description: plain values.
+    """
+
+    def write(frame: Frame) -> tuple[Path, Any]:
+        pixels, replaced = encode(frame)
+        return write_pixels(folder / f"{frame.key}.png", pixels), replaced
+
+    folder.mkdir(parents=True, exist_ok=True)
+    written = side_by_side(write, frames)
+    replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
+    content = {**description, "replaced": replaced}
+    return [*(path for path, _ in written), write_json(folder / f"{folder.name}.json", content)]
+
+
+@record
+class DepthPngOptions:
+    """Options of the format."""
+
+    scale: str = checked(one_of, words=PRESETS, default="mm", help="preset of the numbers")
+
+    def kinds(self, cameras: Mapping[str, Camera]) -> dict[str, Kind]:
+        """Return the kind of depth of each camera; ArgumentError for planar depth without a plane."""
+        kinds = {}
+        for name, camera in cameras.items():
+            with within(name):
+                kinds[name] = PRESETS[self.scale].kind_of(camera)
+        return kinds
+
+
+@register
+class DepthPng(Format):
+    """See the module."""
+
+    name = "depth_png"
+    needs = ("depth",)
+    options = DepthPngOptions
+
+    def check_options(self, options: DepthPngOptions, cameras: Mapping[str, Camera]) -> None:
+        options.kinds(cameras)
+
+    def write(self, frames: Sequence[Frame], out: Path, options: DepthPngOptions) -> list[Path]:
+        kinds = options.kinds({frame.camera_name: frame.camera for frame in frames})
+        preset = PRESETS[options.scale]
+        description = {"scale": options.scale, **asdict(preset), "kind": kinds}
+        return write_numbers(
+            frames,
+            out / "depth",
+            lambda frame: encode(frame.layer("depth"), frame.camera, preset),
+            description,
+        )
+
+
+# -- normals ---------------------------------------------------------------------------------------------
+
+_SCALES = {"symmetric": 32767.5, "matterport": 32768.0}
+
+
+@record
+class NormalsPngOptions:
+    """Options of the format."""
+
+    scale: str = checked(one_of, words=_SCALES, default="symmetric", help="how numbers are scaled")
+
+
+@register
+class NormalsPng(Format):
+    """See the module."""
+
+    name = "normals_png"
+    needs = ("normals",)
+    options = NormalsPngOptions
+
+    def write(self, frames: Sequence[Frame], out: Path, options: NormalsPngOptions) -> list[Path]:
+        half = _SCALES[options.scale]
+        description = {
+            "scale": options.scale,
+            "half": half,
+            "none": [0, 0, 0],
+            "frame": "camera: x right, y down, z forward",
+        }
+        return write_numbers(
+            frames, out / "normals", lambda frame: encode_normals(frame.layer("normals"), half), description
+        )
+
+
+def encode_normals(normals: NDArray[np.float32], half: float) -> tuple[NDArray[np.uint16], int]:
+    """Return (H, W, 3) normals as whole numbers around ``half``, and how many pixels have none."""
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)  # 0 or NaN without a normal
+    known = length > 0
+    codes = np.rint(half * (1 + np.where(known, normals, -1).astype(np.float64)))
+    return np.minimum(codes, 65535).astype(np.uint16), int(np.count_nonzero(~known))
