@@ -23,8 +23,7 @@ import dask
 from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
-from omniscv.cluster.making import TASK_OPTIONS
-from omniscv.cluster.workers import RESOURCE, settings
+from omniscv.cluster import RESOURCE, TASK_OPTIONS, settings
 
 EACH = 5  # parts of a worker
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own

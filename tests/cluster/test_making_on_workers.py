@@ -5,12 +5,13 @@ from collections import Counter
 from contextlib import contextmanager
 from dataclasses import replace
 
+import dask
 import pytest
 from support.datasets import job_file, tree
 
 import omniscv
 from omniscv import cluster
-from omniscv.cluster.workers import RESOURCE
+from omniscv.cluster import RESOURCE
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
 from omniscv.job import load
 from omniscv.make import make, parts_of
@@ -38,20 +39,18 @@ class Failing(SourceWrapper):
         CLOSED[self._address] += 1
 
 
-class Threads:
+@contextmanager
+def threads(sources):
     """Two workers, named 0 and 1."""
+    from distributed import Client, LocalCluster
 
-    @contextmanager
-    def client(self, sources):
-        from distributed import Client, LocalCluster
-
-        options = {"threads_per_worker": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
-        quiet = {"silence_logs": logging.CRITICAL, "resources": RESOURCE}
-        with (
-            LocalCluster(n_workers=2, **options, **quiet) as started,
-            Client(started, set_as_default=False) as client,
-        ):
-            yield client
+    options = {"threads_per_worker": 1, "processes": False, "dashboard_address": "127.0.0.1:0"}
+    quiet = {"silence_logs": logging.CRITICAL, "resources": RESOURCE}
+    with (
+        LocalCluster(n_workers=2, **options, **quiet) as started,
+        Client(started, set_as_default=False) as client,
+    ):
+        yield client
 
 
 @pytest.fixture
@@ -69,7 +68,7 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
     FAULTS.update({"failing:0": 2, "failing:1": 1})
     warnings, seen = [], []
     there = replace(job, source=("failing:0", "failing:1"))
-    made = cluster.make(there, Threads(), warn=warnings.append, progress=lambda *step: seen.append(step))
+    made = cluster.make(there, threads, warn=warnings.append, progress=lambda *step: seen.append(step))
     assert (made.written, made.missing) == (len(job), 0)
     assert seen[-1] == (len(job), len(job))
     assert {each for each in warnings if "connection broke" in each} == {
@@ -83,31 +82,30 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
 def test_repeated_failures_end_the_run(job):
     FAULTS["failing:0"] = 10**6
     with pytest.raises(ClusterError) as failed:
-        cluster.make(replace(job, poses=job.poses[:1]), Threads())
+        cluster.make(replace(job, poses=job.poses[:1]), threads)
     message = str(failed.value)
     assert "one failed 6 times: ServerConnectionError: failing:0: the connection broke" in message
     assert message.endswith("what is made is kept: run the same command again")
     assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
 
 
-class Ending(Threads):
-    """Two workers, whose scheduler ends with the first frames that are made."""
+def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
+    job, started = replace(job, source="scene://four-wall"), []
+    soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
 
     @contextmanager
-    def client(self, sources):
-        import dask
-
-        soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
-        with dask.config.set(soon), super().client(sources) as client:
-            self.end = lambda *made: client.cluster.sync(client.cluster.scheduler.close)
+    def ending(sources):
+        with dask.config.set(soon), threads(sources) as client:
+            started.append(client.cluster)
             yield client
 
+    def end(*made):
+        """End the scheduler with the first frames that are made."""
+        started[0].sync(started[0].scheduler.close)
 
-def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
-    job, workers = replace(job, source="scene://four-wall"), Ending()
     with pytest.raises(ClusterError, match=r"expected the scheduler to stay.*run the same command again"):
-        cluster.make(job, workers, progress=lambda *made: workers.end())
-    made = cluster.make(job, Threads())
+        cluster.make(job, ending, progress=end)
+    made = cluster.make(job, threads)
     assert made.written + made.kept == len(job)
     assert made.kept > 0
     make(replace(job, out=tmp_path / "single"))
@@ -118,7 +116,7 @@ def test_a_job_that_cannot_be_made_is_refused_at_once(job):
     (job.out).mkdir()
     (job.out / "objects.json").write_text("{}")
     with pytest.raises(ArgumentError, match="images of 'render'; write elsewhere"):
-        cluster.make(job, Threads())
+        cluster.make(job, threads)
     assert OPENED["failing:0"] <= len(parts_of(job))  # no attempt is repeated
 
 
@@ -129,7 +127,7 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     path.write_text(f"{start}poses: {{random: {{count: 20, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
     camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
     sampled = replace(load(path), modes=("lit",), cameras=camera, recipe=plain)
-    made = cluster.make(replace(sampled, out=tmp_path / "clustered"), Threads())
+    made = cluster.make(replace(sampled, out=tmp_path / "clustered"), threads)
     assert made.written == 20
     make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")

@@ -9,7 +9,7 @@ import pytest
 from support.datasets import job_file, tree
 
 from omniscv import cli
-from omniscv.cluster.workers import Address, workers_of
+from omniscv.cluster import scheduler_at, workers_of
 from omniscv.errors import ArgumentError, ClusterError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slurm-array.sh"
@@ -49,4 +49,4 @@ def test_a_place_that_is_none_is_refused(text):
 
 def test_no_scheduler_is_one_line():
     with pytest.raises(ClusterError, match="expected a scheduler of Dask at tcp"):
-        Address("tcp://127.0.0.1:1", timeout_s=0.1).client(["mock://four-wall"]).__enter__()
+        scheduler_at("tcp://127.0.0.1:1", ["mock://four-wall"], timeout_s=0.1).__enter__()

@@ -21,7 +21,7 @@ import base64
 import itertools
 import zlib
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -34,17 +34,14 @@ from omniscv.dataset import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import BOX_EDGES, ObjectBox
 from omniscv.parallel import side_by_side
-from omniscv.truth.spherical import SphericalBox
 
 _PICTURE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 _LEVEL = 5
 
 _STEP = 6  # every so many samples of a curve, at most half a pixel apart, are kept
 _STEPS = 48  # of a box's edge
-_FAR_M = 1e4  # distance of directions: practically infinite for optical centres a metre apart
 
-BoxKind = Literal["boxes", "bfov", "rbfov", "boxes3d"]
-_KINDS: tuple[BoxKind, ...] = ("boxes", "boxes3d")
+BoxKind = Literal["boxes", "boxes3d"]
 
 
 def names(frame: Frame) -> list[str]:
@@ -125,7 +122,7 @@ def boxes(frame: Frame) -> dict[str, list[dict[str, Any]]]:
             }
             for record in frame.truth[kind]
         ]
-        for kind in _KINDS
+        for kind in get_args(BoxKind)
         if frame.truth.get(kind)
     }
 
@@ -140,15 +137,9 @@ def box_lines(kind: BoxKind, camera: Camera, record: Mapping[str, Any]) -> list[
         corners = np.array([(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)], dtype=float)
         pixels = [np.linspace(a, b, _STEPS) for a, b in itertools.pairwise(corners)]
         return [np.column_stack([side[:, 0] % camera.width, side[:, 1]]) for side in pixels]
-    if kind == "boxes3d":
-        center, R_c_b, size = (np.array(record[key]) for key in ("center_camera", "R_camera_box", "size"))
-        corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()
-        return [camera.project(np.linspace(a, b, _STEPS))[0] for a, b in corners[np.array(BOX_EDGES)]]
-    box = SphericalBox.of(record[kind])
-    if box.kind == "lonlat":
-        return []
-    sides = itertools.pairwise([*box.corners(), box.corners()[0]])
-    return [camera.project(_FAR_M * np.linspace(a, b, _STEPS))[0] for a, b in sides]
+    center, R_c_b, size = (np.array(record[key]) for key in ("center_camera", "R_camera_box", "size"))
+    corners = ObjectBox(center, R_c_b, size, record["source"]).corners_w()
+    return [camera.project(np.linspace(a, b, _STEPS))[0] for a, b in corners[np.array(BOX_EDGES)]]
 
 
 def layout(frame: Frame) -> dict[str, Any] | None:

@@ -1,20 +1,23 @@
-"""Make the dataset of a job by the workers of a cluster.
+"""Datasets on many machines: the parts of a job as tasks of Dask, one server for each worker.
 
-A task runs in a worker, which has one open server. Only counts return to the scheduler, or what is wrong with
-the job.
+Dask schedules the tasks. A worker opens one server and makes parts with it. It writes into the dataset's
+folder and returns only counts, or what is wrong with the job. Workers run at ``local:4``, or at the address
+of a scheduler.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import re
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
 from typing import Any, TypeVar
 
-from distributed import Client, Future, WorkerPlugin, as_completed, get_worker
-
-from omniscv.cluster.workers import RESOURCE, Workers
+from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, ClusterError, DatasetError, OmniscvError
 from omniscv.job import Job
 from omniscv.make import Made, Part, check_dataset, finish, opened, parts_of, run_part, source_options
@@ -22,7 +25,123 @@ from omniscv.memory import keep_freed_memory
 from omniscv.sources.base import Source
 from omniscv.sources.registry import SourceOptions, open_source
 
+try:
+    from dask import config
+    from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed, get_worker
+except ImportError as cause:
+    wanted = "expected the packages of clusters: pip install 'omniscv[cluster]'"
+    raise ArgumentError(f"--cluster: {wanted}; got: {cause}") from cause
+
 T = TypeVar("T")
+
+RESOURCE = {"server": 1}
+"""Dask resource: one unit per worker, one per task, so that each worker runs one task at a time."""
+
+SETTINGS: dict[str, Any] = {
+    # When a worker dies, Dask counts a failure for all tasks assigned to it, not only the one that it ran.
+    "distributed.scheduler.allowed-failures": 20,
+    "distributed.scheduler.worker-saturation": 1.0,
+    # Near its memory limit a worker pauses until it has spilled results: there are none.
+    "distributed.worker.memory.pause": False,
+    # A hundred samples a second of each worker, for a page of the dashboard.
+    "distributed.worker.profile.enabled": False,
+}
+"""Of the schedulers and workers that are started here; docs/scale.md lists them for others."""
+
+
+def settings() -> dict[str, Any]:
+    """Return the ``SETTINGS`` that the user's files and environment for Dask leave open."""
+    configured = config.collect()
+    return {key: value for key, value in SETTINGS.items() if config.get(key, None, config=configured) is None}
+
+
+def dask_setup(worker: object) -> None:
+    """Ignore SIGINT in local workers, which preload this module: Ctrl-C reaches them too, and the command
+    ends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+Workers = Callable[[Sequence[str]], AbstractContextManager[Client]]
+"""Gives a client of a scheduler whose workers have, or will have, one server each; the addresses of a job's
+source, its argument, are each for one worker if there are several."""
+
+
+def workers_of(place: str) -> Workers:
+    """Return the workers that a word describes: ``local:4`` or a scheduler's address.
+
+    Raises:
+        ArgumentError: another word.
+    """
+    kind, _, rest = place.partition(":")
+    if kind == "local" and re.fullmatch(r"[1-9][0-9]{0,3}|", rest):
+        return partial(_local, int(rest) if rest else None)
+    if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://.+", place):
+        return partial(scheduler_at, place)
+    wanted = "expected local, local:N or a scheduler such as tcp://host:8786"
+    raise ArgumentError(f"--cluster: {wanted}, got {shown(place)}")
+
+
+@contextmanager
+def _local(workers: int | None, sources: Sequence[str]) -> Iterator[Client]:
+    """Start processes on this machine, as many as the source has addresses if None; they end with the
+    context. Dask restarts a worker that dies. The scheduler runs in this process.
+
+    Raises:
+        ArgumentError: more workers than addresses, if there are several.
+        ClusterError: one has ended while it started.
+    """
+    workers = workers or len(sources)
+    if workers > len(sources) > 1:
+        wanted = f"expected at most {len(sources)} workers, one for each address of the source"
+        raise ArgumentError(f"--cluster: {wanted}, got {workers}")
+    with (
+        config.set(settings()),
+        _started(workers) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def _started(workers: int) -> LocalCluster:
+    try:
+        return LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            memory_limit=0,  # an equal share may be less than one worker needs
+            silence_logs=logging.CRITICAL,
+            resources=RESOURCE,
+            preload=[__name__],
+        )
+    except (RuntimeError, OSError) as cause:
+        wanted = f"--cluster: expected {workers} workers to start, but one ended"
+        why = str(cause).rstrip(".")
+        raise ClusterError(f"{wanted}, as when memory runs out: {why}; run again, or with fewer") from cause
+
+
+@contextmanager
+def scheduler_at(address: str, sources: Sequence[str], timeout_s: float = 10.0) -> Iterator[Client]:
+    """Connect to a running scheduler, such as ``tcp://node7:8786``, with its own workers.
+
+    Raises:
+        ClusterError: that fails, or workers have no server.
+    """
+    try:
+        client = Client(address, timeout=timeout_s, set_as_default=False)
+    except (OSError, ValueError) as cause:
+        wanted = f"expected a scheduler of Dask at {address}"
+        raise ClusterError(f"{wanted}, got: {cause}; start it with 'dask scheduler'") from cause
+    with client:
+        workers = client.scheduler_info(n_workers=-1)["workers"].values()
+        names = [worker["name"] for worker in workers if not RESOURCE.keys() <= worker["resources"].keys()]
+        if names:
+            wanted = "expected workers started with --resources 'server=1'"
+            raise ClusterError(f"{address}: {wanted}, got {len(names)} without, such as {names[0]}")
+        yield client
+
+
+# -- making ---------------------------------------------------------------------------------------------
 
 SERVER_PLUGIN, JOB_PLUGIN = "omniscv-server", "omniscv-job"
 """Names of the plugins of workers."""
@@ -66,7 +185,7 @@ def make(
     if job.worlds:
         wanted = "expected a job with one source for workers that keep it open"
         raise ArgumentError(f"worlds: {wanted}, got {len(job.worlds)}; run parts with --shard I/N instead")
-    with workers.client(job.sources) as client:
+    with workers(job.sources) as client:
         if note:
             note(f"dashboard: {client.dashboard_link}")
         job, made = _make_parts(client, job, progress, warn)
