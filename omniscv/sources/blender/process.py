@@ -14,13 +14,11 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-import numpy as np
-
-from omniscv.arguments import flag, number, numbers, one_of, shown, text, whole_number
+from omniscv.arguments import shown
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
@@ -29,15 +27,12 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
-from omniscv.geometry import Array
-from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.modalities import TRANSFERS, Transfer
-from omniscv.records import checked, listed, mapping, named, optional, read, record
+from omniscv.modalities import Transfer
+from omniscv.records import mapping
 from omniscv.sources.blender.settings import Settings
 from omniscv.storage.bounded import parse_json
 from omniscv.storage.local import last_line
 
-R = TypeVar("R")
 T = TypeVar("T")
 
 TIMEOUT_S, RETRIES = 600.0, 3
@@ -47,19 +42,11 @@ MARK = b"\n--omniscv-blender-1--\n"
 """Comes before the first reply; as in ``inside.py``, which cannot import this."""
 _MOST_NOISE = 1 << 20  # bytes before the mark
 _MOST_REPLY = 1 << 27  # bytes: the boxes of as many objects as there can be take a tenth
-_DRIFT = 1e-4  # of entries of rotations, which Blender has in single precision
 _LONGEST = 1000  # characters of an error of Blender
 _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 
 
-@record
-class Hello:
-    """The first reply: the version of Blender."""
-
-    version: tuple[int, ...] = checked(listed(partial(whole_number, least=0)))
-
-
-@record
+@dataclass(frozen=True)
 class Opened:
     """The reply to ``open``: what is known of the scene before anything is rendered.
 
@@ -75,49 +62,17 @@ class Opened:
         libraries, missing: the files that it links, and those of them and of its textures that are not there.
     """
 
-    scene: str = checked(text)
-    frame: int = checked(whole_number, least=-(1 << 31))
-    objects: Mapping[str, int] = checked(named(partial(whole_number, most=0xFFFF)))
-    world: bool = checked(flag)
-    lights: Mapping[str, Mapping[str, int]] = checked(named(named(partial(whole_number, most=3))))
-    materials: Mapping[str, Mapping[str, int]] = checked(named(named(partial(whole_number, most=3))))
-    metres: float = checked(number, above=0)
-    transfer: Transfer = checked(one_of, words=TRANSFERS)
-    camera: tuple[float, ...] | None = checked(optional(listed(number)))
-    libraries: tuple[str, ...] = checked(listed(text))
-    missing: tuple[str, ...] = checked(listed(text))
-
-    def __post_init__(self) -> None:
-        if len(set(self.objects.values())) < len(self.objects):
-            raise ArgumentError("objects: expected an id of its own for each, got two of one id")
-        if self.camera is not None and len(self.camera) != 3:
-            raise ArgumentError(f"camera: expected three numbers, got {len(self.camera)}")
-
-
-@record
-class Rendered:
-    """The reply to ``render``: metres of a unit of the scene."""
-
-    metres: float = checked(number, above=0)
-
-
-def _box(name: str, value: object) -> ObjectBox:
-    if not isinstance(value, list) or len(value) != 3:
-        raise ArgumentError(f"{name}: expected centre, axes and size, got {shown(value)}")
-    center, axes, size = value
-    axes_w = numbers(f"{name}.axes", axes, (3, 3))
-    if np.abs(axes_w).max() > 1 + _DRIFT or not np.allclose(axes_w @ axes_w.T, np.eye(3), atol=_DRIFT):
-        raise ArgumentError(f"{name}: expected axes at right angles, got {shown(axes)}")
-    center_w = numbers(f"{name}.center", center, (3,))
-    return ObjectBox.of(center_w, axes_w, numbers(f"{name}.size", size, (3,)), "vertices")
-
-
-@record
-class Measured:
-    """The reply to ``boxes``: by name, where objects are, metres, and the boxes of those with a shape."""
-
-    places: Mapping[str, Array] = checked(named(partial(numbers, shape=(3,))))
-    boxes: Mapping[str, ObjectBox] = checked(named(_box))
+    scene: str
+    frame: int
+    objects: Mapping[str, int]
+    world: bool
+    lights: Mapping[str, Mapping[str, int]]
+    materials: Mapping[str, Mapping[str, int]]
+    metres: float
+    transfer: Transfer
+    camera: Sequence[float] | None
+    libraries: Sequence[str]
+    missing: Sequence[str]
 
 
 class Process:
@@ -143,12 +98,12 @@ class Process:
             self._output.close()
             expected = f"{name}: expected Blender to run"
             raise ServerConnectionError(f"{expected}, got: {cause.strerror}: {shown(command[0])}") from cause
-        with self._exchange("start"):
+        with self._exchange("start"), self.understood("start"):
             self._skip_noise()
-            self.version = self._read_record(Hello, self._reply(), "start").version
+            self.version = tuple(map(int, self._reply()["version"]))
 
-    def ask(self, what: str, message: Mapping[str, Any], reply: type[R]) -> R:
-        """Send a request of plain JSON values, to do ``what``, and return its reply as a record.
+    def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
+        """Send a request of plain JSON values, to do ``what``, and return its reply.
 
         Raises:
             ServerRefusedError: Blender reports an error.
@@ -163,7 +118,7 @@ class Process:
             values = self._reply()
         if isinstance(error := values.get("error"), str):
             raise ServerRefusedError(f"{self._name}: expected Blender to {what}, got: {error[:_LONGEST]}")
-        return self._read_record(reply, values, what)
+        return values
 
     def stop(self) -> None:
         """End the process, even while it renders, and remove its folder."""
@@ -231,12 +186,14 @@ class Process:
             expected = f"{self._name}: expected a reply in JSON"
             raise BadReplyError(f"{expected}, got {shown(data[:80])} of {length} bytes") from cause
 
-    def _read_record(self, reply: type[R], values: dict[str, Any], what: str) -> R:
+    @contextlib.contextmanager
+    def understood(self, what: str) -> Iterator[None]:
+        """Raise BadReplyError for a reply of another form."""
         try:
-            return read(reply, values)
-        except ArgumentError as cause:
+            yield
+        except (LookupError, TypeError, ValueError, AttributeError) as cause:
             expected = f"{self._name}: expected Blender to {what}"
-            raise BadReplyError(f"{expected}, got another reply: {cause}") from cause
+            raise BadReplyError(f"{expected}, got another reply: {shown(str(cause))}") from cause
 
     def _read(self, count: int) -> bytes:
         assert self._process.stdout is not None
@@ -286,13 +243,12 @@ class Blender:
             self.close()
             raise
 
-    def ask(self, what: str, message: Mapping[str, Any], reply: type[R], reader: Callable[[R, Path], T]) -> T:
+    def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
         """Send a request, and return ``reader(reply, folder)``; after a fault, start Blender and send again.
 
         Args:
             what: Blender is to do, for messages.
             message: plain JSON values; ``file`` is relative to the folder.
-            reply: the record that Blender is to reply.
             reader: of the reply and of the files in the folder.
 
         Raises:
@@ -301,8 +257,9 @@ class Blender:
         for _ in range(self._retries + 1):
             try:
                 process = self._process or self._start_again()
-                answer = process.ask(what, {**message, "folder": str(process.folder)}, reply)
-                return reader(answer, process.folder)
+                message = {**message, "folder": str(process.folder)}
+                with process.understood(what):
+                    return reader(process.ask(what, message), process.folder)
             except _RETRIED as cause:
                 fault = cause
                 self.close()
@@ -322,7 +279,8 @@ class Blender:
                 expected = f"{self.name}: expected Blender {'.'.join(map(str, OLDEST))} or later"
                 raise SourceError(f"{expected}, got {self.version} of {self._command[0]}")
             request = {**self._settings.message(), "folder": str(process.folder)}
-            self.scene = process.ask("open the scene", request, Opened)
+            with process.understood("open the scene"):
+                self.scene = Opened(**process.ask("open the scene", request))
             resources.pop_all()
         self._process = process
         return process

@@ -10,16 +10,16 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, BadReplyError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
-from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources import codecs
 from omniscv.sources.base import (
     Capabilities,
@@ -35,7 +35,7 @@ from omniscv.sources.base import (
     copy_with,
     known_objects,
 )
-from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender, Measured, Rendered
+from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
 from omniscv.sources.blender.settings import Settings, blender_command, read_address
 from omniscv.sources.codecs import check_depth, decode_png
 from omniscv.sources.pool import SourcePool
@@ -63,6 +63,13 @@ _MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
 _MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file
 Pixels = dict[str, NDArray[Any]]
 """Pixels by modality."""
+
+
+class Measured(NamedTuple):
+    """By name, where objects are, metres, and the boxes of those with a shape."""
+
+    places: dict[str, Array]
+    boxes: dict[str, ObjectBox]
 
 
 class BlenderSource(Source):
@@ -167,7 +174,7 @@ class BlenderSource(Source):
         with self._lock:
             self._check_open()
             message = {"do": "boxes", **self._world_state()}
-            return self._blender.ask("measure its objects", message, Measured, lambda reply, _: reply)
+            return self._blender.ask("measure its objects", message, _read_measured)
 
     def _world_state(self) -> dict[str, Any]:
         """Return what a request says of the world."""
@@ -185,9 +192,9 @@ class BlenderSource(Source):
         is_png = is_lit and self._settings.lit == "uint8"
         file = f"picture.{'png' if is_png else 'exr'}"
 
-        def read(reply: Rendered, folder: Path) -> Pixels:
-            path = folder / file
-            pixels = read_colors(path, view) if is_lit else read_data(path, view, reply.metres)
+        def read(reply: dict[str, Any], folder: Path) -> Pixels:
+            path, metres = folder / file, float(reply["metres"])
+            pixels = read_colors(path, view) if is_lit else read_data(path, view, metres)
             path.unlink()
             return pixels
 
@@ -204,7 +211,7 @@ class BlenderSource(Source):
         with self._lock:
             self._check_open()
             what = f"render {view.width} x {view.height} px"
-            pixels = self._blender.ask(what, message, Rendered, read)
+            pixels = self._blender.ask(what, message, read)
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
@@ -219,6 +226,15 @@ class BlenderSource(Source):
     def _check_open(self) -> None:
         if self._closed.is_set():
             raise closed_error(self._blender.name)
+
+
+def _read_measured(reply: dict[str, Any], folder: Path) -> Measured:
+    places = {name: np.array(place, np.float64) for name, place in reply["places"].items()}
+    shapes = {name: [np.array(part, np.float64) for part in box] for name, box in reply["boxes"].items()}
+    boxes = {
+        name: ObjectBox.of(center, axes, size, "vertices") for name, (center, axes, size) in shapes.items()
+    }
+    return Measured(places, boxes)
 
 
 def _check(request: Request) -> None:
