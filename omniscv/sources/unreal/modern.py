@@ -252,13 +252,17 @@ class ModernDriver(CameraDriver):
         A reply that is cut short swallows bytes of the next frame. So a picture counts only once the next
         reply is in step; the version, requested at the end, follows the last picture, and the scene's name.
         """
-        if self.one_tick:
-            yield from self._captures_of_one_tick(client, requests)
-            return
+        captures = self._collected(client, requests)
+        yield from list(captures) if self.one_tick else captures  # one tick counts as a whole
+
+    def _collected(self, client: Client, requests: Requests) -> Iterator[Capture]:
         batch = requests[:1] if self.stale_frames.in_doubt else requests
         steps = self._steps(batch)
         self._aimed = batch[-1].view
-        replies = client.stream([*(step.command for step in steps), VERSION, *self.connection.scene])
+        commands = [*(step.command for step in steps), VERSION, *self.connection.scene]
+        replies = client.stream([f"vbatch {len(commands)}"] * self.one_tick + commands)
+        if self.one_tick:
+            self._expect("ok", "vbatch", next(replies))
         fresh, complete = True, None
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
@@ -269,7 +273,10 @@ class ModernDriver(CameraDriver):
             elif step.use != "skip":
                 capture = self._capture(step.request, step.request.view, reply)
                 frame = {capture.mode: capture.payload or b""}
-                if fresh and step.use == "reference":
+                if self.one_tick:  # in which no frame becomes fresher
+                    self.stale_frames.note(_sight(step.request), frame)
+                    complete = capture
+                elif fresh and step.use == "reference":
                     self.stale_frames.note(_sight(step.request), frame)
                 elif fresh and (fresh := self.stale_frames.accepts(_sight(step.request), frame)):
                     complete = capture
@@ -280,33 +287,6 @@ class ModernDriver(CameraDriver):
 
     def check_scene(self) -> None:
         """As the driver's; the captures of a turn end with the scene's name, which was compared."""
-
-    def _captures_of_one_tick(self, client: Client, requests: Requests) -> list[Capture]:
-        """Return the captures of all requests, answered in one tick, in which no frame becomes fresher."""
-        aimed, stops, steps = self._aimed, self._stops, list[Step]()
-        for request in requests:
-            wanted = _stops_of(request, stops)
-            commands = self.aim(aimed, request.view) + self._change_stops(stops, wanted)
-            steps += [Step(command, "check") for command in commands]
-            steps.append(Step(self.table.image(self.camera, request.mode), "keep", request))
-            aimed, stops = request.view, wanted
-        self.forget()
-        ends = [VERSION, *self.connection.scene]
-        batch = [*(step.command for step in steps), *ends]
-        first, *replies = client.stream([f"vbatch {len(batch)}", *batch])
-        self._expect("ok", "vbatch", first)
-        self._expect(self._version, VERSION, replies[len(steps)])
-        self.connection.compare_scene(replies[len(steps) + 1 :])
-        captures: list[Capture] = []
-        for step, reply in zip(steps, replies, strict=False):
-            if step.request is None:
-                self._expect("ok", step.command, reply)
-            else:
-                captures.append(self._capture(step.request, step.request.view, reply))
-        for capture in captures:
-            self.stale_frames.note(_sight(capture.request), {capture.mode: capture.payload or b""})
-        self._aimed, self._stops = aimed, stops
-        return captures
 
     def _steps(self, requests: Requests) -> list[Step]:
         """Return the commands for captures, in order.
@@ -334,13 +314,15 @@ class ModernDriver(CameraDriver):
                 if aimed is not None:
                     shown = stops if mode == "lit" else None
                     before = replace(request, view=replace(view, pose=aimed.pose), stops=shown)
-                if _sight(before) != _sight(request) and (in_doubt or states.get(mode) != _sight(before)):
+                is_known = not in_doubt and states.get(mode) == _sight(before)
+                if not self.one_tick and _sight(before) != _sight(request) and not is_known:
                     move(before)
                     picture("skip", before, SETTLED if in_doubt else 0)
                     picture("reference", before)
                 move(request)
-                picture("skip", request, max(skips, self._options.warmup if mode == "lit" else 0))
-                skips = self.stale_frames.lag
+                if not self.one_tick:
+                    picture("skip", request, max(skips, self._options.warmup if mode == "lit" else 0))
+                    skips = self.stale_frames.lag
             picture("keep", request)
             states[mode] = _sight(request)
         self._stops = stops
