@@ -118,7 +118,7 @@ def _npy_shape(path: Path, row: modalities.Modality) -> tuple[int, ...]:
     """Return the shape in the header of a layer's NPY, which fits its row."""
     try:
         with path.open("rb") as file:
-            shape, dtype, _ = codecs.npy_layout(file.read(_SPARE_BYTES))
+            shape, dtype, *_ = codecs.npy_layout(file.read(_SPARE_BYTES))
     except (OSError, BadReplyError) as fault:
         raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
     _check_kind(row, shape[2] if len(shape) == 3 else 1, dtype.name, shape[1], shape[0])

@@ -26,7 +26,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ NEAR_MIDDLE, BOUNDED = "npy 0.005 px", "npy bounded"
 _PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
 _NPY_HEADER = re.compile(
-    rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': False, "
+    rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': (False|True), "
     rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
 )
 """The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
@@ -159,7 +159,7 @@ def picture_size(payload: bytes) -> tuple[int, int]:
     if payload.startswith(_PNG) and len(payload) >= png.HEADER_BYTES:
         width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
     elif payload.startswith(_NPY):
-        (height, width, *_), _, _ = npy_layout(payload)
+        (height, width, *_), *_ = npy_layout(payload)
     else:
         raise BadReplyError(f"expected a PNG or NPY, got {_first_bytes(payload)}")
     if not 0 < width * height <= MAX_PIXELS:
@@ -191,7 +191,7 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
-    shape, dtype, _ = npy_layout(payload)
+    shape, dtype, *_ = npy_layout(payload)
     if shape[:2] != (view.height, view.width):
         raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
     return npy_array(payload)
@@ -199,11 +199,11 @@ def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
 
 def npy_array(payload: bytes) -> NDArray[Any]:
     """Return the payload as a read-only array; it is never unpickled."""
-    shape, dtype, start = npy_layout(payload)
+    shape, dtype, start, order = npy_layout(payload)
     size = math.prod(shape) * dtype.itemsize
     if len(payload) - start != size:
         raise BadReplyError(f"expected {size} bytes of pixels, got {len(payload) - start}")
-    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape)
+    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape, order=order)
 
 
 def check_depth(array: NDArray[Any]) -> None:
@@ -244,11 +244,11 @@ def _bounded(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     return np.ascontiguousarray(array[..., 0])
 
 
-def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Return shape, dtype, and the offset of the pixels, of which none need be there.
+def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int, Literal["C", "F"]]:
+    """Return shape, dtype, the offset of the pixels, of which none need be there, and their order.
 
     Raises:
-        BadReplyError: no NPY of numbers in C order.
+        BadReplyError: no NPY of numbers.
     """
     if not payload.startswith(_NPY):
         raise BadReplyError(f"expected NPY, got {_first_bytes(payload)}")
@@ -257,8 +257,9 @@ def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
     match = _NPY_HEADER.fullmatch(header) if len(header) <= _NPY_HEADER_MOST else None
     if match is None:
-        raise BadReplyError(f"expected NPY of numbers in C order, got the header {shown(header[:120])}")
-    return tuple(map(int, match[2].split(b", "))), np.dtype(match[1].decode()), end
+        raise BadReplyError(f"expected NPY of numbers, got the header {shown(header[:120])}")
+    order: Literal["C", "F"] = "F" if match[2] == b"True" else "C"
+    return tuple(map(int, match[3].split(b", "))), np.dtype(match[1].decode()), end, order
 
 
 def _first_bytes(payload: bytes) -> str:

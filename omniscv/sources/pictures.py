@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -263,9 +261,9 @@ def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
         if payload.rfind(_END) < payload.rfind(_SCAN):
             raise ArgumentError("expected a whole picture, got a JPEG without its end")
         payload = b""
-    if file.suffix.lower() == ".npy":
-        return _npy(payload), b""
     try:
+        if file.suffix.lower() == ".npy":
+            return _npy(payload), b""
         if kind == "depth" and form.encoding:
             view = View(Pose.from_angles((0, 0, 0)), 90, *codecs.picture_size(payload or head))
             return codecs.decode(payload, form.encoding, kind, view)[..., None], payload
@@ -356,25 +354,17 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
 
 
 def _npy(payload: bytes) -> Pixels:
-    """Return the array of a NPY file; nothing in it is evaluated or unpickled."""
-    from numpy.lib import format as npy
+    """Return the array of a NPY file."""
+    from omniscv.sources.codecs import npy_array
 
-    stream = io.BytesIO(payload)
-    try:
-        read = {1: npy.read_array_header_1_0, 2: npy.read_array_header_2_0}[npy.read_magic(stream)[0]]
-        shape, by_columns, dtype = read(stream)
-    except Exception as cause:  # whatever a wrong header makes NumPy raise
-        raise ArgumentError(f"expected a NPY file, got: {shown(str(cause))}") from cause
-    if dtype.kind not in "iuf" or len(shape) not in (2, 3) or shape[2:] not in ((), (1,), (3,), (4,)):
-        raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {shown(str(dtype))} of shape {shape}")
-    _check_size(shape[1], shape[0])
-    if (size := math.prod(shape) * dtype.itemsize) != len(payload) - stream.tell():
-        raise ArgumentError(f"expected {size} bytes of numbers, got {len(payload) - stream.tell()}")
-    pixels = np.frombuffer(payload, dtype, offset=stream.tell())
-    pixels = pixels.reshape(shape, order="F" if by_columns else "C")
-    pixels = np.ascontiguousarray(pixels.reshape(*shape[:2], -1)[..., :3], dtype.newbyteorder("="))
+    array = npy_array(payload)
+    if array.dtype.kind not in "iuf" or array.shape[2:] not in ((), (1,), (3,), (4,)):
+        raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {array.dtype} of shape {array.shape}")
+    _check_size(array.shape[1], array.shape[0])
+    pixels = array.reshape(*array.shape[:2], -1)[..., :3]
+    pixels = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
     with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
-        return pixels.astype(np.float32) if dtype.kind == "f" else pixels
+        return pixels.astype(np.float32) if array.dtype.kind == "f" else pixels
 
 
 def to_faces(
