@@ -21,7 +21,15 @@ from omniscv.sources.pictures import DepthForm, Picture
 from omniscv.sources.recording import sequences
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
-from omniscv.sources.recording.sequences import Options, mode_of, pictures_in, read_as
+from omniscv.sources.recording.posed_frames import (
+    NO_ID,
+    Options,
+    capture_of,
+    mode_of,
+    objects_of,
+    pictures_in,
+    read_as,
+)
 from omniscv.storage.bounded import open_regular
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
@@ -70,7 +78,7 @@ def import_pictures(
         yaw_deg: of the front face or the panorama's middle, to the left.
         depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
         missing: numbers of depth that stand for no surface.
-        names: JSON of the objects that masks show: see :class:`omniscv.sources.recording.sequences.Options`.
+        names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
         poses: file of the poses of panoramas, the first column their names.
         mirrored: whether all pictures show left and right exchanged.
         clip: take negative and NaN light as 0.
@@ -101,7 +109,7 @@ def import_pictures(
             held = []
             for mode, picture, R, fov_deg in faces:
                 view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
-                held.append(sequences.capture_of(picture, mode, view, provenance, ray))
+                held.append(capture_of(picture, mode, view, provenance, ray))
             captures = partial(iter, held)
         idle_if = {
             "depth": (form or missing) and "depth" not in modes,
@@ -111,7 +119,7 @@ def import_pictures(
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"
             raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")
-        known = sequences.objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
+        known = objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
         if clipped := sum(options.clipped.values()):
@@ -154,7 +162,7 @@ class _Masks:
         if not self._pixels:
             return before
         table, what = self._table, "ids" if self._ids else "colours"
-        codes = self._pixels.keys() - {0, *([sequences.NO_ID] if self._ids else [])}
+        codes = self._pixels.keys() - {0, *([NO_ID] if self._ids else [])}
         if not table.colors:
             new = codes - self._codes(before)
             ids = before.ids | ({f"id-{code}": code for code in new} if self._ids else {})

@@ -7,13 +7,13 @@ A layout is data: which files there are, what their numbers mean, where poses ar
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -21,23 +21,27 @@ from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import R_LEVEL, Array, Pose, cube_rotations, pinhole
+from omniscv.geometry import R_LEVEL, Array, Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.records import checked, mapping, nested, optional, read, record
-from omniscv.sources import codecs, pictures
-from omniscv.sources.base import Capture, Lens, ObjectTable, Request, View
-from omniscv.sources.pictures import DepthForm, Picture, Pixels, read_picture
+from omniscv.sources import pictures
+from omniscv.sources.base import ObjectTable
+from omniscv.sources.pictures import read_picture
 from omniscv.sources.recording.layouts import LAYOUTS
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, read_bytes
+from omniscv.sources.recording.posed_frames import (
+    Files,
+    Frame,
+    Options,
+    Pinhole,
+    Sequence,
+    listed_numbers,
+    mode_of,
+    objects_of,
+    pictures_in,
+)
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, read_bytes, read_text
 
-NO_ID = 0xFFFF
-MODE_WORDS = {
-    "depth": {"depth", "depths", "zdepth"},
-    "object_mask": {"mask", "masks", "seg", "segmentation", "semantic", "instance", "instances"},
-    "normals": {"normal", "normals"},
-    "lit": {"rgb", "color", "colour", "lit", "pano"},
-}
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
 """Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
 _FRONT = cube_rotations()[0][1]
@@ -50,48 +54,11 @@ _AXES = {
 }
 """W and C of ``R_w_c = W R C``: from the file's world to ours, and from our camera to the file's."""
 _SAME, _RIGID = 2e-3, 1e-3  # of a rotation's entries: poses have six digits or fewer
-_SAME_PLACE_M, _SAME_SHAPE = 1e-3, 0.01
+_SAME_PLACE_M = 1e-3
 _LATEST_S = 0.02  # between stamps of colour, depth and pose of the TUM benchmark
-_HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 _COLUMNS = ("x", "y", "z", "yaw", "pitch", "roll", "qx", "qy", "qz", "qw")
 
-PRESETS = r"""
-ob3d:
-  found: cameras/*_cam.json
-  pictures: latlong
-  place: 'cameras/(?P<i>[^/]+)_cam\.json'
-  lit: 'images/{i}_rgb.png'
-  depth: {file: 'depths/{i}_depth.exr', kind: ray}
-  poses: {file: 'cameras/{i}_cam.json', rotation: 0.extrinsics.rotation, position: 0.extrinsics.translation,
-          inverse: true}
-tartanground:
-  found: '*_metadata.json'
-  pictures: faces
-  place: '(?:image|depth|seg)_(?P<side>[lr]cam)_(?P<face>[a-z]+)/(?P<i>\d+)_[^/]*\.png'
-  lit: 'image_{side}_{face}/{i}_{side}_{face}.png'
-  depth: {file: 'depth_{side}_{face}/{i}_{side}_{face}_depth.png', unit: tartanair}
-  object_mask: {file: 'seg_{side}_{face}/{i}_{side}_{face}_seg.png', ids: grey, names: seg_label_map.json}
-  poses: {file: 'pose_{side}_front.txt', row: i, axes: ned, agrees: 'pose_{side}_{face}.txt'}
-structured3d:
-  found: '**/panorama/camera_xyz.txt'
-  pictures: latlong
-  place: '(?P<room>.*?)panorama/full/rgb_rawlight\.png'
-  lit: '{room}panorama/full/rgb_rawlight.png'
-  depth: {file: '{room}panorama/full/depth.png', kind: ray, unit: mm}
-  object_mask: {file: '{room}panorama/full/instance.png', ids: grey, missing: 65535}
-  poses: {file: '{room}panorama/camera_xyz.txt', unit: mm, yaw_deg: -90}
-2d3ds:
-  found: '**/pano/rgb/*_domain_rgb.png'
-  pictures: latlong
-  place: '(?P<area>.*?)pano/rgb/(?P<name>[^/]+)_rgb\.png'
-  lit: '{area}pano/rgb/{name}_rgb.png'
-  depth: {file: '{area}pano/depth/{name}_depth.png', kind: ray, unit: 1/512, missing: 65535}
-  object_mask: {file: '{area}pano/semantic/{name}_semantic.png', ids: rgb24, names: semantic_labels.json,
-                missing: 0x0D0D0D}
-  poses: {file: '{area}pano/pose/{name}_pose.json', position: camera_location}
-  says: the heading of these panoramas is not known, it is taken as 0
-"""
-"""Layouts as data; sources: docs/capture-folders.md."""
+_LAYOUTS = Path(__file__).with_name("layouts.yaml")
 _TUM = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
     "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
@@ -101,93 +68,14 @@ _TUM = {
 """By a word in the folder's name: fx, fy, cx, cy of 640 x 480 px, centres at whole numbers; distortion."""
 
 
-class Options(NamedTuple):
-    """What the user says of pictures, as :func:`omniscv.sources.recording.importing.import_pictures` has it;
-    None or False: nothing."""
-
-    depth: DepthForm | None = None
-    pose: Pose | None = None
-    poses: Path | None = None
-    missing: tuple[float, ...] = ()
-    mirrored: bool = False
-    clip: bool = False
-    clipped: dict[str, int] = {}  # noqa: RUF012 - given anew for each import
-
-
-class Pinhole(NamedTuple):
-    """Focal lengths and centre in px of a size, pixel centres at .5, and OpenCV's distortion; 0 x 0: of the
-    size of a frame's first picture."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: float = 0
-    height: float = 0
-    distortion: tuple[float, ...] = ()
-
-    def scaled(self, width: int, height: int) -> Pinhole:
-        """Return the lens of pictures of another size; ArgumentError for another shape."""
-        across, down = width / (self.width or width), height / (self.height or height)
-        if abs(across / down - 1) > _SAME_SHAPE:
-            expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
-            raise ArgumentError(f"{expected}, got {width} x {height}")
-        px = self.fx * across, self.fy * down, self.cx * across, self.cy * down
-        return Pinhole(*px, width, height, self.distortion)
-
-    def view(self, pose: Pose) -> View:
-        """Return the view of a picture without distortion."""
-        lens = Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
-        size = int(self.width), int(self.height)
-        return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
-
-    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
-        """Return a picture without distortion, of what it shows all over, and its lens."""
-        import cv2
-
-        K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
-        size, bent = (int(self.width), int(self.height)), np.array(self.distortion)
-        K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
-        maps = cv2.initUndistortRectifyMap(K, bent, _I, K_new, size, cv2.CV_32FC1)
-        (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
-        straight = cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST)
-        return straight, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
-
-
-def _values(name: str, value: Any) -> tuple[float, ...]:
-    """Return a number, or a list of some, as a tuple; texts may be hexadecimal."""
-    items = value if isinstance(value, list | tuple) else [value]
-    return tuple(int(v, 16) if isinstance(v, str) and _HEX.fullmatch(v) else number(name, v) for v in items)
-
-
 def _intrinsics(name: str, value: Any) -> Pinhole | None:
     if value is None or isinstance(value, Pinhole):
         return value
     keys = ("fx", "fy", "cx", "cy", "centers")
     given = {"centers": 0.5} | mapping(name, value, (*keys, "distortion"))
     fx, fy, cx, cy, center = (number(f"{name}.{key}", given.get(key)) for key in keys)
-    bent = _values(name, given.get("distortion", ()))
+    bent = listed_numbers(name, given.get("distortion", ()))
     return Pinhole(fx, fy, cx + 0.5 - center, cy + 0.5 - center, distortion=bent)
-
-
-@record
-class Files:
-    """The pictures of a mode: a pattern of their names, and what their numbers are."""
-
-    file: str = checked(text, default="")
-    kind: str = checked(one_of, words=("planar", "ray"), default="planar")
-    unit: str = checked(text, default="")
-    missing: tuple[float, ...] = checked(_values, default=())
-    ids: str = checked(one_of, words=("grey", "rgb24", "colors"), default="")
-    names: str = checked(text, default="")
-
-    @property
-    def form(self) -> DepthForm:
-        """What the numbers of depth are."""
-        if not self.unit:
-            return DepthForm(self.kind == "ray", missing=self.missing)
-        packed = self.unit in pictures.PACKED
-        return DepthForm.parse(self.unit if packed else f"{self.kind}-{self.unit}", self.missing)
 
 
 def _files(name: str, value: Any, keys: tuple[str, ...] = ()) -> Any:
@@ -227,148 +115,10 @@ class Layout:
     says: str = checked(text, default="")
 
 
-@dataclass
-class Frame:
-    """Pictures from one pose: files, and what they hold, by mode; ``lens`` is None for panoramas."""
-
-    files: dict[str, Path]
-    pose: Pose
-    lens: Pinhole | None
-    holds: Mapping[str, Files]
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """Pictures with poses.
-
-    Attributes:
-        frames: in order.
-        objects: of masks; empty: as the masks show.
-        says: lines for people.
-        of_openexr: as :func:`omniscv.sources.pictures.to_faces`.
-        layout: its name.
-        options: of the user.
-    """
-
-    frames: list[Frame]
-    objects: ObjectTable = field(default_factory=lambda: ObjectTable({}))
-    says: tuple[str, ...] = ()
-    of_openexr: int = 0
-    layout: str = ""
-    options: Options = field(default_factory=Options)
-
-    @property
-    def modes(self) -> Counter[str]:
-        """Number of pictures by mode."""
-        return Counter(mode for frame in self.frames for mode in frame.files)
-
-    def lines(self) -> tuple[str, ...]:
-        """Return what was found, for people."""
-        places = len({tuple(frame.pose.position) for frame in self.frames})
-        counts = ", ".join(f"{count} of {mode}" for mode, count in self.modes.items())
-        bent = sum(frame.lens is not None and any(frame.lens.distortion) for frame in self.frames)
-        says = [f"{bent} frames resampled, so that they have no distortion"] if bent else []
-        return (f"layout {self.layout}: {places} place{'s' * (places != 1)}, {counts}", *self.says, *says)
-
-    def captures(self) -> Iterator[Capture]:
-        """Yield the captures; ArgumentError names the picture that cannot be read."""
-        for frame in self.frames:
-            lens = frame.lens
-            for mode, file in frame.files.items():
-                if not file.exists():
-                    raise ArgumentError(f"{file.name}: expected a picture, got no file")
-                holds = frame.holds.get(mode, Files())
-                form = self.options.depth or holds.form
-                picture = read_as(file, mode, self.options, form)
-                with within(file.name):
-                    picture = _of_ids(picture, holds) if mode == "object_mask" else picture
-                    lens = lens and (lens if lens.width else lens.scaled(*picture.pixels.shape[1::-1]))
-                    provenance = {"server": "imported", "file": file.name, "layout": self.layout}
-                    for view, part in self._views(picture, mode, frame.pose, lens):
-                        yield capture_of(part, mode, view, provenance, form.ray)
-
-    def _views(
-        self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | None
-    ) -> Iterator[tuple[View, Picture]]:
-        height, width = picture.pixels.shape[:2]
-        if lens is None:
-            if width != 2 * height:
-                raise ArgumentError(f"expected a panorama twice as wide as high, got {width} x {height}")
-            step_m = picture.step_m
-            for pixels, R, fov_deg in pictures.to_faces(picture.pixels, mode, self.of_openexr, step_m):
-                face = Pose(pose.position, pose.R_w_c @ _FRONT.T @ R)
-                yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
-            return
-        lens = lens.scaled(width, height)
-        if any(lens.distortion):
-            if mode == "depth":
-                error = pictures.panorama_error(picture.pixels, picture.step_m)
-                picture = picture._replace(error=lens.straight(error, False)[0])
-            pixels, lens = lens.straight(picture.pixels, mode == "lit")
-            picture = picture.converted(pixels)
-        yield lens.view(pose), picture
-
-
-def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:
-    """Return a picture as the user says that it is; what is clipped is counted."""
-    missing = form.missing + options.missing
-    picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
-    options.clipped[str(file)] = picture.clipped
-    return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
-
-
-def _of_ids(picture: Picture, holds: Files) -> Picture:
-    """Return a mask whose ids are as a layout says."""
-    pixels = picture.pixels
-    if holds.ids == "grey" and pixels.ndim == 3:
-        if (pixels != pixels[..., :1]).any():
-            raise ArgumentError("expected grey ids, got colours")
-        pixels = pixels[..., 0].astype(np.uint16)
-        picture = picture._replace(pixels=pixels, encoding="png ids" if picture.encoding else "")
-    if holds.ids == "rgb24":  # of a grey pixel, three equal digits
-        digits = np.repeat(pixels[..., None], 3, axis=-1) if pixels.ndim == 2 else pixels
-        pixels = digits @ np.array([65536, 256, 1], np.uint32)
-    if pixels.ndim == 3 or (pixels is picture.pixels and not holds.missing):
-        return picture
-    pixels = np.where(np.isin(pixels, holds.missing), NO_ID, pixels)
-    if pixels.max() > NO_ID:
-        raise ArgumentError(f"expected ids of at most {NO_ID}, got {pixels.max()}")
-    same = np.array_equal(pixels, picture.pixels)
-    return picture if same else picture.converted(pixels.astype(np.uint16))
-
-
-def capture_of(
-    picture: Picture, mode: str, view: View, provenance: Mapping[str, Any], ray: bool = False
-) -> Capture:
-    """Return the capture of a picture: as its file has it where a codec decodes that, else lossless.
-
-    ``ray`` is whether depth (h, w) is along the ray; depth (h, w, 2) is planar, and has its error.
-    """
-    pixels, request = picture.pixels, Request(view, mode)
-    if picture.encoding:
-        return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
-    if mode == "depth" and pixels.ndim == 2:
-        lengths, error = view.ray_lengths(), picture.error
-        if error is None and picture.step_m:
-            error = np.where(pixels < np.inf, picture.step_m / 2, np.inf)
-        pixels = np.asarray(pixels / lengths if ray else pixels, np.float32)
-        if error is not None:
-            pixels = np.stack([pixels, np.asarray(error if ray else error * lengths, np.float32)], axis=-1)
-    if mode == "lit" and pixels.dtype == np.uint16:
-        pixels = np.round(pixels / 257).astype(np.uint8)
-    payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
-    if mode == "depth" and pixels.ndim == 3:
-        return Capture(request, view, pixels[..., 0], provenance, payload, codecs.BOUNDED)
-    return Capture(request, view, pixels, provenance, payload, encoding)
-
-
-# -- Finding frames --------------------------------------------------------------------------------------
-
-
 @cache
 def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
     """Return, by layout, the pattern of a file by which it is found, and its reader."""
-    rows = {name: read(Layout, data, name) for name, data in parse_yaml(PRESETS).items()}
+    rows = {name: read(Layout, data, name) for name, data in parse_yaml(read_text(_LAYOUTS)).items()}
     rows["tartanair"] = replace(rows["tartanground"], found="image_?cam_front")
     finders: dict[str, Any] = {
         name: (row.found, partial(_of_layout, layout=row)) for name, row in rows.items()
@@ -393,6 +143,7 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
     Raises:
         ArgumentError: files of a layout without poses, or poses that contradict each other.
     """
+    _poses_in.cache_clear()  # files may have changed since the last import
     find: Any = None
     if layout.endswith((".yaml", ".yml")):
         with within(layout):
@@ -440,14 +191,14 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     place, frames = re.compile(f"(?:.*/)??(?:{layout.place})"), dict[tuple[str, ...], Frame]()
-    poses_in, unposed = cache(_poses_in), 0
+    unposed = 0
     for file in sorted(folder.rglob("[!.]*")):
         match = place.fullmatch(file.relative_to(folder).as_posix())
         if match is None or match.groups() in frames:
             continue
         paths = {mode: _filled(folder, form.file, match) for mode, form in holds.items()}
         paths = {mode: path for mode, path in paths.items() if path.exists()}
-        pose = _pose(folder, layout, match, poses_in) if paths else None
+        pose = _pose(folder, layout, match) if paths else None
         unposed += bool(paths) and pose is None
         if pose is not None:
             frames[match.groups()] = Frame(paths, pose, lens, holds)
@@ -475,9 +226,7 @@ def _inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def _pose(
-    folder: Path, layout: Layout, match: re.Match[str], poses_in: Any, agrees: bool = False
-) -> Pose | None:
+def _pose(folder: Path, layout: Layout, match: re.Match[str], agrees: bool = False) -> Pose | None:
     """Return the pose of a frame; None where it is not finite."""
     poses = layout.poses
     if poses is None:
@@ -490,14 +239,14 @@ def _pose(
             t = numbers("position", _at(data, poses.position), (3,))
             pose = Pose(t, _rigid(_at(data, poses.rotation)) if poses.rotation else R_LEVEL)
         elif "{" in poses.file or poses.row:
-            rows = poses_in(file, False, not poses.row)
+            rows = _poses_in(file, False, not poses.row)
             row = int(match[poses.row]) if poses.row else 0
             if str(row) not in rows:
                 raise ArgumentError(f"expected a pose in row {row + 1}, got {len(rows)} rows")
             pose = rows[str(row)]
         else:
             names = [name for name in (*match.groups(), match[0], Path(match[0]).name) if name]
-            pose = _named(file, names, poses_in)
+            pose = _named(file, names)
     if pose is None:
         return None
     R, t = (pose.R_w_c.T, -pose.R_w_c.T @ pose.position) if poses.inverse else (pose.R_w_c, pose.position)
@@ -510,7 +259,7 @@ def _pose(
     words = next(words for words in known.words if match["face"] in words.split()).split()
     face = known.arrangement[words.index(match["face"])]
     pose = Pose(pose.position, pose.R_w_c @ (_FRONT.T @ face.R_w_c))
-    other = _pose(folder, layout, match, poses_in, True) if poses.agrees else pose
+    other = _pose(folder, layout, match, True) if poses.agrees else pose
     if other is not None and np.abs(other.R_w_c - pose.R_w_c).max() > _SAME:
         angle = np.degrees(Rotation.from_matrix(other.R_w_c.T @ pose.R_w_c).magnitude())
         line = f"{_filled(folder, poses.agrees, match).name} line {int(match[poses.row]) + 1}"
@@ -534,6 +283,7 @@ def _rigid(value: Any) -> Array:
     return np.asarray(Rotation.from_matrix(R).as_matrix())
 
 
+@cache
 def _poses_in(file: Path, named: bool, whole: bool = False) -> dict[str, Pose | None]:
     """Return the poses of a text, None where they are not finite: of each line, or of all numbers.
 
@@ -557,7 +307,7 @@ def _poses_in(file: Path, named: bool, whole: bool = False) -> dict[str, Pose | 
         if any(word.lstrip("+-").lower() in ("inf", "nan") for word in words):
             poses[name] = None
             continue
-        values = _values(f"line {i + 1}", words)
+        values = listed_numbers(f"line {i + 1}", words)
         known = defaultdict(float, zip(columns or (*"xyz", *_COLUMNS[6:]), values, strict=False))
         xyz = [known[axis] for axis in "xyz"]
         if len(values) >= 12 and not columns:
@@ -569,32 +319,13 @@ def _poses_in(file: Path, named: bool, whole: bool = False) -> dict[str, Pose | 
     return poses
 
 
-def _named(file: Path, names: list[str], poses_in: Any) -> Pose | None:
+def _named(file: Path, names: list[str]) -> Pose | None:
     """Return the pose of the first of some names that a file has."""
     with within(file.name):
-        poses: dict[str, Pose | None] = poses_in(file, True)
+        poses = _poses_in(file, True)
         if (name := next((name for name in names if name in poses), None)) is None:
             raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
         return poses[name]
-
-
-def objects_of(file: Path) -> ObjectTable:
-    """Return the objects of JSON: names by id, ids or colours by name, or a list of names."""
-    with within(file.name):
-        data = parse_json(read_bytes(file, MOST_JSON_BYTES))
-        try:
-            if isinstance(data, list):
-                data = {name: i for i, name in enumerate(data)}
-            data = data.get("name_map", data)
-            if all(isinstance(name, str) for name in data.values()):
-                data = {name: int(i) for i, name in data.items()}
-            if all(isinstance(value, list) for value in data.values()):
-                return ObjectTable(
-                    {text("name", key): (int(r), int(g), int(b)) for key, (r, g, b) in data.items()}
-                )
-            return ObjectTable({}, 0, {text("name", name): int(i) for name, i in data.items()})
-        except (TypeError, ValueError) as cause:
-            raise ArgumentError(f"expected names of ids, got: {shown(str(cause))}") from cause
 
 
 # -- Layouts that list their frames ----------------------------------------------------------------------
@@ -675,25 +406,6 @@ def _stamped(file: Path) -> tuple[Array, list[str]]:
         return np.array([number("time", time) for time, _ in rows]), [name for _, name in rows]
 
 
-def pictures_in(path: Path) -> list[Path]:
-    """Return the pictures in a folder, sorted, or the one that the path is."""
-    files = sorted(path.rglob("[!.]*")) if path.is_dir() else [path]  # macOS writes ._NAME beside NAME
-    found = [file for file in files if file.suffix.lower() in pictures.SUFFIXES]
-    if not found:
-        others = ", ".join(shown(file.name) for file in files[:8])
-        got = f"none; cannot read {others}" if others else "none"
-        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
-    return found
-
-
-def mode_of(file: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
-    """Return what a picture shows, by the words of its name and folders, and the other words."""
-    name = file.relative_to(folder) if file != folder else Path(file.name)
-    words = [word for word in re.split(r"[^a-z0-9+-]+", str(name.with_suffix("")).lower()) if word]
-    mode = next((mode for mode, known in MODE_WORDS.items() if known & {*words}), "lit")
-    return mode, tuple(word for word in words if not any(word in known for known in MODE_WORDS.values()))
-
-
 def _is_panoramas(path: Path) -> bool:
     """Return whether the first picture of colours or masks is twice as wide as high."""
     for file in pictures_in(path):
@@ -716,12 +428,12 @@ def _panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         raise ArgumentError(f"expected --poses FILE, or panoramas of one place, got {len(places)} places")
     if options.poses and options.pose:
         raise ArgumentError("expected --poses, or --position and --yaw; got both")
-    frames, poses_in = list[Frame](), cache(_poses_in)
+    frames = list[Frame]()
     for words, files in places.items():
         names = [name for file in files.values() for name in (file.name, file.stem)]
         pose = options.pose or Pose.from_angles((0, 0, 0))
         if options.poses:
-            pose = _named(options.poses, [*names, "_".join(words)], poses_in) or pose
+            pose = _named(options.poses, [*names, "_".join(words)]) or pose
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, None, {"depth": Files(kind="ray")}))
     return Sequence(frames, says=("resampled to six faces",), of_openexr=of_openexr)

@@ -1,0 +1,285 @@
+"""Frames with poses: their pictures and lenses, and the captures that they become."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omniscv.arguments import number, one_of, shown, text, within
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose, cube_rotations, pinhole
+from omniscv.records import checked, record
+from omniscv.sources import codecs, pictures
+from omniscv.sources.base import Capture, Lens, ObjectTable, Request, View
+from omniscv.sources.pictures import DepthForm, Picture, Pixels, read_picture
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+
+NO_ID = 0xFFFF
+MODE_WORDS = {
+    "depth": {"depth", "depths", "zdepth"},
+    "object_mask": {"mask", "masks", "seg", "segmentation", "semantic", "instance", "instances"},
+    "normals": {"normal", "normals"},
+    "lit": {"rgb", "color", "colour", "lit", "pano"},
+}
+
+_FRONT = cube_rotations()[0][1]
+_SAME_SHAPE = 0.01  # of a lens and its picture
+_HEX = re.compile("0x[0-9a-fA-F]{1,8}")
+
+
+class Options(NamedTuple):
+    """What the user says of pictures, as :func:`omniscv.sources.recording.importing.import_pictures` has it;
+    None or False: nothing."""
+
+    depth: DepthForm | None = None
+    pose: Pose | None = None
+    poses: Path | None = None
+    missing: tuple[float, ...] = ()
+    mirrored: bool = False
+    clip: bool = False
+    clipped: dict[str, int] = {}  # noqa: RUF012 - given anew for each import
+
+
+class Pinhole(NamedTuple):
+    """Focal lengths and centre in px of a size, pixel centres at .5, and OpenCV's distortion; 0 x 0: of the
+    size of a frame's first picture."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float = 0
+    height: float = 0
+    distortion: tuple[float, ...] = ()
+
+    def scaled(self, width: int, height: int) -> Pinhole:
+        """Return the lens of pictures of another size; ArgumentError for another shape."""
+        across, down = width / (self.width or width), height / (self.height or height)
+        if abs(across / down - 1) > _SAME_SHAPE:
+            expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
+            raise ArgumentError(f"{expected}, got {width} x {height}")
+        px = self.fx * across, self.fy * down, self.cx * across, self.cy * down
+        return Pinhole(*px, width, height, self.distortion)
+
+    def view(self, pose: Pose) -> View:
+        """Return the view of a picture without distortion."""
+        lens = Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
+        size = int(self.width), int(self.height)
+        return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
+
+    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
+        """Return a picture without distortion, of what it shows all over, and its lens."""
+        import cv2
+
+        K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
+        size, bent = (int(self.width), int(self.height)), np.array(self.distortion)
+        K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
+        maps = cv2.initUndistortRectifyMap(K, bent, None, K_new, size, cv2.CV_32FC1)
+        (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
+        straight = cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST)
+        return straight, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
+
+
+def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return a number, or a list of some, as a tuple; texts may be hexadecimal."""
+    items = value if isinstance(value, list | tuple) else [value]
+    return tuple(int(v, 16) if isinstance(v, str) and _HEX.fullmatch(v) else number(name, v) for v in items)
+
+
+@record
+class Files:
+    """The pictures of a mode: a pattern of their names, and what their numbers are."""
+
+    file: str = checked(text, default="")
+    kind: str = checked(one_of, words=("planar", "ray"), default="planar")
+    unit: str = checked(text, default="")
+    missing: tuple[float, ...] = checked(listed_numbers, default=())
+    ids: str = checked(one_of, words=("grey", "rgb24", "colors"), default="")
+    names: str = checked(text, default="")
+
+    @property
+    def form(self) -> DepthForm:
+        """What the numbers of depth are."""
+        if not self.unit:
+            return DepthForm(self.kind == "ray", missing=self.missing)
+        packed = self.unit in pictures.PACKED
+        return DepthForm.parse(self.unit if packed else f"{self.kind}-{self.unit}", self.missing)
+
+
+@dataclass
+class Frame:
+    """Pictures from one pose: files, and what they hold, by mode; ``lens`` is None for panoramas."""
+
+    files: dict[str, Path]
+    pose: Pose
+    lens: Pinhole | None
+    holds: Mapping[str, Files]
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Pictures with poses.
+
+    Attributes:
+        frames: in order.
+        objects: of masks; empty: as the masks show.
+        says: lines for people.
+        of_openexr: as :func:`omniscv.sources.pictures.to_faces`.
+        layout: its name.
+        options: of the user.
+    """
+
+    frames: list[Frame]
+    objects: ObjectTable = field(default_factory=lambda: ObjectTable({}))
+    says: tuple[str, ...] = ()
+    of_openexr: int = 0
+    layout: str = ""
+    options: Options = field(default_factory=Options)
+
+    @property
+    def modes(self) -> Counter[str]:
+        """Number of pictures by mode."""
+        return Counter(mode for frame in self.frames for mode in frame.files)
+
+    def lines(self) -> tuple[str, ...]:
+        """Return what was found, for people."""
+        places = len({tuple(frame.pose.position) for frame in self.frames})
+        counts = ", ".join(f"{count} of {mode}" for mode, count in self.modes.items())
+        bent = sum(frame.lens is not None and any(frame.lens.distortion) for frame in self.frames)
+        says = [f"{bent} frames resampled, so that they have no distortion"] if bent else []
+        return (f"layout {self.layout}: {places} place{'s' * (places != 1)}, {counts}", *self.says, *says)
+
+    def captures(self) -> Iterator[Capture]:
+        """Yield the captures; ArgumentError names the picture that cannot be read."""
+        for frame in self.frames:
+            lens = frame.lens
+            for mode, file in frame.files.items():
+                if not file.exists():
+                    raise ArgumentError(f"{file.name}: expected a picture, got no file")
+                holds = frame.holds.get(mode, Files())
+                form = self.options.depth or holds.form
+                picture = read_as(file, mode, self.options, form)
+                with within(file.name):
+                    picture = _of_ids(picture, holds) if mode == "object_mask" else picture
+                    lens = lens and (lens if lens.width else lens.scaled(*picture.pixels.shape[1::-1]))
+                    provenance = {"server": "imported", "file": file.name, "layout": self.layout}
+                    for view, part in self._views(picture, mode, frame.pose, lens):
+                        yield capture_of(part, mode, view, provenance, form.ray)
+
+    def _views(
+        self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | None
+    ) -> Iterator[tuple[View, Picture]]:
+        height, width = picture.pixels.shape[:2]
+        if lens is None:
+            if width != 2 * height:
+                raise ArgumentError(f"expected a panorama twice as wide as high, got {width} x {height}")
+            step_m = picture.step_m
+            for pixels, R, fov_deg in pictures.to_faces(picture.pixels, mode, self.of_openexr, step_m):
+                face = Pose(pose.position, pose.R_w_c @ _FRONT.T @ R)
+                yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
+            return
+        lens = lens.scaled(width, height)
+        if any(lens.distortion):
+            if mode == "depth":
+                error = pictures.panorama_error(picture.pixels, picture.step_m)
+                picture = picture._replace(error=lens.straight(error, False)[0])
+            pixels, lens = lens.straight(picture.pixels, mode == "lit")
+            picture = picture.converted(pixels)
+        yield lens.view(pose), picture
+
+
+def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:
+    """Return a picture as the user says that it is; what is clipped is counted."""
+    missing = form.missing + options.missing
+    picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
+    options.clipped[str(file)] = picture.clipped
+    return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
+
+
+def _of_ids(picture: Picture, holds: Files) -> Picture:
+    """Return a mask whose ids are as a layout says."""
+    pixels = picture.pixels
+    if holds.ids == "grey" and pixels.ndim == 3:
+        if (pixels != pixels[..., :1]).any():
+            raise ArgumentError("expected grey ids, got colours")
+        pixels = pixels[..., 0].astype(np.uint16)
+        picture = picture._replace(pixels=pixels, encoding="png ids" if picture.encoding else "")
+    if holds.ids == "rgb24":  # of a grey pixel, three equal digits
+        digits = np.repeat(pixels[..., None], 3, axis=-1) if pixels.ndim == 2 else pixels
+        pixels = digits @ np.array([65536, 256, 1], np.uint32)
+    if pixels.ndim == 3 or (pixels is picture.pixels and not holds.missing):
+        return picture
+    pixels = np.where(np.isin(pixels, holds.missing), NO_ID, pixels)
+    if pixels.max() > NO_ID:
+        raise ArgumentError(f"expected ids of at most {NO_ID}, got {pixels.max()}")
+    same = np.array_equal(pixels, picture.pixels)
+    return picture if same else picture.converted(pixels.astype(np.uint16))
+
+
+def capture_of(
+    picture: Picture, mode: str, view: View, provenance: Mapping[str, Any], ray: bool = False
+) -> Capture:
+    """Return the capture of a picture: as its file has it where a codec decodes that, else lossless.
+
+    ``ray`` is whether depth (h, w) is along the ray; depth (h, w, 2) is planar, and has its error.
+    """
+    pixels, request = picture.pixels, Request(view, mode)
+    if picture.encoding:
+        return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
+    if mode == "depth" and pixels.ndim == 2:
+        lengths, error = view.ray_lengths(), picture.error
+        if error is None and picture.step_m:
+            error = np.where(pixels < np.inf, picture.step_m / 2, np.inf)
+        pixels = np.asarray(pixels / lengths if ray else pixels, np.float32)
+        if error is not None:
+            pixels = np.stack([pixels, np.asarray(error if ray else error * lengths, np.float32)], axis=-1)
+    if mode == "lit" and pixels.dtype == np.uint16:
+        pixels = np.round(pixels / 257).astype(np.uint8)
+    payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
+    if mode == "depth" and pixels.ndim == 3:
+        return Capture(request, view, pixels[..., 0], provenance, payload, codecs.BOUNDED)
+    return Capture(request, view, pixels, provenance, payload, encoding)
+
+
+def pictures_in(path: Path) -> list[Path]:
+    """Return the pictures in a folder, sorted, or the one that the path is."""
+    files = sorted(path.rglob("[!.]*")) if path.is_dir() else [path]  # macOS writes ._NAME beside NAME
+    found = [file for file in files if file.suffix.lower() in pictures.SUFFIXES]
+    if not found:
+        others = ", ".join(shown(file.name) for file in files[:8])
+        got = f"none; cannot read {others}" if others else "none"
+        raise ArgumentError(f"expected six pictures of faces, in colour, depth or masks, got {got}")
+    return found
+
+
+def mode_of(file: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
+    """Return what a picture shows, by the words of its name and folders, and the other words."""
+    name = file.relative_to(folder) if file != folder else Path(file.name)
+    words = [word for word in re.split(r"[^a-z0-9+-]+", str(name.with_suffix("")).lower()) if word]
+    mode = next((mode for mode, known in MODE_WORDS.items() if known & {*words}), "lit")
+    return mode, tuple(word for word in words if not any(word in known for known in MODE_WORDS.values()))
+
+
+def objects_of(file: Path) -> ObjectTable:
+    """Return the objects of JSON: names by id, ids or colours by name, or a list of names."""
+    with within(file.name):
+        data = parse_json(read_bytes(file, MOST_JSON_BYTES))
+        try:
+            if isinstance(data, list):
+                data = {name: i for i, name in enumerate(data)}
+            data = data.get("name_map", data)
+            if all(isinstance(name, str) for name in data.values()):
+                data = {name: int(i) for i, name in data.items()}
+            if all(isinstance(value, list) for value in data.values()):
+                return ObjectTable(
+                    {text("name", key): (int(r), int(g), int(b)) for key, (r, g, b) in data.items()}
+                )
+            return ObjectTable({}, 0, {text("name", name): int(i) for name, i in data.items()})
+        except (TypeError, ValueError) as cause:
+            raise ArgumentError(f"expected names of ids, got: {shown(str(cause))}") from cause
