@@ -263,9 +263,13 @@ class Camera(ABC):
         return partial(type(self), **self._arguments()), ()
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Wrap the constructor: it checks and freezes the camera at its end."""
+        """Wrap the constructor: it checks and freezes the camera at its end.
+
+        The signature of one that passes ``*size`` and ``**others`` on to its base has those of the base.
+        """
         super().__init_subclass__(**options)
         construct = cls.__init__
+        own = inspect.signature(construct).parameters.values()
 
         @wraps(construct)
         def __init__(self: Camera, *args: Any, **kwargs: Any) -> None:  # noqa: N807
@@ -274,6 +278,10 @@ class Camera(ABC):
             if type(self) is cls:
                 self._freeze()
 
+        if any(parameter.kind is parameter.VAR_POSITIONAL for parameter in own):
+            every = [*inspect.signature(super(cls, cls).__init__).parameters.values()]
+            every += [parameter for parameter in own if parameter.kind is parameter.KEYWORD_ONLY]
+            __init__.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         cls.__init__ = __init__  # type: ignore[method-assign]
 
     def _freeze(self) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, shown, whole_number
 from omniscv.cameras.base import Array, refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import FocalLens, Meridian
@@ -46,30 +46,29 @@ class Pinhole(FocalLens):
         skew: float = 0.0,
         distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
-        super().__init__(width, height, center)
         refuse_focal_and_fov(focal, fov_deg)
         if center is not None:
             if cx is not None or cy is not None:
                 raise ArgumentError(
                     f"center: expected center or cx and cy, got both ({shown(center)} and more)"
                 )
-            cx, cy = self.center.tolist()
+            cx, cy = numbers("center", center, (2,)).tolist()
         self.distortion = _twelve_terms(distortion)
         if self.distortion.any():
             self._distortion = Distortion(self.distortion)
-        fx, fy, limit_deg = self._focal_lengths(focal, fov_deg, fx, fy)
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, limit_deg)
+        fx, fy, limit_deg = self._focal_lengths(width, focal, fov_deg, fx, fy)
+        super().__init__(width, height, fx, fy, cx, cy, skew, limit_deg)
         self.focal = self.fx if self.fx == self.fy else None
 
     def _focal_lengths(
-        self, focal: float | None, fov_deg: float | None, fx: float | None, fy: float | None
+        self, width: int, focal: float | None, fov_deg: float | None, fx: float | None, fy: float | None
     ) -> tuple[float, float, float | None]:
         """Return fx, fy, and the limit of the field of view, from one of the two forms."""
         if fx is None and fy is None:
             if focal is None:
                 fov_deg = number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
                 across, along = sin_cos_of_half(fov_deg)
-                focal = self.width / 2 * float(along / across)
+                focal = whole_number("width", width, "pixels") / 2 * float(along / across)
             focal = number("focal", focal, above=0)
             return focal, focal, None
         if fx is None or fy is None or focal is not None:

@@ -140,22 +140,10 @@ class KannalaBrandt(AngleLens):
 
     name = "kannala-brandt"
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
-        k: ArrayLike = (0.0, 0.0, 0.0, 0.0),
-        fov_deg: float | None = None,
-        skew: float = 0.0,
-    ) -> None:
-        super().__init__(width, height)
+    def __init__(self, *size: Any, k: ArrayLike = (0.0, 0.0, 0.0, 0.0), **lens: Any) -> None:
         self.k = numbers("k", k, (4,))
         self._end_where_it_turns(*self.k.tolist())
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -181,25 +169,18 @@ class Fisheye624(AngleLens):
 
     def __init__(
         self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
+        *size: Any,
         k: ArrayLike = (0.0,) * 6,
         p: ArrayLike = (0.0, 0.0),
         s: ArrayLike = (0.0,) * 4,
-        fov_deg: float | None = None,
-        skew: float = 0.0,
+        **lens: Any,
     ) -> None:
-        super().__init__(width, height)
         self.k, self.p, self.s = numbers("k", k, (6,)), numbers("p", p, (2,)), numbers("s", s, (4,))
         if self.p.any() or self.s.any():
             p0, p1 = self.p
             self._distortion = Distortion(np.array([0, 0, p1, p0, 0, 0, 0, 0, *self.s]))
         self._end_where_it_turns(*self.k.tolist())
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:

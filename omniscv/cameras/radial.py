@@ -221,9 +221,19 @@ class Lens(CentralCamera):
 class FocalLens(Lens):
     """A calibrated lens with ``u = cx + fx (x + skew y)``, ``v = cy + fy y``, (x, y) in the plane."""
 
-    def _set_focal_and_domain(
-        self, fx: float, fy: float, cx: float | None, cy: float | None, skew: float, fov_deg: float | None
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fx: float,
+        fy: float,
+        cx: float | None = None,
+        cy: float | None = None,
+        skew: float = 0.0,
+        fov_deg: float | None = None,
     ) -> None:
+        """Set size, matrix and domain; a model's own parameters are set before."""
+        super().__init__(width, height)
         self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
         self.cx = number("cx", self.width / 2 if cx is None else cx)
         self.cy = number("cy", self.height / 2 if cy is None else cy)

@@ -28,21 +28,7 @@ class DoubleSphere(FocalLens):
 
     name = "double-sphere"
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
-        *,
-        xi: float,
-        alpha: float,
-        skew: float = 0.0,
-        fov_deg: float | None = None,
-    ) -> None:
-        super().__init__(width, height)
+    def __init__(self, *size: Any, xi: float, alpha: float, **lens: Any) -> None:
         self.xi, self.alpha = number("xi", xi, above=-1, most=1), number("alpha", alpha, least=0, most=1)
         self._w, s, self._fold = _second_limit(self.alpha)
         t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-self._w), self.xi)
@@ -50,7 +36,7 @@ class DoubleSphere(FocalLens):
         self._r_end = self._fold or np.inf
         if self.xi == 1 and self.alpha > 0:  # seen from its surface the first sphere fills a half space
             self._r_end = float(np.nextafter(1 / self.alpha, 0))
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -83,27 +69,13 @@ class ExtendedUnified(FocalLens):
 
     name = "extended-unified"
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
-        *,
-        alpha: float,
-        beta: float,
-        skew: float = 0.0,
-        fov_deg: float | None = None,
-    ) -> None:
-        super().__init__(width, height)
+    def __init__(self, *size: Any, alpha: float, beta: float, **lens: Any) -> None:
         self.alpha, self.beta = number("alpha", alpha, least=0, most=1), number("beta", beta, above=0)
         self._stretch = float(np.sqrt(self.beta))
         self._w, s, self._fold = _second_limit(self.alpha)
         self._theta_end = float(np.arctan2(np.sqrt(s), -self._w * self._stretch))
         self._r_end = self._fold / self._stretch if self._fold else np.inf
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -137,20 +109,8 @@ class Unified(FocalLens):
     name = "unified"
 
     def __init__(
-        self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
-        *,
-        xi: float,
-        distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0),
-        skew: float = 0.0,
-        fov_deg: float | None = None,
+        self, *size: Any, xi: float, distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0), **lens: Any
     ) -> None:
-        super().__init__(width, height)
         self.xi = number("xi", xi, above=-1)
         self.distortion = numbers("distortion", distortion, (4,))
         self._one_less_xi_squared = (1 - self.xi) * (1 + self.xi)
@@ -160,7 +120,7 @@ class Unified(FocalLens):
         self._r_end = self._fold or np.inf
         if self.distortion.any():
             self._distortion = Distortion(np.append(self.distortion, np.zeros(8)))
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -207,13 +167,12 @@ class Division(FocalLens):
         k: float = 0.0,
         fov_deg: float | None = None,
     ) -> None:
-        super().__init__(width, height)
         self.focal, self.k = number("focal", focal, above=0), number("k", k)
         if self.k >= 0:
             self._theta_end = float(np.arctan2(1.0, 2 * np.sqrt(self.k)))
         if self.k > 0:
             self._r_end = BEFORE_TURN * float(1 / np.sqrt(self.k))
-        self._set_focal_and_domain(self.focal, self.focal, cx, cy, 0.0, fov_deg)
+        super().__init__(width, height, self.focal, self.focal, cx, cy, 0.0, fov_deg)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -245,24 +204,11 @@ class FieldOfView(FocalLens):
 
     name = "field-of-view"
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        fx: float,
-        fy: float,
-        cx: float | None = None,
-        cy: float | None = None,
-        *,
-        omega: float,
-        skew: float = 0.0,
-        fov_deg: float | None = None,
-    ) -> None:
-        super().__init__(width, height)
+    def __init__(self, *size: Any, omega: float, **lens: Any) -> None:
         self.omega = number("omega", omega, above=0, below=float(np.pi))
         self._stretch = 2 * float(np.tan(self.omega / 2))
         self._r_end = np.pi / self.omega
-        self._set_focal_and_domain(fx, fy, cx, cy, skew, fov_deg)
+        super().__init__(*size, **lens)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:

@@ -147,6 +147,12 @@ def test_pcd(folder, frames):
     np.testing.assert_allclose(sensor.rotation, T_world_scan(frame).rotation, atol=1e-12)
     assert points["ring"][:, 0].tolist() == [*range(15, -1, -1)]
     assert points["time"][0, 1] - points["time"][0, 0] == pytest.approx(55.296e-6, rel=1e-3)  # float32
+    azimuth, level = np.arctan2(points["y"], points["x"]), np.hypot(points["x"], points["y"])
+    elevation = np.degrees(np.arctan2(points["z"], level))  # float32 has 7 digits
+    seen = np.isfinite(elevation)
+    np.testing.assert_allclose(elevation[seen], (-15.0 + 2 * points["ring"])[seen], atol=1e-4)
+    fired = np.degrees(azimuth) - 180 + 3600 * (points["time"] - points["time"].min())
+    np.testing.assert_allclose(((fired + 180) % 360 - 180)[seen], 0, atol=1e-4)
     none = frame.layer("depth_error") > 0.01 * frame.layer("depth")
     np.testing.assert_array_equal(np.isnan(points["x"]), none)
 

@@ -8,8 +8,10 @@ from support.rooms import FAMILIES
 from support.traced_frames import traced
 
 import mock_server
+import omniscv
 from omniscv import Pose, truth
 from omniscv.errors import ArgumentError
+from omniscv.geometry import R_LEVEL
 from omniscv.truth import Points
 
 CAMERAS = example_cameras()
@@ -28,6 +30,28 @@ def test_points_lie_on_the_surfaces(name):
     assert distance_to_surfaces(SCENE, found.positions_w).max() < 1e-5  # depth has float32's 24 bits
     np.testing.assert_array_equal(found.values["labels"], layers["labels"][seen])
     np.testing.assert_allclose(found.values["normals"], normals[seen] @ POSE.rotation.T, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("preset", "degrees", "turned"),
+    [("vlp-16", -15 + 2 * np.arange(16), 0.0), ("os1-64", 21.2 - 42.4 / 63 * np.arange(64), 4.2)],
+)
+def test_points_of_a_lidar_by_ring_and_time(preset, degrees, turned):
+    """The elevation follows from the ring, and the azimuth from the time after the first firing: at 10 Hz, to
+    the right, from behind; an OS1's four columns of lasers are 4.2 or 1.4 degrees aside."""
+    camera = omniscv.cameras.create("lidar", preset=preset)
+    with omniscv.open_source("scene://six-wall") as source:
+        image = omniscv.render(camera, POSE, source, modes=("depth",))
+    assert np.isfinite(image.depth).all()
+    off = distance_to_surfaces(SCENE, image.points())
+    assert (off <= np.maximum(image.depth_error.ravel(), 1e-6)).mean() > 0.999  # float32, and beside edges
+    x, y, z = R_LEVEL @ (POSE.to_camera(image.points()) - camera.unproject().origins.reshape(-1, 3)).T
+    ring = np.repeat(camera.rings, camera.width)
+    np.testing.assert_allclose(np.degrees(np.arctan2(z, np.hypot(x, y))), degrees[ring], atol=1e-9)
+    off = np.degrees(np.arctan2(y, x)) - (180 - 3600 * (camera.times - camera.times.min()).ravel())
+    off = np.abs((off + 180) % 360 - 180)
+    aside = np.where(np.isin(ring % 4, (0, 3)), turned, turned / 3)
+    np.testing.assert_allclose(off, aside, atol=1e-9)
 
 
 def test_pixels_without_surface_or_unsure_have_no_point():
