@@ -1,24 +1,7 @@
 """Decode and encode captures, the same for live, recorded and imported ones.
 
-=================== ==================================================================================
-``png``             modalities of three uint8 channels: 8-bit PNG, grey, RGB or RGBA; alpha is dropped
-``npy``             pixels as they are: any modality, any dtype of numbers
-``npy bounded``     depth (H, W, 2): planar metres, and metres that the distance along the ray may be off
-``npy 0.005 px``    the same, of depth taken within 0.005 px of the pixels' middles
-``png float32``     depth of TartanAir: a little-endian float32 in the bytes B G R A of a pixel, planar
-                    metres; 10,000 m and more are no surface
-``png carla``       depth of CARLA: 24 bits of 1000 m, R lowest, planar
-``png uint16 N``    depth, planar metres times N (centimetres, KITTI, millimetres, Matterport, TUM,
-                    Replica); 0 is no surface
-``pfm planar``      depth of AirSim: float32 metres, the first row of the file at the top
-``pfm ray``         the same, along the ray
-``png ids``         masks: ids of objects or classes, grey, 8 or 16 bits
-``png normal``      normals of Unreal: 8 bits of ``0.5 n + 0.5``, n in Unreal's world axes
-``npy planar cm``   depth of UnrealCV 1.x: floats along the optical axis, centimetres
-``npy ray m``       depth of UnrealCV 0.3.10: floats to the optical centre, metres
-=================== ==================================================================================
-
-Sources of other packages register other encodings.
+The encodings are registered at the end of this file; docs/capture-folders.md says what each holds. Sources of
+other packages register others.
 """
 
 import io

@@ -1,7 +1,6 @@
 """The contract of camera models, as checks of a camera that know no model; AssertionError where one fails."""
 
 import copy
-import inspect
 import itertools
 import json
 import pickle
@@ -241,18 +240,3 @@ def check_camera(camera: Camera) -> None:
     """
     for check in CHECKS:
         check(camera)
-
-
-def check_docstring(cls: type[Camera]) -> None:
-    """The model in ten lines: a formula, every parameter with its unit, the domain, the source."""
-    text = inspect.getdoc(cls) or ""
-    assert 3 <= len(text.splitlines()) <= 14, "the model in about ten lines"
-    assert " = " in text, "a formula"
-    assert "Domain: " in text
-    assert "Source: " in text
-    own = [key for key in inspect.signature(cls).parameters if key not in ("width", "height", "center")]
-    for key in own:
-        assert f"``{key}``" in text, f"the parameter {key}"
-    if own:
-        assert "Parameter" in text
-        assert any(unit in text for unit in (" px", "metres", "_deg``")), "units"

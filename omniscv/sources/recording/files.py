@@ -1,7 +1,7 @@
 """The file of a recording: its tables, its journal, and how it appears or is replaced as a whole.
 
 docs/recording-format.md describes the tables for other programs. A file may come from anybody: the header and
-the schema are checked before a table is read, and SQLite's limits bound what a connection reads.
+the schema are checked before a table is read, and a connection reads no value that is longer than the file.
 
 SQLite finds a journal by its name alone: rolled back into a file that took the name of another one, it would
 destroy it. A journal holds the pages before a change, and every change of a recording writes the row of
@@ -61,14 +61,6 @@ CREATE TABLE state (name TEXT PRIMARY KEY NOT NULL, content TEXT NOT NULL, check
 _HEADER = struct.Struct(">16s2xBB40xI4xI")
 """Of an SQLite file: magic, write and read version (2: write-ahead log), user version, application id."""
 _MAGIC = b"SQLite format 3\0"
-_LIMITS = {
-    sqlite3.SQLITE_LIMIT_SQL_LENGTH: 10_000,
-    sqlite3.SQLITE_LIMIT_COLUMN: 64,
-    sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 20,
-    sqlite3.SQLITE_LIMIT_COMPOUND_SELECT: 2,
-    sqlite3.SQLITE_LIMIT_ATTACHED: 0,
-    sqlite3.SQLITE_LIMIT_TRIGGER_DEPTH: 1,
-}
 _SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
 _GROWTH_BYTES = 1 << 26
 _BUSY_TIMEOUT_S = 30.0  # for other processes to finish a change
@@ -107,8 +99,7 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     try:
         # A row is at most as long as the file, unless the file grows while it is read.
         longest = LARGEST_BYTES if mode.startswith("rw") else max(_GROWTH_BYTES, path.stat().st_size)
-        for limit, value in {**_LIMITS, sqlite3.SQLITE_LIMIT_LENGTH: longest}.items():
-            database.setlimit(limit, value)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, longest)
         database.execute("PRAGMA trusted_schema = OFF")
         database.execute("PRAGMA cell_size_check = ON")
         if torn:

@@ -155,14 +155,8 @@ def _distances(a: View, b: View) -> tuple[float, float, float, float]:
 
 
 def _both(recorded: Iterable[float], requested: Iterable[float]) -> str:
-    """Return two tuples of numbers with as few digits as show a difference; nothing if none do."""
-    for digits in range(4, 18):
-        a, b = (
-            ", ".join(f"{value + 0.0:.{digits}g}" for value in values) for values in (recorded, requested)
-        )
-        if a != b:
-            return f": ({a}) recorded, ({b}) requested"
-    return ""
+    a, b = (", ".join(f"{value + 0.0:.10g}" for value in values) for values in (recorded, requested))
+    return f": ({a}) recorded, ({b}) requested"
 
 
 class RecordedSource(Source):

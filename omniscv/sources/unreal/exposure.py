@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omniscv.arguments import shown
-from omniscv.errors import BadReplyError, ServerRefusedError
+from omniscv.errors import BadReplyError
 from omniscv.geometry import Pose
 from omniscv.sources.codecs import decode_png, picture_size
 from omniscv.sources.requests import View
@@ -112,19 +112,17 @@ class _Looks:
 
     def read(self, settings: Sequence[str]) -> float:
         """Set something, and return the mean of the next picture, 0 to 255."""
-        *_, self._last = self._connection.read([*settings, f"vget {self._at}/lit png"], self._checked)
+        self._connection.set(settings)
+        (self._last,) = self._connection.read([f"vget {self._at}/lit png"], _picture)
         return _mean(self._last)
 
-    def _checked(self, command: str, reply: Reply) -> bytes:
-        if isinstance(reply, bytes):
-            _mean(reply)  # BadReplyError for what is no picture, which is then requested again
-            return reply
-        got = f"{shown(command)}, got {shown(reply[:100])}"
-        if command.startswith("vget"):
-            raise BadReplyError(f"{self._connection.address}: expected a picture from {got}")
-        if reply != "ok":
-            raise ServerRefusedError(f"{self._connection.address}: expected a server that answers {got}")
-        return b""
+
+def _picture(command: str, reply: Reply) -> bytes:
+    """Return a reply that is a picture; BadReplyError for another one, which is then requested again."""
+    if isinstance(reply, str):
+        raise BadReplyError(f"expected a picture from {shown(command)}, got {shown(reply[:100])}")
+    _mean(reply)
+    return reply
 
 
 def _mean(picture: bytes) -> float:
