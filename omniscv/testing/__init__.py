@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import shutil
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 __all__ = ["check_camera", "check_source", "recorded_dir", "recorded_source", "unreal_server"]
 
 _passed = pytest.StashKey[bool]()
-_MARKERS: dict[str, tuple[str, tuple[type, ...]]] = {
-    "unreal": ("scene", (str, Path, Mapping)),
-    "recorded": ("file", (str, Path)),
+_MARKERS = {
+    "unreal": inspect.signature(lambda scene="four-wall", **options: None),
+    "recorded": inspect.signature(lambda file=None: None),
 }
-"""By marker, the name of its first argument and its types."""
+"""By marker, the arguments that it takes."""
 
 
 def __getattr__(name: str) -> Any:
@@ -52,38 +52,15 @@ def pytest_configure(config: pytest.Config) -> None:
         config.addinivalue_line("markers", line)
 
 
-def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    for item in items:
-        for marker in item.iter_markers():
-            if marker.name in _MARKERS:
-                _arguments(item, marker)
-
-
-def _arguments(item: pytest.Item, marker: pytest.Mark) -> dict[str, Any]:
-    """Return the arguments of a marker by name.
-
-    Raises:
-        pytest.UsageError: an argument that the marker does not take, or of another type.
-    """
-    first, types = _MARKERS[marker.name]
-    start = f"{item.nodeid}: @pytest.mark.{marker.name}"
-    if len(marker.args) > 1 or (marker.args and first in marker.kwargs):
-        raise pytest.UsageError(f"{start}: expected one {first}, got {len(marker.args) + len(marker.kwargs)}")
-    given = {**dict(zip([first], marker.args, strict=False)), **marker.kwargs}
-    if not isinstance(given.get(first, ""), types):
-        words = " or ".join(each.__name__ for each in types)
-        raise pytest.UsageError(f"{start}: {first}: expected {words}, got {given[first]!r}")
-    known = [first]
-    if marker.name == "unreal" and given.keys() - {first}:
-        from mock_server.settings import Settings
-
-        known += inspect.signature(Settings).parameters
-    if unknown := sorted(given.keys() - set(known)):
-        from omniscv.arguments import did_you_mean
-
-        near = did_you_mean(unknown[0], known)
-        raise pytest.UsageError(f"{start}: unknown {unknown[0]!r}; expected some of {', '.join(known)}{near}")
-    return given
+def _arguments(request: pytest.FixtureRequest, name: str) -> dict[str, Any]:
+    """Return the arguments of a test's marker by name, with defaults; fail the test for others."""
+    marker = request.node.get_closest_marker(name) or getattr(pytest.mark, name).mark
+    try:
+        bound = _MARKERS[name].bind(*marker.args, **marker.kwargs)
+    except TypeError as wrong:
+        pytest.fail(f"@pytest.mark.{name}: expected {_MARKERS[name]}, got others: {wrong}", pytrace=False)
+    bound.apply_defaults()
+    return bound.arguments
 
 
 @pytest.hookimpl(wrapper=True)
@@ -105,13 +82,12 @@ def unreal_server(request: pytest.FixtureRequest) -> Iterator[mock_server.Server
     """
     import mock_server
 
-    marker = request.node.get_closest_marker("unreal")
-    options = {"scene": "four-wall", **(_arguments(request.node, marker) if marker else {})}
+    given = _arguments(request, "unreal")
+    scene = given["scene"]
     try:
-        if isinstance(options["scene"], Mapping):
-            options["scene"] = mock_server.Scene("described", dict(options["scene"]))
-        server = mock_server.serve(**options)
-    except ValueError as wrong:
+        scene = mock_server.Scene("described", dict(scene)) if isinstance(scene, Mapping) else scene
+        server = mock_server.serve(scene, **given["options"])
+    except (ValueError, TypeError) as wrong:
         pytest.fail(f"@pytest.mark.unreal: {wrong}", pytrace=False)
     with server:
         yield server
@@ -142,8 +118,7 @@ def recorded_source(request: pytest.FixtureRequest, recorded_dir: Path) -> Itera
     from omniscv.sources.recording import RecordedSource, Recording
     from omniscv.sources.recording.files import publish, target_of, written_for
 
-    marker = request.node.get_closest_marker("recorded")
-    file = _arguments(request.node, marker).get("file") if marker else None
+    file = _arguments(request, "recorded")["file"]
     of_test = "".join("-" if c in "<>?%*:|\"'/\\" else c for c in request.node.name)
     path = recorded_dir / (file or f"{of_test}.sqlite")
     mode = request.config.getoption("--record-mode", None) or "none"
