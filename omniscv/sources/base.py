@@ -11,8 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import astuple, dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, NoReturn, Self, TypeVar, cast
 
@@ -23,19 +22,17 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import Transfer
-from omniscv.records import checked, record
 from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
 from omniscv.sources.requests import View as View
+from omniscv.sources.world import Color as Color
+from omniscv.sources.world import ObjectTable as ObjectTable
+from omniscv.sources.world import SceneIdentity as SceneIdentity
 from omniscv.sources.world import SharedExposure, World
 
 S = TypeVar("S", bound="Source")
 F = TypeVar("F", bound=Callable[..., Any])
-
-_LONGEST_PART = 150  # characters of a part of a scene's identity
-
-Color = tuple[int, int, int]
 
 OBJECT_SETTINGS = {"shift": 3, "turn_deg": 1, "shown": 1, "clearance": 1}
 """What draws may set of an object, and how many numbers each has."""
@@ -78,76 +75,6 @@ class Capabilities:
     transfer: Transfer = "unknown"
     moves: bool = False
     varies: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class ObjectTable:
-    """The objects of a scene, and how its object masks show them.
-
-    Labels: 1 + the rank of the name in sorted order; 0 = nothing known.
-
-    Attributes:
-        colors: name to the colour that masks show, RGB 0..255; made up where only ``ids`` are given.
-        tolerance: how far a channel of a mask may be off its object's colour.
-        ids: name to the instance id that masks hold in place of colours.
-    """
-
-    colors: dict[str, Color]
-    tolerance: int = 0
-    ids: dict[str, int] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.ids and not self.colors:
-            object.__setattr__(self, "colors", {name: _color_of(id_) for name, id_ in self.ids.items()})
-
-    def label(self, name: str) -> int:
-        """Return the label of an object; ArgumentError for an unknown name."""
-        if name not in self._labels:
-            raise ArgumentError(f"objects: expected objects of the scene, got {shown(name)}")
-        return self._labels[name]
-
-    def names(self) -> list[str]:
-        """Return all names in sorted order: label - 1 is the index."""
-        return list(self._labels)
-
-    @cached_property
-    def _labels(self) -> dict[str, int]:
-        return {name: label for label, name in enumerate(sorted(self.colors), start=1)}
-
-
-def _color_of(instance: int) -> Color:
-    """Return a unique colour for an instance id, never black: a multiple of an odd number modulo 2^24."""
-    code = (1 + instance) * 0x9E3779 % (1 << 24)
-    return code >> 16, code >> 8 & 255, code & 255
-
-
-def _part(name: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
-    return value[:_LONGEST_PART]
-
-
-@record
-class SceneIdentity:
-    """The scene that a source shows; parts that the source does not know are empty.
-
-    Attributes:
-        name: of the project or scene.
-        level: of the level, or map, in it.
-        content: a digest of everything visible.
-    """
-
-    name: str = checked(_part, default="")
-    level: str = checked(_part, default="")
-    content: str = checked(_part, default="")
-
-    def differs(self, other: Self) -> bool:
-        """Return whether a part that both know differs, so that they are two scenes."""
-        return any(a and b and a != b for a, b in zip(astuple(self), astuple(other), strict=True))
-
-    def merged(self, other: Self) -> Self:
-        """Return this identity, with parts of another one where this one knows none."""
-        return type(self)(*(a or b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
 class Source(ABC):

@@ -1,4 +1,4 @@
-"""Pictures in files, panoramas as six faces, and six faces in memory as a source."""
+"""Pictures in files, and six faces in memory as a source."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from omniscv import modalities
 from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
-from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
@@ -33,7 +33,6 @@ _JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
-_ROWS = 64  # of a face that are looked up at a time
 
 
 class PictureSource(Source):
@@ -365,78 +364,3 @@ def _npy(payload: bytes) -> Pixels:
     pixels = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
     with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
         return pixels.astype(np.float32) if array.dtype.kind == "f" else pixels
-
-
-def to_faces(
-    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
-) -> Iterator[tuple[Pixels, Array, float]]:
-    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator.
-
-    Colours are bilinear. Masks and depth along the ray are the nearest pixel's.
-
-    Args:
-        picture: colours, masks, or depth along the ray.
-        mode: ``lit``, ``object_mask`` or ``depth``.
-        of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
-        step_m: of whole numbers that depth was stored in.
-
-    Yields:
-        Pixels, rotation (3, 3) and field of view in degrees, of each face. Depth is (h, w, 2): planar, and
-        how far the distance may be off (:func:`panorama_error`).
-    """
-    import cv2
-
-    height, width = picture.shape[:2]
-    edge = width // 2
-    layers = [picture, panorama_error(picture, step_m)] if mode == "depth" else [picture]
-
-    for i, layer in enumerate(layers):
-        layers[i] = wrapped = np.pad(layer, ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="wrap")
-        wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
-    filter_ = cv2.INTER_LINEAR if mode == "lit" else cv2.INTER_NEAREST
-    for _, R_w_c in cube_rotations():
-        faces: list[Pixels] = [np.empty((edge, edge, *layer.shape[2:]), layer.dtype) for layer in layers]
-        for first in range(0, edge, _ROWS):
-            rows = slice(first, min(first + _ROWS, edge))
-            pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
-            rays = pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2]))
-            x, y, z = np.moveaxis(rays @ R_w_c.T, -1, 0)
-            u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
-            v = np.arctan2(np.hypot(x, y), z) / np.pi
-            # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
-            u_px = u * (width - 1) if of_openexr else u * width - 0.5
-            v_px = v * (height - 1) if of_openexr else v * height - 0.5
-            maps = (np.float32(u_px + 1), np.float32(v_px + 1))
-            for face, wrapped in zip(faces, layers, strict=True):
-                face[rows] = cv2.remap(wrapped, *maps, filter_)
-        if mode == "depth":
-            lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
-            planar = np.asarray(faces[0] / lengths, np.float32)
-            faces = [np.stack([planar, cv2.dilate(faces[1], np.ones((3, 3), np.uint8))], axis=-1)]
-        yield faces[0], R_w_c, 90.0
-
-
-def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]:
-    """Return how far (H, W) distances along rays may be off half a pixel away, metres.
-
-    Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
-    +inf where a neighbour is on another surface, or whole numbers say that there is none.
-    """
-    from omniscv.geometry.surfaces import STEP  # imports numba
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
-        across = np.roll(inverse[[0, -1]], inverse.shape[1] // 2, 1)  # beyond the poles
-        rows = np.concatenate([across[:1], inverse, across[1:]])
-        neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
-        change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
-        curved = 2 - 2 * np.cos(2 * np.pi / inverse.shape[1])  # of a plane, between pixels of a panorama
-        allowed = (STEP + curved + 2 * step_m * inverse) * inverse
-        for before, after in neighbours:
-            bend = np.abs(before - 2 * inverse + after)
-            change += 0.5 * np.maximum(np.abs(before - inverse), np.abs(after - inverse)) + 0.25 * bend
-            known &= bend <= allowed
-        error = np.where(change < inverse, change / (inverse * (inverse - change)), np.inf) + step_m / 2
-    error[~known] = np.inf
-    error[known & (inverse == 0)] = np.inf if step_m else 0.0
-    return np.asarray(error, np.float32)

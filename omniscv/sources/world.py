@@ -1,4 +1,4 @@
-"""The interface of a world that a live source can change: its objects and its clock."""
+"""The world that a source shows: its identity, its objects, and the interface to change a running one."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
-from typing import Literal
+from dataclasses import astuple, dataclass, field
+from functools import cached_property
+from typing import Literal, Self
 
-from omniscv.arguments import number
+from omniscv.arguments import number, shown
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.records import checked, record
 
 Freeze = Literal["auto", "puppet", "pause", "batch", "none"]
 """How a live source keeps an instant while it is captured (:meth:`omniscv.sources.Source.at`):
@@ -26,6 +30,79 @@ CameraExposure = Exposure | Literal["auto"]
 """As ``Exposure``, or ``auto``: manual, with the bias that matches the game's own exposure."""
 EXPOSURE_LIMITS = (-16.0, 16.0)
 _MANUAL = "manual, bias "
+_LONGEST_PART = 150  # characters of a part of a scene's identity
+
+Color = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class ObjectTable:
+    """The objects of a scene, and how its object masks show them.
+
+    Labels: 1 + the rank of the name in sorted order; 0 = nothing known.
+
+    Attributes:
+        colors: name to the colour that masks show, RGB 0..255; made up where only ``ids`` are given.
+        tolerance: how far a channel of a mask may be off its object's colour.
+        ids: name to the instance id that masks hold in place of colours.
+    """
+
+    colors: dict[str, Color]
+    tolerance: int = 0
+    ids: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.ids and not self.colors:
+            object.__setattr__(self, "colors", {name: _color_of(id_) for name, id_ in self.ids.items()})
+
+    def label(self, name: str) -> int:
+        """Return the label of an object; ArgumentError for an unknown name."""
+        if name not in self._labels:
+            raise ArgumentError(f"objects: expected objects of the scene, got {shown(name)}")
+        return self._labels[name]
+
+    def names(self) -> list[str]:
+        """Return all names in sorted order: label - 1 is the index."""
+        return list(self._labels)
+
+    @cached_property
+    def _labels(self) -> dict[str, int]:
+        return {name: label for label, name in enumerate(sorted(self.colors), start=1)}
+
+
+def _color_of(instance: int) -> Color:
+    """Return a unique colour for an instance id, never black: a multiple of an odd number modulo 2^24."""
+    code = (1 + instance) * 0x9E3779 % (1 << 24)
+    return code >> 16, code >> 8 & 255, code & 255
+
+
+def _part(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise ArgumentError(f"{name}: expected a text, got {shown(value)}")
+    return value[:_LONGEST_PART]
+
+
+@record
+class SceneIdentity:
+    """The scene that a source shows; parts that the source does not know are empty.
+
+    Attributes:
+        name: of the project or scene.
+        level: of the level, or map, in it.
+        content: a digest of everything visible.
+    """
+
+    name: str = checked(_part, default="")
+    level: str = checked(_part, default="")
+    content: str = checked(_part, default="")
+
+    def differs(self, other: Self) -> bool:
+        """Return whether a part that both know differs, so that they are two scenes."""
+        return any(a and b and a != b for a, b in zip(astuple(self), astuple(other), strict=True))
+
+    def merged(self, other: Self) -> Self:
+        """Return this identity, with parts of another one where this one knows none."""
+        return type(self)(*(a or b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
 
 def exposure_bias(name: str, value: object) -> CameraExposure:
