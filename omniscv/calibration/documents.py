@@ -23,8 +23,9 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, parse_yaml
 
 _HEADERS = re.compile(r"^%[^\n]*$|![!\w:/.]*(?:opencv|python|float|int|str|seq|map)[\w/:.-]*", re.MULTILINE)
 _NO_SPACE = re.compile(r"^(\s*[A-Za-z_][\w.]*):(?=[-+.\d\[\"'])", re.MULTILINE)
-_SECTION = re.compile(r"^[ \t]*\[[A-Za-z][^\]\[,]*\][ \t]*(#.*)?$", re.MULTILINE)
+_SECTION = re.compile(r"^[ \t]*\[[A-Za-z/][^\]\[,]*\][ \t]*(#.*)?$", re.MULTILINE)
 _PAIR = re.compile(r"[ \t]*([A-Za-z_][\w .-]*?)[ \t]*[=:][ \t]*(.*)")
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
 _DOCUMENT_ENDS = re.compile(r"^(?:---|\.\.\.)(?=\s|$)", re.MULTILINE)
 
 
@@ -81,13 +82,16 @@ class Content:
             return [_from_xml(self.text)]
         if start in ("{", "["):
             try:
-                return [_from_json(self.text)]
+                return [_from_json(re.sub(r"^[ \t]*//.*", "", self.text, flags=re.MULTILINE))]
             except json.JSONDecodeError as cause:  # of YAML, or of lines that start so
                 if start == "{" and '\\"' in json.dumps(_from_yaml(self.text), default=str):
                     raise ArgumentError(f"expected JSON, got a stray quote: {cause}") from cause
         try:
             return _from_yaml(self.text)
         except ArgumentError:
+            words = re.sub(r"#.*|[\[\],;]", " ", self.text).split()
+            if len(words) in (9, 10) and all(map(_NUMBER.fullmatch, words)):  # 3 x 3, and a baseline
+                return [{"K": words[:9]} | dict.fromkeys(["baseline"] * len(words[9:]), words[-1])]
             parts = re.split(r"^(?=# oST version)", self.text, flags=re.MULTILINE)  # of a pair
             if lines := [values for part in parts if (values := _from_lines(part))]:
                 return lines
@@ -141,7 +145,7 @@ def _from_lines(text: str) -> dict[str, Any]:
         return values
     section, key = values, ""
     for number, line in enumerate(text.split("\n"), start=1):
-        line = re.sub(r"(^|\s)[#;%].*", "", line) if "[" not in line else line
+        line = re.sub(r"^\s*[#;%].*" if "[" in line else r"(^|\s)[#;%].*", "", line)
         if not line.strip():
             continue
         if _SECTION.fullmatch(line):

@@ -188,11 +188,10 @@ def _form_of(content: Content) -> Form:
             return form
     if content.error is not None and "once" in str(content.error):  # a key that is there twice
         raise content.error
-    nearest = ", ".join(f"{name} ({lacks})" for name, lacks in _nearest(content))
+    listed = ", ".join(f"{name} ({lacks})" for name, lacks in _nearest(content))
+    nearest = f"nearest are {listed}: give format" if listed else "none of their keys is in it"
     why = f" ({content.error.message})" if content.error is not None else ""
-    raise ArgumentError(
-        f"expected a calibration file, got none of a known form{why}; nearest are {nearest}: give format"
-    )
+    raise ArgumentError(f"expected a calibration file, got none of a known form{why}; {nearest}")
 
 
 def _nearest(content: Content) -> list[tuple[str, str]]:
@@ -216,7 +215,8 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
             p for p in needed if not any(plain(path).rpartition(".")[2] in keys for path in p.split("|"))
         ]
         lacks = f"no {missing[0].partition('|')[0]}" if missing else "its keys stand elsewhere"
-        ranked.append((len(missing) / len(needed), form.name, lacks))
+        if len(missing) < len(needed):
+            ranked.append((len(missing) / len(needed), form.name, lacks))
     return [(name, lacks) for _, name, lacks in sorted(ranked, key=lambda row: row[0])[:_NEAREST]]
 
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,8 +25,14 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 
 _SIZES = (
-    "image_size|img_size|resolution|size|dim|image_resolution|frame_size|imgsize|dims|calibration_resolution"
+    "image_size|img_size|resolution|size|dim|image_resolution|frame_size|imgsize|dims|"
+    "calibration_resolution|camera_resolution"
 )
+
+
+def _names(part: object) -> TypeGuard[str]:
+    """Return whether a part of a path names a camera."""
+    return isinstance(part, str) and not part.lower().startswith("intrinsic")
 
 
 class Entry(NamedTuple):
@@ -120,7 +126,7 @@ class Form:
         found: dict[str, Node] = {}
         for document in content.documents:
             for path, node in marked(document, self.mark.split()):
-                name = next((part for part in reversed(path) if isinstance(part, str)), "cam0")
+                name = next((part for part in reversed(path) if _names(part)), "cam0")
                 name = f"cam{path[-1]}" if path and isinstance(path[-1], int) else name
                 while name in found:
                     name = f"cam{len(found)}" if name.startswith("cam") else f"{name}-{len(found)}"

@@ -28,6 +28,7 @@ from omniscv.calibration.forms import Entry, Form, matrix_of_pose, pose_of_matri
 from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers, check_first_is_origin
 from omniscv.calibration.model_lines import Row
 from omniscv.calibration.nodes import Values
+from omniscv.calibration.table import PLAIN
 from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
 from omniscv.cameras.central_mirrors import SphereModel
 from omniscv.cameras.rig import RigCamera
@@ -116,11 +117,12 @@ def _chain(cameras: dict[str, Values]) -> Values:
 KALIBR = Kalibr(
     "kalibr",
     "Kalibr, OpenVINS, TUM-VI",
-    "camera_model distortion_coeffs intrinsics",
+    "camera_model|resolution distortion_coeffs intrinsics",
     f"""
     pinhole+none pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
-    pinhole+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2;k3
-    pinhole+equidistant kannala-brandt intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,k3,k4
+    pinhole+radtan|none+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2;k3
+    < pinhole+radtan|none+radtan pinhole intrinsics=fx,fy,cx,cy {_COEFFICIENTS}={PLAIN}
+    pinhole+equidistant|none+equidistant kannala-brandt intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,k3,k4
     pinhole+fov field-of-view intrinsics=fx,fy,cx,cy {_COEFFICIENTS}=omega;
     omni+none unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=;0,0,0,0
     omni+radtan unified intrinsics=xi,fx,fy,cx,cy {_COEFFICIENTS}=k1,k2,p1,p2

@@ -16,7 +16,7 @@ Values = dict[str, Any]
 
 _SYNONYMS = {
     "radtan": "plumbbob radialtangential radialtangential4 radialtangential5 brownconrady brown opencv "
-    "radtan4 radtan5 radtan8 rational rationalpolynomial opencvstandard standard opencvpinhole",
+    "radtan4 radtan5 radtan8 rational rationalpolynomial opencvstandard standard opencvpinhole rectilinear",
     "equidistant": "equi kannalabrandt kannalabrandt4 kannalabrandt8 kb kb4 kb8 fisheye "
     "opencvfisheye fisheyeopencv fisheyekb4",
     "none": "undistorted nodistortion null no ideal rectified",
@@ -25,7 +25,7 @@ _CANONICAL = {word: canon for canon, words in _SYNONYMS.items() for word in word
 
 _GEOMETRY = re.compile(
     r"skew|tilt|shear|^dist(?!anc|ribut)|distort|tangential|prism|radial|windshield|binning|^roi|crop|rectif|"
-    r"mirror|linedelay|readout|shutter|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
+    r"mirror|linedelay|readout|shutter(?!us$|speed)|stretch|aspect|decenter|affine|^poly|^coef|^([kps]\W?\d.*|xi|alpha|beta|omega|fov)$"
 )
 """Plain keys that may change the geometry: refused unless a row models them or they are neutral."""
 
@@ -159,6 +159,8 @@ def _is_neutral(value: object, key: str) -> bool:
         values = floats("", value)
     except ArgumentError:
         return False
+    if len(values) == 12 and re.fullmatch(r"p\d", key):  # a projection of cv2.stereoRectify
+        return True
     side = int(len(values) ** 0.5)
     return not any(values) or (
         side > 1 and side**2 == len(values) and values == np.eye(side).ravel().tolist()
@@ -191,7 +193,7 @@ def floats(name: str, value: object) -> list[float]:
 def whole(name: str, value: object) -> int:
     """Return a number of pixels: a whole number, which may be given as a float or in digits."""
     size = number(name, value[0] if isinstance(value, list) and len(value) == 1 else value)
-    return checked_whole(name, int(size) if size.is_integer() else value)
+    return checked_whole(name, int(size) if size.is_integer() else value, most=1_000_000)
 
 
 # -- where cameras stand -------------------------------------------------------------------------------

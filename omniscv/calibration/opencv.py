@@ -41,8 +41,9 @@ Floats = NDArray[np.float64]
 
 K = (
     "camera_matrix|K|mtx|intrinsic_matrix|camera_intrinsics|intrinsics|intrinsic|cam_matrix|cam_mtx|cameraMat|"
-    "camera_matrix_row_major|camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|new_K"
+    "camera_matrix_row_major|camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|intri|new_K"
 )
+_FOUR = "intrinsics|intrinsic|camera_intrinsics|cam_intrinsics=fx,fy,cx,cy"
 _UPRIGHT, _SKEWED = "fx,0,cx,0,fy,cy,0,0,1", "fx,s,cx,0,fy,cy,0,0,1"
 _SIZES = f"{WIDTH} {HEIGHT}"
 _WORDS = "distortion_model|distortion_type|lens_model|lens_type"
@@ -54,10 +55,8 @@ _OTHER_WORDS = (
     "division ftheta inversebrownconrady modifiedbrownconrady scaramuzza ocam radtanthinprismfisheye "
     "fisheye624 spherical "
 )
-_SIDED = (
-    rf"(?:(?P<name>left|right|l|r|cam[0-9]|camera[0-9])\.?)?(?P<key>{plain(f'{K}|{D}')})\.?"
-    r"(?P<after>left|right|l|r|[0-9])?"
-)
+_SIDE = r"left|right|l|r|rgb|colou?r|depth|ir|infrared|event|thermal|cam(?:era)?[0-9]?"
+_SIDED = rf"(?:(?P<name>{_SIDE})\.?(?:camera)??)??(?P<key>{plain(f'{K}|{D}')})\.?(?P<after>{_SIDE}|[0-9])?"
 _FARTHEST_M = 10.0  # cameras of a pair; T is in the unit of the board, which may be mm
 EITHER = "opencv or opencv-fisheye"
 
@@ -148,11 +147,11 @@ class OpenCV(Form):
         """Return whether a file's cameras are all of this model, as their keys say."""
         nodes = self.nodes(content)
         models = {model_of(node) for node in nodes.values()}
-        if models == {EITHER}:
+        if EITHER in models:
             raise ArgumentError(
                 "expected coefficients of one model, got four, which may be of two: give format opencv "
                 "(k1 k2 p1 p2 of the plain model) or opencv-fisheye (k1 k2 k3 k4), such as "
-                "--set camera.format=opencv"
+                "--from opencv, or --set camera.format=opencv"
             )
         return models == {self.name}
 
@@ -189,13 +188,13 @@ def _form(name: str, programs: str, models: str, **constant: int) -> OpenCV:
 OPENCV = _form(
     "opencv",
     "OpenCV's samples, numpy archives, scripts: K and D in any spelling",
-    f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}",
+    f"- pinhole {K}={_UPRIGHT} {D}?={PLAIN}\n< - pinhole {_FOUR} {D}?={PLAIN}",
     fisheye_model=0,
 )
 FISHEYE = _form(
     "opencv-fisheye",
     "the same of cv2.fisheye",
-    f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0",
+    f"- kannala-brandt {K}={_SKEWED} {D}=k1,k2,k3,k4;0\n< - kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0",
     fisheye_model=1,
 )
 OMNIDIR = _form("opencv-omnidir", "the same of cv2.omnidir", f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2")
@@ -250,6 +249,8 @@ ROS = Ros(
     plumb_bob|rational_polynomial pinhole {K}={_UPRIGHT} {D}=;{PLAIN}
     none pinhole {K}={_UPRIGHT} {D}=;k1,k2,p1,p2,k3
     equidistant kannala-brandt {K}={_UPRIGHT} {D}=k1,k2,k3,k4
+    < plumb_bob|rational_polynomial pinhole {_FOUR} {D}=;{PLAIN}
+    < equidistant kannala-brandt {_FOUR} {D}=k1,k2,k3,k4
     """,
     word="distortion_model|camera_model",
     size=_SIZES,

@@ -296,8 +296,8 @@ def _merged(data: Any) -> Values:
 
 _DSO = re.compile(
     r"\s*(?:(Pinhole|RadTan|EquiDistant|KannalaBrandt|FOV|ATAN):?\s+)?"
-    r"((?:[-+.\deE]+ *){4,8})\n\s*(\d+)\s+(\d+)\s*\n"
-    r"\s*(crop|full|none|(?:[-+.\deE]+ *){5}) *\n\s*\d+\s+\d+\s*(?:\n[-+.\deE \n]*)?"
+    r"((?:[-+.\deE]+ +){3,}[-+.\deE]+) *\n\s*(\d+)\s+(\d+)\s*\n"
+    r"\s*(crop|full|none|(?:[-+.\deE]+ +){4}[-+.\deE]+) *\n\s*\d+\s+\d+\s*(?:\n[-+.\deE \n]*)?"
 )
 
 

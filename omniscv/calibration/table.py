@@ -69,10 +69,10 @@ MIDDLEBURY = Form("middlebury", "Middlebury's calib.txt, ETH3D's stereo",
 D = (
     "distortion_coefficients|D|dist|distCoeffs|dist_coeff|dist_coefs|dist_coef|distortion_coeffs|distortion_coeff|"
     "distortion|coeffs|coefficients|distortion_coef|distortions|distortion_parameters|distortion_params|dist_params|"
-    "distortion_vector|distCoefs|dist_coefficients"
+    "distortion_vector|distCoefs|dist_coefficients|distort"
 )
-WIDTH = "image_width|width|image.width|img_width|w|cols|resolution.width|image_size.width|size.width"
-HEIGHT = "image_height|height|image.height|img_height|h|rows|resolution.height|image_size.height|size.height"
+WIDTH = "image_width|width|image.width|img_width|w|cols|resolution.width|image_size.width|size.width|image_size.w|size.w"
+HEIGHT = "image_height|height|image.height|img_height|h|rows|resolution.height|image_size.height|size.height|image_size.h|size.h"
 _FOCALS = "fx|focal_x|focal_length_x|f_x fy|focal_y|focal_length_y|f_y"
 _CENTERS = "cx|ppx|c_x|principal_x|center_x|x0 cy|ppy|c_y|principal_y|center_y|y0"
 def _named(paths: str, names: str) -> str:

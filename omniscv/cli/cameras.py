@@ -174,6 +174,9 @@ def _report(result: Any) -> None:
     )
 
 
+_From = Annotated[str | None, Option("--from", help="Format of the file, if its content does not show it.")]
+
+
 @app.command(epilog="Example: omniscv cameras convert camchain.yaml vins.yaml --format camodocal --name cam0")
 def convert(
     source: Annotated[Path, Argument(help="A lens file of any format, or a rig.")],
@@ -181,6 +184,7 @@ def convert(
     format: Annotated[str, Option(help="Of OUT; docs/lens-files.md lists them.")],
     name: Annotated[str | None, Option(help="One camera of a file that holds several.")] = None,
     size: Annotated[str | None, Option(help="Width x height, px, of a file that does not hold it.")] = None,
+    read_as: _From = None,
     fit: Annotated[
         bool, Option("--fit", help="Fit cameras that the format cannot carry by the nearest of its models.")
     ] = False,
@@ -193,7 +197,7 @@ def convert(
     from omniscv.calibration.files import FORMS, load_file
     from omniscv.cameras.rig import Rig
 
-    loaded = load_file(source, None, options.size(size) if size else None)
+    loaded = load_file(source, read_as, options.size(size) if size else None)
     entries = loaded.entries
     if name is not None:
         entries = {name: entries[one_of("--name", name, entries)]}
@@ -219,12 +223,13 @@ def convert(
 def describe(
     file: Annotated[Path, Argument(help="A lens file of any format.")],
     size: Annotated[str | None, Option(help="Width x height, px, of a file that does not hold it.")] = None,
+    read_as: _From = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Print what a lens file holds: format, model, size, field of view, and the keys that are ignored."""
     from omniscv.calibration.files import FORMS, doubts, load_file
 
-    loaded = load_file(file, None, options.size(size) if size else None)
+    loaded = load_file(file, read_as, options.size(size) if size else None)
     rows: list[dict[str, Any]] = []
     for name, entry in loaded.entries.items():
         camera = entry.camera

@@ -35,7 +35,7 @@ REPLACED = {
         ("PINHOLE 64 48 50 50 32 24", "DIVISION 64 48 40 41 32 24 -0.2", "focal lengths: expected two"),
     ],
     "ocamcalib": [
-        ("3 -15", "99999999 -15", "polynomial: expected 99999999 finite numbers"),
+        ("3 -15", "99999999 -15", "polynomial: expected a whole number <= 1000000"),
         ("3 -15", "3 15", "coefficients\\[0\\]: expected a finite number < 0"),
         ('"e"\n\n', '"e"\n\n-', "affine: expected c > 0"),
         ('"e"\n\n', '"e"\n\n1 2 3 ', "image size"),
@@ -146,6 +146,7 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
         '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
         "<opencv_storage><camera_matrix>",
         XML,
+        "1" * 300,  # took hours: each digit began another number of DSO's
     ],
 )
 def test_hostile_text_is_refused(text):

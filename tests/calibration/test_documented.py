@@ -29,7 +29,10 @@ def markdown() -> str:
     ]
     for form in FORMS.values():
         by_model: dict[str, list[str]] = {}
+        both = {(row.words, row.model) for row in form.rows if row.written}
         for row in form.rows:
+            if not row.written and (row.words, row.model) in both:  # the same in another spelling
+                continue
             word = (row.words or ("",))[0].replace("+", "-")
             read_only = " (read only)" if form.written and not row.written else ""
             by_model.setdefault(row.model.removesuffix("-inverse"), []).append(word + read_only)

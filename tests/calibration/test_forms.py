@@ -290,6 +290,30 @@ CASES: dict[str, tuple[str | bytes, Any]] = {
         json.dumps({"name": "a", "calib_dimension": {"w": 640, "h": 480}, "frame_readout_time": None, "input_horizontal_stretch": 1.0, "fisheye_params": {"RMS_error": 0.4, "camera_matrix": K, "distortion_coeffs": KB}}),
         fisheye,
     ),
+    "kalibr-rational": (
+        f"cam0:\n  intrinsics: {[*F.values()]}\n  distortion_coeffs: {D8}\n  resolution: [640, 480]\n  distortion_model: rational_polynomial\n",
+        lambda p: pinhole(p, D8),
+    ),
+    "four-numbers": (f"cam_left:\n  intrinsics: {[*F.values()]}\n  distortion: {D5}\n  image_size: {{w: 640, h: 480}}\n", pinhole),
+    "four-numbers-ros": (f"intrinsic: {[*F.values()]}\nD: {KB}\ndistortion_model: equidistant\nwidth: 640\nheight: 480\n", fisheye),
+    "cam-K": (json.dumps({"cam_K": {"rows": 3, "cols": 3, "data": K}, "cam_dist": {"cols": 5, "data": D5}, "size": SIZE}), pinhole),
+    "K-ir-projected": (
+        json.dumps({"K_ir": K, "dist_ir": D5, "P1": np.column_stack([K, [0, 0, 0]]).tolist(), "image_size": SIZE, "shutter_us": 8000}),
+        pinhole,
+    ),
+    "flat-pair": (
+        f"distortion_model: equidistant\ncamera_resolution: [640, 480]\nleft_camera_intrinsics: {[*F.values()]}\n"
+        f"left_camera_distortion_coefficients: {KB} # k1, k2, k3, k4\n",
+        fisheye,
+    ),
+    "ini-sections": (
+        "# [calibration] of a rig\n[calibration]\n# K = [[fx,0,cx],[0,fy,cy],[0,0,1]]\n"
+        f"{keys('', F, ' = ')}width = 640\nheight = 480\n\n[distortion]\n{keys('', FIVE, ' = ')}",
+        pinhole,
+    ),
+    "ros-ini-namespace": (INI.replace("[cam]", "[/usb_cam]") + f"distortion\n{flat(D5).replace(',', '')}\n", pinhole),
+    "calibdb": (json.dumps({"camera_matrix": K, "distortion_coefficients": D5, "distortion_model": "rectilinear", "img_size": SIZE}), pinhole),
+    "json-with-comments": (f'{{\n  // from "calibrate.py"\n  "K": {K}, "D": {D5},\n  "image_size": [640, 480]\n}}\n', pinhole),
     "openicc": (
         json.dumps({"intrinsic_type": "FISHEYE", "image_width": 640, "image_height": 480, "intrinsics": {"focal_length": 310.5, "aspect_ratio": 309.25 / 310.5, "principal_pt_x": 322.25, "principal_pt_y": 238.75, "skew": 0.0, **{f"radial_distortion_{i}": k for i, k in enumerate(KB, 1)}}}),
         fisheye,
@@ -366,6 +390,9 @@ REFUSED = {
     "focal": (json.dumps({"fx": 1e308, "fy": 300, "cx": 320, "cy": 240, "width": 640, "height": 480}), "fx: expected"),
     "centre": (json.dumps({"fx": 300, "fy": 300, "cx": 1e300, "cy": 240, "width": 640, "height": 480}), "cx: expected"),
     "four": (json.dumps({"K": K, "D": KB, "image_size": SIZE}), "may be of two"),
+    "four of one, none of another": (json.dumps({n: {"K": K, "D": D, "image_size": SIZE} for n, D in (("a", []), ("b", KB))}), "--from"),
+    "nine of DSO": ("310.5 309.25 322.25 238.75 -0.12 0.03 0.001 -0.002 0.004\n640 480\ncrop\n640 480\n", "expected 4 or 5 .* got 9"),
+    "nothing": ("train: images\n", "none of their keys"),
     "modified": (CASES["realsense"][0].replace("Brown Conrady", "Modified Brown Conrady"), "coeff|expected 0"),
     "gyroflow": (CASES["gyroflow"][0].replace("stretch\": 1.0", "stretch\": 1.3"), "stretch: expected 1"),
     "hugin": (PTO.format(0, 60, 0.1, 0, 0), "odd powers"),
@@ -462,6 +489,14 @@ def test_files_as_people_have_them() -> None:
     lens = calibration.loads(f"{sensor}<f>500</f><cx>10</cx></calibration></sensor></document>")["RGB"]
     assert (lens.width, lens.height, lens.center.tolist()) == (1000, 800, [510.0, 400.0])
     assert list(calibration.loads(CASES["dso"][0] + "0.5 0 0\n")) == ["cam0"]
+    for bare in (
+        f"{flat(K[0])}\n{flat(K[1])}\n{flat(K[2])}\n",
+        flat(K).replace(",", "") + "\n0.05\n",
+    ):  # K.txt
+        pixels, _ = calibration.loads(bare, size=SIZE)["cam0"].project(POINTS)
+        np.testing.assert_allclose(pixels, ideal(POINTS) + 0.5, atol=1e-9)
+    nested = json.dumps({f"{side}": {"intrinsics": F, "width": 640, "height": 480} for side in ("a", "b")})
+    assert list(calibration.loads(nested)) == ["a", "b"]
 
 
 def test_unknown_files_get_the_nearest_forms(tmp_path: Any) -> None:

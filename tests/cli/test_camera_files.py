@@ -98,7 +98,7 @@ def test_a_calibration_file_is_a_camera_of_the_command_line(here, capsys):
     written(here, f"K: {K}\nD: {D}\n", "bare.yaml")
     bare = [*RENDER, "--camera", "bare.yaml", "--size", "32x24"]
     assert run(bare) == 2
-    assert "such as --set camera.format=opencv" in capsys.readouterr().err
+    assert "--set camera.format=opencv" in capsys.readouterr().err
     assert run([*bare, "--set", "camera.format=opencv"]) == 0
     assert rendered(here, "bare") == PLAIN
 
