@@ -187,8 +187,7 @@ def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
         point = surface_at(shell, k, u, v)
         far = near = 1.0 / point.inverse if point.inverse > 0.0 else np.inf
         if point.inverse > 0.0:
-            off = far * far * point.error
-            near, far = near - off, far + off
+            near, far = 1.0 / (point.inverse + point.error), far + far * far * point.error
         beside = pixel_depth(shell, NEAREST, k, u, v)
         if beside < pixel_depth(shell, CAPTURED, k, u, v):
             near = min(near, beside)

@@ -230,10 +230,12 @@ class Refinement(ABC):
 
     def full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""
-        options = self.task.options
+        options, most = self.task.options, self.task.options.most_captures
+        if most is None and options.accuracy is None:
+            most = tuned.DEFAULT_MOST_CAPTURES
         requests += self._requests + self.reserved[0]
         megapixels = (self._pixels + self.reserved[1] + pixels) / 1e6
-        too_many = options.most_captures is not None and requests > options.most_captures
+        too_many = most is not None and requests > most
         return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
 
 

@@ -334,6 +334,7 @@ def test_other_commands_refuse_several_worlds(tmp_path):
 # -- the watch -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.timeout(7200)
 @pytest.mark.parametrize("count", [24, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     """What a frame should show is what it shows without the fault."""

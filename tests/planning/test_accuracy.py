@@ -9,11 +9,12 @@ import mock_server
 import omniscv
 from mock_server.scene import Scene
 from omniscv import Pose, Rig, RigCamera
-from omniscv.cameras import create
+from omniscv.cameras import create, model
 from omniscv.chart.truth import traced
 from omniscv.job import load
 from omniscv.make import capture as capture_job
 from omniscv.make.render import warnings_of
+from omniscv.planning import tuned
 from omniscv.sources.base import Capabilities, SourceWrapper
 from omniscv.sources.recording import Recording
 from omniscv.sources.scene import SceneSource, open_scene
@@ -91,6 +92,23 @@ def test_what_relief_makes_doubtful_is_captured_finer():
     assert image.effort.stopped == "aim"
     assert image.doubtful <= 0.01
     assert_right(image, "courtyard")
+
+
+def test_the_default_spends_no_more_than_its_budget_on_relief():
+    """Its own aim takes this ring more than a thousand captures there."""
+    with source(scene="courtyard") as counted:
+        image = made(create("noncentral-panorama", width=96, height=48, radius=0.4), counted)
+    assert counted.requests == image.effort.captures <= tuned.DEFAULT_MOST_CAPTURES
+    assert image.effort.stopped == "a budget is spent"
+
+
+def test_relief_ahead_hides_no_centre_that_is_nearer():
+    """Mirror centres 0.4 m ahead at most, before a log wall at 4.8 m whose relief reaches 10 m."""
+    ball = model("noncentral-spherical-mirror").example(48)
+    pose = Pose.from_angles((0, 0, 1.5))
+    with source(scene="courtyard") as counted:
+        image = omniscv.render(ball, pose, counted, TRUTH, strategy="exact")
+    assert image.unsure[image.valid].mean() < 0.01
 
 
 @pytest.mark.parametrize("camera", [create("equirectangular", 64, 32), RING], ids=["panorama", "ring"])
