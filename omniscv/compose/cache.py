@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
@@ -18,6 +18,12 @@ class Sized(Protocol):
 
 T = TypeVar("T", bound=Sized)
 _REMEMBERED = 64  # keys
+
+
+class Once(Protocol):
+    """Returns what a function makes of captures; a name of it tells what. It may be kept."""
+
+    def __call__(self, name: str, captures: Sequence[Capture], make: Callable[[], T]) -> T: ...
 
 
 class ByteCache:

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import light, modalities
+from omniscv.compose.cache import Once
+from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
@@ -17,7 +19,7 @@ from omniscv.compose.seams import Mended
 from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, reads_few, stacked
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
 from omniscv.planning.relief import depth_relief
 from omniscv.planning.strategies import SAME_M
@@ -40,7 +42,7 @@ class Composition:
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
             the rays of the whole image.
         mend: closes the seams of colours, which masks of the same views keep from outlines.
-        once: returns what a function makes of captures; a name of it tells what.
+        once: makes what may serve several images.
         report: called after each viewpoint, and when the image is done.
     """
 
@@ -51,7 +53,7 @@ class Composition:
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
         mend: Callable[[Sequence[Capture], Sequence[Capture]], Mended],
-        once: Callable[[str, Sequence[Capture], Callable[[], Pixels]], Pixels],
+        once: Once,
         report: Report,
     ) -> None:
         self._task, self._source = task, source
@@ -174,17 +176,22 @@ class Composition:
 
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
-        faces, precision = self._faces(viewpoint, captures), codecs.precision(captures[0].encoding)
-        seen = None
+        faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
+        precision, rays, seen = codecs.precision(captures[0].encoding), len(viewpoint.pixels), None
+
+        def pictures_of() -> DepthPictures:
+            return DepthPictures.of(faces, views, precision, rays)
+
+        pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
         if viewpoint.check is None or offsets_w is None:
-            depth = sampler.sample_depth(self._filter, faces, precision, offsets_w)
+            depth = sampler.sample_depth(self._filter, pictures, offsets_w)
             relief = self._once("relief", captures, lambda: depth_relief(captures))
             if relief.size:
                 off = sampler.sample("nearest", relief)
                 beside = 0 if offsets_w is None else depth.error  # the ray meets another part of the relief
                 depth = depth._replace(error=np.maximum(depth.error, off + beside))
         else:
-            depth = sampler.sample_depth(self._filter, faces, precision, None)
+            depth = sampler.sample_depth(self._filter, pictures, None)
             rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))

@@ -6,6 +6,8 @@ ray from the centre does, and near the edge of an object it may meet another sur
 the first by the plane's slope, the second by the depths within the parallax.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,19 +20,20 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
 from omniscv.geometry.surfaces import (
     LEAST_M,
-    Cell,
     Precision,
     Shape,
-    continued,
     discontinuities,
     fitted_plane,
     interpolated,
-    inverse_depth,
+    inverse_depth32,
     nearest_pixel,
     plane_of,
+    rounding,
     stored_length,
     surface_point,
+    turns,
 )
+from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
 _AHEAD_PX = 1.5
@@ -45,8 +48,10 @@ _AROUND_PX = 3
 """Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _BLOCK = 256
 """Rays whose depths are gathered at a time; their buffers fit into the fastest cache."""
-_CELL_PX = 4
-"""Least width and height of a picture in which a :class:`Cell` fits."""
+_FEW = 24
+"""Pixels of all pictures for each ray, beyond which finding their bends takes longer than it saves."""
+_BENT = np.uint32(0x7F807F80)
+"""Twice the upper half of +inf."""
 
 
 class SampledDepth(NamedTuple):
@@ -65,7 +70,7 @@ class SampledDepth(NamedTuple):
     parallax: Floats | None = None
 
 
-class _Pictures(NamedTuple):
+class DepthPictures(NamedTuple):
     """Pictures of planar depth.
 
     Attributes:
@@ -73,12 +78,37 @@ class _Pictures(NamedTuple):
         shape: h and w.
         projections: (V, 4) fx, fy, cx, cy, px.
         precision: of the depth.
+        bends: (V h w,) uint32, how much 1/z bends between a pixel, its neighbours to the right and below, and
+            the one between these: across, and down, 1/m, rounded up to the upper half of a float32 each.
+            :data:`_BENT` where that does not say how far depth may be off. Empty if rays read few pixels.
     """
 
     depth: Floats
     shape: Shape
     projections: Array
     precision: Precision
+    bends: Ints
+
+    @classmethod
+    def of(cls, faces: Faces, views: Sequence[View], precision: Precision, rays: int) -> DepthPictures:
+        """Return pictures, one per view, that so many rays read."""
+        stack, projections = stacked(faces), np.array([view.projection for view in views])
+        bends = np.full(0 if rays * _FEW < stack.size else stack.size, _BENT, np.uint32)
+        if bends.size:
+            of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
+            side_by_side(lambda of: _find_bends(*of, precision), of_faces)
+        bends.flags.writeable = False
+        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, bends)
+
+    @property
+    def faces(self) -> Floats:
+        """(V, h, w) float32 metres."""
+        return self.depth.reshape(-1, *self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held in memory."""
+        return self.depth.nbytes + self.bends.nbytes
 
 
 class _Surroundings(NamedTuple):
@@ -91,34 +121,30 @@ class _Surroundings(NamedTuple):
 
 
 def sample_depth(
-    faces: Faces,
+    pictures: DepthPictures,
     lookup: RayLookup,
     views: Sequence[View],
     nearest: bool,
-    precision: Precision,
     offsets_w: Array | None = None,
 ) -> SampledDepth:
     """Return depth along N rays.
 
     Args:
-        faces: (h, w) planar metres of each view, +inf where there is no surface.
+        pictures: of each view.
         lookup: of N rays.
-        views: those of the faces.
+        views: those of the pictures.
         nearest: take the nearest pixel's depth everywhere.
-        precision: of the faces.
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
     distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
-    stack, projections = stacked(faces), np.array([view.projection for view in views])
-    pictures = _Pictures(stack.reshape(-1), stack.shape[1:], projections, precision)
     run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
         return SampledDepth(distance, error)
-    parallax = np.empty_like(lookup.x)
-    least = max(float(stack.min()), LEAST_M)
+    parallax, faces = np.empty_like(lookup.x), pictures.faces
+    least = max(float(faces.min()), LEAST_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
-    reach_px = int(np.ceil(farthest_m * projections[:, :2].max() / least * _MARGIN)) + 2
-    around = [_surroundings(face, reach_px) for face in stack]
+    reach_px = int(np.ceil(farthest_m * pictures.projections[:, :2].max() / least * _MARGIN)) + 2
+    around = [_surroundings(face, reach_px) for face in faces]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
     run(
         _displace,
@@ -143,96 +169,126 @@ def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _find_bends(depth: Floats, bends: Ints, focal: float, precision: Precision) -> None:
+    """Write the bends of one picture, as :class:`DepthPictures` has them; those at its border stay."""
+    height, width = depth.shape
+    inverses, noises = np.zeros((4, width), np.float32), np.zeros((4, width), np.float32)
+    for r in range(height):
+        inverse, noise = inverses[r % 4], noises[r % 4]
+        for c in range(width):
+            inverse[c] = inverse_depth32(depth[r, c])
+            length = stored_length(r, c, (height, width), focal, precision)
+            noise[c] = rounding(np.float64(depth[r, c]), length, precision)
+        for c in range(width):
+            noise[c] = (noise[c] + noise[c]) * inverse[c] * inverse[c]
+        if r < 3:
+            continue
+        zn, z0, z1, zs = depth[r - 3], depth[r - 2], depth[r - 1], depth[r]
+        n, i, j, s = inverses[(r - 3) % 4], inverses[(r - 2) % 4], inverses[(r - 1) % 4], inverse
+        noise0, noise1, out = noises[(r - 2) % 4], noises[(r - 1) % 4], bends[r - 2]
+        for c in range(1, width - 2):
+            most = max(max(noise0[c], noise0[c + 1]), max(noise1[c], noise1[c + 1]))
+            line, of_line = (z0[c - 1], z0[c], z0[c + 1], z0[c + 2]), (i[c - 1], i[c], i[c + 1], i[c + 2])
+            upper = turns(line, of_line, most)[0]
+            line, of_line = (z1[c - 1], z1[c], z1[c + 1], z1[c + 2]), (j[c - 1], j[c], j[c + 1], j[c + 2])
+            across = max(upper, turns(line, of_line, most)[0])
+            left = turns((zn[c], z0[c], z1[c], zs[c]), (n[c], i[c], j[c], s[c]), most)[0]
+            line, of_line = (
+                (zn[c + 1], z0[c + 1], z1[c + 1], zs[c + 1]),
+                (n[c + 1], i[c + 1], j[c + 1], s[c + 1]),
+            )
+            down = max(left, turns(line, of_line, most)[0])
+            bent = _upper_half(across) | _upper_half(down) >> np.uint32(16)
+            out[c] = bent if max(across, down) < np.inf else _BENT
+
+
+@inner(cache=True, nogil=True, forceinline=True)
+def _upper_half(value: np.float32) -> np.uint32:
+    """Return the bits of a float32 >= 0, rounded up to the upper 16 of them."""
+    return np.uint32((np.float32(value).view(np.uint32) + np.uint32(0xFFFF)) & np.uint32(0xFFFF0000))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
-    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: _Pictures, nearest: bool
+    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: DepthPictures, nearest: bool
 ) -> None:
-    """Sample block by block: depths that all rays read are gathered, so that interpolation is vectorized."""
-    height, width = pictures.shape
-    around, at, start = np.empty((12, _BLOCK), np.float32), np.empty((5, _BLOCK)), np.empty(_BLOCK, np.uint64)
-    has_cells = min(height, width) >= _CELL_PX
-    for first in range(0, view.shape[0], _BLOCK):
-        last = min(first + _BLOCK, view.shape[0])
-        if has_cells:
-            _gather(view[first:last], x[first:last], y[first:last], pictures, around, at, start)
-            size, precision = max(height, width), pictures.precision
-            _interpolate(around, at, size, precision, distance[first:last], error[first:last])
+    """Sample rays that follow each other in one view together, in vector instructions."""
+    around, at = np.empty((4, _BLOCK), np.float32), np.empty((3, _BLOCK))
+    start, bends = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.uint32)
+    first = 0
+    while first < view.shape[0]:
+        k, last, most = view[first], first + 1, min(first + _BLOCK, view.shape[0])
+        while last < most and view[last] == k:
+            last += 1
+        of = slice(first, last)
+        if k >= 0 and pictures.bends.size:
+            _gather(k, x[of], y[of], pictures, around, at, start, bends)
+            _interpolate(k, x[of], y[of], pictures, around, at, bends, distance[of], error[of])
         for i in range(first, last):
-            if view[i] < 0:
+            if k < 0:
                 distance[i] = error[i] = 0.0
                 continue
             # As float64: functions that others call with float64 are compiled once.
             px, py = np.float64(x[i]), np.float64(y[i])
-            if not has_cells or not distance[i] > 0.0:
-                distance[i], error[i] = _beside_a_surface(pictures, view[i], px, py)
+            if not pictures.bends.size or not distance[i] > 0.0:
+                distance[i], error[i] = _one_ray(pictures, k, px, py)
             if nearest:
-                stored = _nearest_distance(pictures, view[i], px, py)
+                stored = _nearest_distance(pictures, k, px, py)
                 error[i] += abs(stored - distance[i]) if distance[i] < np.inf else 0.0
                 distance[i] = stored
+        first = last
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _gather(
-    view: Ints, x: Floats, y: Floats, pictures: _Pictures, around: Floats, at: Array, start: Ints
+    k: int, x: Floats, y: Floats, pictures: DepthPictures, around: Floats, at: Array, start: Ints, bends: Ints
 ) -> None:
-    """Write the depths around each point, as :class:`Cell` has them, and its a, b, u, v and stored length.
-
-    Row by row of the pictures, with few numbers at a time: twice as fast as point by point. ``start`` is
-    overwritten; indices without a sign are not checked for one.
-    """
-    depth, projections, (height, width) = pictures.depth, pictures.projections, pictures.shape
-    for j in range(view.shape[0]):
-        k, px, py = max(view[j], 0), np.float64(x[j]), np.float64(y[j])
-        c = min(max(np.floor(px - 0.5), 1.0), width - 3.0)
-        r = min(max(np.floor(py - 0.5), 1.0), height - 3.0)
-        start[j] = (k * height + np.int64(r) - 1) * width + np.int64(c)
-        at[0, j], at[1, j] = px - 0.5 - c, py - 0.5 - r
-        at[2, j], at[3, j] = (
-            (px - projections[k, 2]) / projections[k, 0],
-            (py - projections[k, 3]) / projections[k, 1],
-        )
-        at[4, j] = stored_length(
-            np.int64(r), np.int64(c), pictures.shape, projections[k, 0], pictures.precision
-        )
-    one, row = np.uint64(1), np.uint64(width)
-    for j in range(view.shape[0]):
-        o = start[j]
-        around[0, j], around[1, j] = depth[o], depth[o + one]
-    for n in range(2, 7, 4):
-        for j in range(view.shape[0]):
-            start[j] += row
-            o = start[j]
-            around[n, j], around[n + 1, j] = depth[o - one], depth[o]
-            around[n + 2, j], around[n + 3, j] = depth[o + one], depth[o + one + one]
-    for j in range(view.shape[0]):
-        o = start[j] + row
-        around[10, j], around[11, j] = depth[o], depth[o + one]
-        if not (0.0 <= at[0, j] < 1.0 and 0.0 <= at[1, j] < 1.0):
-            around[3, j] = np.inf  # no cell around the point: its pixel's surface is continued
+    """Write the depths and the bends around points in a view, and their a, b and stored length."""
+    depth, (height, width), focal = pictures.depth, pictures.shape, pictures.projections[k, 0]
+    for j in range(x.shape[0]):
+        px, py = np.float64(x[j]), np.float64(y[j])
+        c, r = min(max(np.floor(px - 0.5), 0.0), width - 2.0), min(max(np.floor(py - 0.5), 0.0), height - 2.0)
+        at[0, j], at[1, j], at[2, j] = px - 0.5 - c, py - 0.5 - r, 1.0
+        start[j] = np.int32(r) * np.int32(width) + np.int32(c)
+    if pictures.precision.along_ray:
+        for j in range(x.shape[0]):
+            at[2, j] = stored_length(
+                start[j] // width, start[j] % width, pictures.shape, focal, pictures.precision
+            )
+    # Indices without a sign are not checked for one.
+    picture, one, row = np.uint64(k * height * width), np.uint64(1), np.uint64(width)
+    for j in range(x.shape[0]):
+        o = picture + np.uint64(start[j])
+        around[0, j], around[1, j], bends[j] = depth[o], depth[o + one], pictures.bends[o]
+        around[2, j], around[3, j] = depth[o + row], depth[o + row + one]
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _interpolate(
-    around: Floats, at: Array, size: int, precision: Precision, distance: Floats, error: Floats
-) -> None:
-    """Write depth along rays; 0 where no one surface lies around the point."""
-    for j in range(distance.shape[0]):
-        cell = Cell(
-            inverse_depth(around[0, j]), inverse_depth(around[1, j]), inverse_depth(around[2, j]),
-            inverse_depth(around[3, j]), inverse_depth(around[4, j]), inverse_depth(around[5, j]),
-            inverse_depth(around[6, j]), inverse_depth(around[7, j]), inverse_depth(around[8, j]),
-            inverse_depth(around[9, j]), inverse_depth(around[10, j]), inverse_depth(around[11, j]),
-        )  # fmt: skip
-        point = interpolated(cell, at[0, j], at[1, j], at[4, j], size, precision)
-        z, length = 1.0 / point.inverse, np.sqrt(1.0 + at[2, j] * at[2, j] + at[3, j] * at[3, j])
-        distance[j] = z * length if point.inverse > 0.0 else 0.0
-        error[j] = z * z * point.error * length
+    k: int, x: Floats, y: Floats, pictures: DepthPictures, around: Floats, at: Array, bends: Ints,
+    distance: Floats, error: Floats,
+) -> None:  # fmt: skip
+    """Write depth along rays in a view; 0 where bends do not say how far it is off."""
+    fx, fy = pictures.projections[k, 0], pictures.projections[k, 1]
+    cx, cy = pictures.projections[k, 2], pictures.projections[k, 3]
+    precision, size = pictures.precision, max(pictures.shape[0], pictures.shape[1])
+    for j in range(x.shape[0]):
+        corners, a, b = (around[0, j], around[1, j], around[2, j], around[3, j]), at[0, j], at[1, j]
+        inverse, _, _, off, _ = interpolated(corners, a, b, at[2, j], size, precision)
+        across = np.float64(np.uint32(bends[j] & np.uint32(0xFFFF0000)).view(np.float32))
+        down = np.float64(np.uint32(bends[j] << np.uint32(16)).view(np.float32))
+        off += a * (1.0 - a) * across + b * (1.0 - b) * down
+        z, u, v = 1.0 / inverse, (x[j] - cx) / fx, (y[j] - cy) / fy
+        length = np.sqrt(1.0 + u * u + v * v)
+        distance[j] = z * length if across < np.inf else 0.0
+        error[j] = z * z * off * length
 
 
 @inner(cache=True, nogil=True)
-def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[float, float]:
-    """Return depth along a ray that has no surface all around it, and the bound on its error."""
+def _one_ray(pictures: DepthPictures, k: int, x: float, y: float) -> tuple[float, float]:
+    """Return depth along a ray, and the bound on its error."""
     precision, shape, focal = pictures.precision, pictures.shape, pictures.projections[k, 0]
-    point = continued(pictures.depth, k * shape[0] * shape[1], shape, x, y, focal, precision)
+    point = surface_point(pictures.depth, k * shape[0] * shape[1], shape, x, y, focal, precision)
     if point.inverse == 0.0:
         return np.inf, np.inf if point.jump > 0.0 or precision.largest_m < np.inf else 0.0
     z, length = 1.0 / point.inverse, _ray_length(pictures, k, x, y)
@@ -240,7 +296,7 @@ def _beside_a_surface(pictures: _Pictures, k: int, x: float, y: float) -> tuple[
 
 
 @inner(cache=True, nogil=True)
-def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
+def _nearest_distance(pictures: DepthPictures, k: int, x: float, y: float) -> float:
     """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
     height, width = pictures.shape
     r, c = nearest_pixel(pictures.shape, x, y)
@@ -248,7 +304,7 @@ def _nearest_distance(pictures: _Pictures, k: int, x: float, y: float) -> float:
 
 
 @inner(cache=True, nogil=True)
-def _ray_length(pictures: _Pictures, k: int, x: float, y: float) -> float:
+def _ray_length(pictures: DepthPictures, k: int, x: float, y: float) -> float:
     """Return the length of the ray through a point of a picture to a planar depth of 1 m, metres."""
     of = pictures.projections[k]
     u, v = (x - of[2]) / of[0], (y - of[3]) / of[1]
@@ -258,7 +314,7 @@ def _ray_length(pictures: _Pictures, k: int, x: float, y: float) -> float:
 @njit(cache=True, nogil=True)
 def _displace(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, parallax: Floats, offsets_w: Array,
-    pictures: _Pictures, around: _Surroundings, R_c_w: Array,
+    pictures: DepthPictures, around: _Surroundings, R_c_w: Array,
 ) -> None:  # fmt: skip
     """Add the error of rays that start elsewhere than at the centre; write their parallax."""
     shape, depth, offset = pictures.shape, pictures.depth, np.empty(3)

@@ -14,13 +14,12 @@ import numpy as np
 
 from omniscv.compose.area import AreaSampling
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.depth import SampledDepth, normals_from_depth, sample_depth
+from omniscv.compose.depth import DepthPictures, SampledDepth, normals_from_depth, sample_depth
 from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
-from omniscv.geometry.surfaces import Precision
 from omniscv.modalities import Interpolation
 from omniscv.planning.rays import RayBlock
 from omniscv.sources.base import View
@@ -50,9 +49,7 @@ class Sampler(Protocol):
     def sample(self, filter: str, faces: Faces) -> Pixels:
         """Return (N, ...) blended values."""
 
-    def sample_depth(
-        self, filter: str, faces: Faces, precision: Precision, offsets_w: Array | None
-    ) -> SampledDepth:
+    def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> SampledDepth:
         """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
 
     def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
@@ -132,14 +129,10 @@ class CpuSampler:
         picture = atlas.picture(faces, None if filter == "area" else self._coverage.used)
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
-    def sample_depth(
-        self, filter: str, faces: Faces, precision: Precision, offsets_w: Array | None
-    ) -> SampledDepth:
-        stack, nearest = stacked(faces), filter == "nearest"
-
+    def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> SampledDepth:
         def sample(block: _Block) -> SampledDepth:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
-            return sample_depth(stack, block.lookup, self._views, nearest, precision, offsets)
+            return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)
 
         return SampledDepth(*self._sampled(sample))
 

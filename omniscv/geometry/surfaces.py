@@ -18,7 +18,7 @@ nearest pixel's own surface is continued by its own slope.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ _FLOAT32 = 2.0**-24  # relative rounding error
 COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 LEAST_M = 1e-9  # a server may send a depth of 0
+_NONE, _QUARTER, _ONE, _NOWHERE = np.float32(0), np.float32(0.25), np.float32(1), np.float32(np.inf)
+_STEP, _LEAST = np.float32(STEP), np.float32(LEAST_M)
 
 
 class Precision(NamedTuple):
@@ -74,17 +76,17 @@ class Point(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """1 / z, 1/m, at 2 x 2 pixels and at their neighbours above, left, right and below; 0: no surface."""
+    """Planar depth, float32, at 2 x 2 pixels and at their neighbours above, left, right and below."""
 
     n0: float
     n1: float
     w0: float
-    i00: float
-    i01: float
+    z00: float
+    z01: float
     e0: float
     w1: float
-    i10: float
-    i11: float
+    z10: float
+    z11: float
     e1: float
     s0: float
     s1: float
@@ -92,6 +94,8 @@ class Cell(NamedTuple):
 
 Shape = tuple[int, int]
 """Height and width, px."""
+Corners = tuple[float, float, float, float]
+"""Values of four pixels: of 2 x 2, row by row, or of four in line."""
 
 
 @njit(cache=True, nogil=True)
@@ -115,19 +119,21 @@ def surface_point(
     c, r = int(np.floor(px)), int(np.floor(py))
     if 1 <= c < width - 2 and 1 <= r < height - 2:
         o = first + r * width + c
-        up, down, below = o - width, o + width, o + 2 * width
+        up, lower, below = o - width, o + width, o + 2 * width
         cell = Cell(
-            inverse_depth(depth[up]), inverse_depth(depth[up + 1]),
-            inverse_depth(depth[o - 1]), inverse_depth(depth[o]),
-            inverse_depth(depth[o + 1]), inverse_depth(depth[o + 2]),
-            inverse_depth(depth[down - 1]), inverse_depth(depth[down]),
-            inverse_depth(depth[down + 1]), inverse_depth(depth[down + 2]),
-            inverse_depth(depth[below]), inverse_depth(depth[below + 1]),
+            depth[up], depth[up + 1],
+            depth[o - 1], depth[o], depth[o + 1], depth[o + 2],
+            depth[lower - 1], depth[lower], depth[lower + 1], depth[lower + 2],
+            depth[below], depth[below + 1],
         )  # fmt: skip
         length = stored_length(r, c, shape, focal, precision)
-        point = interpolated(cell, px - c, py - r, length, max(height, width), precision)
-        if point.inverse > 0.0:
-            return point  # type: ignore[no-any-return]
+        corners, a, b = (cell.z00, cell.z01, cell.z10, cell.z11), px - c, py - r
+        inverse, across, down, error, noise = interpolated(
+            corners, a, b, length, max(height, width), precision
+        )
+        bend = _bend_of(cell, a, b, noise)
+        if bend < np.inf:
+            return Point(inverse, across, down, error + bend, 0.0)
     return continued(depth, first, shape, x, y, focal, precision)  # type: ignore[no-any-return]
 
 
@@ -154,36 +160,43 @@ def plane_of(
 
 
 @inner(nogil=True, error_model="numpy", cache=True, forceinline=True)
-def interpolated(cell: Cell, a: float, b: float, length: float, size: int, precision: Precision) -> Point:
-    """Return the surface between the 2 x 2 pixels of a cell; ``inverse`` is 0 if they are not one surface.
+def interpolated(
+    corners: Corners, a: float, b: float, length: float, size: int, precision: Precision
+) -> tuple[float, float, float, float, float]:
+    """Return ``inverse``, ``across``, ``down`` and ``error`` of the :class:`Point` between 2 x 2 pixels on a
+    surface that does not bend; and what rounding makes of second differences of ``inverse``, 1/m: mostly they
+    are smaller.
 
     It has no branch, so that it compiles to vector instructions.
 
     Args:
-        cell: the pixels' inverse depths.
+        corners: planar depth of the pixels, row by row.
         a, b: px from the first pixel, across and down, 0 to 1.
         length: :func:`stored_length` there.
         size: px of the longer side of the picture.
         precision: of the picture.
     """
-    n0, n1, w0, i00, i01, e0, w1, i10, i11, e1, s0, s1 = cell
-    one_surface = (
-        _continues(w0, i00, i01, e0)
-        & _continues(w1, i10, i11, e1)
-        & _continues(n0, i00, i10, s0)
-        & _continues(n1, i01, i11, s1)
-    )
+    z00, z01, z10, z11 = corners
+    i00, i01, i10, i11 = inverse_depth(z00), inverse_depth(z01), inverse_depth(z10), inverse_depth(z11)
     inverse = (1 - b) * ((1 - a) * i00 + a * i01) + b * ((1 - a) * i10 + a * i11)
     across, down = (1 - b) * (i01 - i00) + b * (i11 - i10), (1 - a) * (i10 - i00) + a * (i11 - i01)
     near, far = max(max(i00, i01), max(i10, i11)), min(min(i00, i01), min(i10, i11))
-    at_near, at_far = rounding(1.0 / near, length, precision), rounding(1.0 / far, length, precision)
+    least, most = min(min(z00, z01), min(z10, z11)), max(max(z00, z01), max(z10, z11))
+    at_near = rounding(np.float64(least), length, precision)
+    at_far = rounding(np.float64(most), length, precision)
     stored = max(near * near * at_near, far * far * at_far)
-    noise = 2.0 * stored  # second differences of rounded values are mostly smaller
-    bent_across = max(_bend(w0, i00, i01, e0, a, noise), _bend(w1, i10, i11, e1, a, noise))
-    bent_down = max(_bend(n0, i00, i10, s0, b, noise), _bend(n1, i01, i11, s1, b, noise))
-    bend = bent_across + bent_down
     placed = (abs(across) + abs(down)) * (_FLOAT32 * size + precision.middle_px)  # coordinates are float32
-    return Point(inverse if one_surface else 0.0, across, down, stored + bend + placed, 0.0)
+    return inverse, across, down, stored + placed, 2.0 * stored
+
+
+@inner(nogil=True, error_model="numpy", cache=True, forceinline=True)
+def _bend_of(cell: Cell, a: float, b: float, noise: float) -> float:
+    """Return how far the surface between the 2 x 2 pixels of a cell may lie off :func:`interpolated`, 1/m;
+    +inf if they are not one surface."""
+    n0, n1, w0, z00, z01, e0, w1, z10, z11, e1, s0, s1 = cell
+    upper, lower = _bend((w0, z00, z01, e0), a, noise), _bend((w1, z10, z11, e1), a, noise)
+    left, right = _bend((n0, z00, z10, s0), b, noise), _bend((n1, z01, z11, s1), b, noise)
+    return float(max(upper, lower) + max(left, right))
 
 
 @inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -210,12 +223,10 @@ def discontinuities(face: Floats) -> NDArray[np.uint8]:
     return out
 
 
-@inner(cache=True, nogil=True)
+@inner(cache=True, nogil=True, error_model="numpy")
 def _same(before: float, a: float, b: float, after: float) -> bool:
     """Return whether neighbouring depths a and b are both no surface, or one."""
-    if a == np.inf and b == np.inf:
-        return True
-    return bool(_continues(inverse_depth(before), inverse_depth(a), inverse_depth(b), inverse_depth(after)))
+    return bool((a == np.inf and b == np.inf) or _bend((before, a, b, after), 0.0, 0.0) < np.inf)
 
 
 @njit(cache=True, nogil=True)
@@ -239,31 +250,69 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     return float(step / length + COMPUTED * _FLOAT32 * z)
 
 
-@inner(cache=True, nogil=True, forceinline=True)
-def _bend(before: float, a: float, b: float, after: float, at: float, noise: float) -> float:
-    """Return how far a curve or a crease may lie off the chord from a to b, ``at`` the way along it; all 1/z.
+@inner(cache=True, nogil=True, error_model="numpy")
+def _bend(line: Corners, at: float, noise: float) -> float:
+    """Return how far 1/z of a curve or a crease may lie off the chord between the second and the third of
+    four pixels, ``at`` the way along it, 1/m; +inf where these two are not one surface.
 
-    The second differences on both sides bound a crease, less what rounding makes of them. They are eight
-    times what a curve is off in the middle, so a quarter of them bounds it, more what rounding hides. Where
-    one is unknown, because the surface ends there, the curve may go on from the other side as far as it
-    likes. Where both are, the surface is as narrow as the step.
-
-    Second differences of opposite signs, both beyond rounding, are a step, which may lie anywhere between a
-    and b. Both of one sign, they are a cusp, as between touching cylinders, whose slopes grow toward it.
+    Where the second difference on one side is unknown, because the surface ends there, the curve may go on
+    from the other side as far as it likes. Where both are, the surface is as narrow as the step. Second
+    differences of opposite signs are a step, which may lie anywhere between the two.
     """
-    turn_left, turn_right = 2.0 * a - b - before, 2.0 * b - a - after
-    left = abs(turn_left) if before > 0.0 else 0.0
-    right = abs(turn_right) if after > 0.0 else 0.0
-    both = at * (1.0 - at) * max(left + right - noise, 0.25 * (left + right + noise))
-    step, cusp = max(at * left, (1.0 - at) * right), at * (1.0 - at) * (3.0 * (left + right) - noise)
-    least, opposite = min(left, right), turn_left * turn_right < 0.0
-    both = max(both, step if opposite and least > noise else 0.0)
-    both = max(both, cusp if not opposite and least > 2.0 * noise else 0.0)
-    one = at * left + (1.0 - at) * right + noise
-    none = CONTINUED * max(a, b)
-    if before > 0.0 and after > 0.0:
-        return both
-    return one if before > 0.0 or after > 0.0 else none
+    before, a, b, after = line
+    inverses = inverse_depth32(before), inverse_depth32(a), inverse_depth32(b), inverse_depth32(after)
+    bend, left, right, one_surface = turns(line, inverses, np.float32(noise))
+    if not one_surface:
+        return math.inf
+    if bend < np.inf:
+        return float(at * (1.0 - at) * bend)
+    known_left, known_right = inverses[0] > 0.0, inverses[3] > 0.0
+    if known_left and known_right:
+        return float(max(at * left, (1.0 - at) * right))
+    if known_left or known_right:
+        return float(at * left + (1.0 - at) * right + noise)
+    return float(CONTINUED * max(inverses[1], inverses[2]))
+
+
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, Any]:
+    """Return how 1/z bends between the second and the third of four pixels, 1/m; its second differences on
+    both sides; and whether the two show one surface: on one line with the neighbours on both sides, or nearly
+    equal.
+
+    ``t`` the way along the chord 1/z lies at most ``t (1 - t)`` times the first off it; that is +inf where
+    it has no such bound: beside an edge, and at a step. The second differences bound a crease, less what
+    rounding makes of them. They are eight times what a curve is off in the middle, so a quarter of them
+    bounds it, more what rounding hides. Both of one sign, beyond rounding, they are a cusp, as between
+    touching cylinders, whose slopes grow toward it. Of opposite signs they are a step.
+
+    It has no branch, and all is float32, so that it compiles to vector instructions: differences of depths
+    are exact.
+
+    Args:
+        line: planar depth.
+        inverses: 1 / line.
+        noise: what rounding makes of second differences, 1/m.
+    """
+    (before, a, b, after), (of_before, of_a, of_b, of_after) = line, inverses
+    step, allowed = (a - b) * of_a * of_b, _STEP * max(of_a, of_b)
+    turn_left, turn_right = (before - a) * of_before * of_a - step, step - (b - after) * of_b * of_after
+    known_left, known_right = of_before > _NONE, of_after > _NONE
+    left, right = abs(turn_left) if known_left else _NONE, abs(turn_right) if known_right else _NONE
+    known, opposite = known_left & known_right, turn_left * turn_right < _NONE
+    on_line = known & (left <= allowed) & (right <= allowed)
+    one_surface = (of_a > _NONE) & (of_b > _NONE) & ((abs(step) <= allowed) | on_line)
+    both, least = left + right, min(left, right)
+    cusp = (not opposite) & (least > noise + noise)
+    bend = max(max(both - noise, _QUARTER * (both + noise)), both + both + both - noise if cusp else _NONE)
+    bounded = known & one_surface & (not (opposite & (least > noise)))
+    return bend if bounded else _NOWHERE, left, right, one_surface
+
+
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def inverse_depth32(z: Any) -> Any:
+    """Return 1 / z, 0 where there is no surface, of a float32."""
+    return _ONE / max(z, _LEAST)
 
 
 @inner(cache=True, nogil=True)
@@ -359,17 +408,6 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
 def allowed_step(z: float) -> float:
     """Return how far 1/z may be off a line through neighbours on the same surface."""
     return float(STEP * inverse_depth(z))
-
-
-@inner(cache=True, nogil=True, forceinline=True)
-def _continues(before: float, a: float, b: float, after: float) -> bool:
-    """Return whether a and b lie on one line with the neighbours on both sides, or are nearly equal; all
-    1/z."""
-    near = max(a, b)
-    step, allowed = b - a, STEP * near
-    from_left = (before > 0.0) & (abs(step - (a - before)) <= allowed)
-    from_right = (after > 0.0) & (abs(step - (after - b)) <= allowed)
-    return bool((a > 0.0) & (b > 0.0) & ((abs(step) <= allowed) | (from_left & from_right)))
 
 
 @inner(cache=True, nogil=True)

@@ -95,7 +95,7 @@ class Faces:
             self._tiles[mode] = (
                 views,
                 (
-                    ProcessorTiles(kind, faces)
+                    ProcessorTiles(kind, views, faces)
                     if self._on_processor
                     else DeviceTiles(kind, views, faces, self._device)
                 ),

@@ -18,6 +18,7 @@ from torch import Tensor
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
+from omniscv.compose.depth import DepthPictures
 from omniscv.compose.samplers import SAMPLE, CpuSampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
@@ -150,16 +151,18 @@ class ProcessorLookup:
 class ProcessorTiles:
     """The pixels of a modality in all views, sampled by a :class:`ProcessorLookup`."""
 
-    def __init__(self, interpolation: Interpolation, faces: Pictures) -> None:
+    def __init__(self, interpolation: Interpolation, views: Sequence[View], faces: Pictures) -> None:
         stack: Any = np.stack(faces)
         self._interpolation, self._stack, self.tensor = interpolation, stack, torch.from_numpy(stack)
+        if interpolation == "surface":
+            self._depth = DepthPictures.of(stack, views, Precision(), stack.size)
 
     def sample(self, lookup: ProcessorLookup) -> Tensor:
         """Return what :meth:`DeviceTiles.sample` does."""
         kind, stack = self._interpolation, self._stack
         filter = "bilinear" if kind == "blended" else "nearest"
         values = [
-            sampler.sample_depth("nearest", stack, Precision(), None).distance
+            sampler.sample_depth("nearest", self._depth, None).distance
             if kind == "surface"
             else SAMPLE[kind](sampler, filter, stack)
             for sampler in lookup.samplers
