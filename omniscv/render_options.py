@@ -90,12 +90,9 @@ class RenderOptions:
 
     Args:
         strategy: which views are captured: a name of :func:`omniscv.planning.names`.
-        viewpoints: optical centres of a non-central camera; chosen by the strategy if not given.
         face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail and few edges.
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
-        truth_scale: how many times finer than colours masks, depth and normals are captured, 1 to 8.
-        normals: ``captured``, or ``from-depth``: of planes fitted to captured depth.
         seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
             they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
         straighten: whether faces of a recording that are measurably turned against the others of their cube
@@ -109,7 +106,6 @@ class RenderOptions:
             number or as ``"0.1%"``; captures then become finer where the image needs it. If not given,
             ``auto`` aims at 3 % for cameras with several optical centres.
         most_captures, most_megapixels: budgets of an image, over all modes, at which that ends.
-        capture_ms: what a request and a megapixel cost, by which captures are chosen.
 
     Raises:
         ArgumentError: a value outside its domain.

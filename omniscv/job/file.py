@@ -43,7 +43,7 @@ from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job.job import Exposure, Job
 from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, read_poses, read_times
-from omniscv.job.recipe import Media, Recipe, SplitOptions
+from omniscv.job.recipe import Media, Recipe, Split
 from omniscv.job.sampling import KINDS
 from omniscv.job.vary import Vary, read_vary
 from omniscv.modalities import TRANSFERS
@@ -252,7 +252,7 @@ _BELOW: dict[str, type[Any]] = {
     "imu.accelerometer": ImuNoise,
     "vary": Vary,
     "failures": Failures,
-    "split": SplitOptions,
+    "split": Split,
     "media": Media,
     "layout": LayoutKey,
     "layout.maps": MapOptions,
@@ -283,7 +283,7 @@ def keys() -> Iterator[Key]:
                 yield Key(f"{name}.{option}", default, line)
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
-                for field in fields(cls):
+                for field in filter(help_of, fields(cls)):
                     default = field.default if field.default_factory is MISSING else None
                     yield Key(f"{path}.{key_of(field)}", default, help_of(field))
 
@@ -373,24 +373,6 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
     return replace(jobs[0], cameras=cameras, worlds=tuple(jobs))
 
 
-def _draw_cameras(values: dict[str, Any], world: str) -> dict[str, Any]:
-    """Return the keys of a job with the cameras that are drawn for a world, which are named after it."""
-    vary = read_vary("vary", values.get("vary") or {})
-    if not vary.cameras:
-        return values
-    cameras = mapping("cameras", values.get("cameras", {}))
-    for name in vary.cameras:
-        one_of("vary.cameras", name, cameras)
-    start = f"{world}-" if world else ""
-    return {
-        **values,
-        "cameras": {
-            f"{start}{name}" if name in vary.cameras else name: vary.camera(name, camera, world)
-            for name, camera in cameras.items()
-        },
-    }
-
-
 def read(description: object, folder: Path) -> Job:
     """Return the job that a mapping describes; its paths are relative to a folder.
 
@@ -418,7 +400,9 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     """Return the job of one world."""
     for path in _FILES:
         values = _located(values, path.split("."), folder, ("", *PRESETS, *_NO_FILES.get(path, ())))
-    values = _draw_cameras(values, world)
+    vary = read_vary("vary", values.get("vary") or {})
+    if vary.cameras:
+        values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     keys = read_record(_Keys, values)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,22 +26,23 @@ _TOLERANCE = 1e-6
 """Largest difference of the sum of shares from 1."""
 
 
-@dataclass(frozen=True)
+@record
 class Split:
     """How frames are divided among splits: by a hash of their places, so that new places move no others.
 
+    Poses within a distance of each other, directly or by a chain of poses, are of one place. Poses with a
+    ``place`` of their own are of that place.
+
     Attributes:
         shares: split to its share of the places; their sum is 1.
-        distance_m: poses within this distance of each other, directly or by a chain of poses, are of one
-            place. Poses with a ``place`` of their own are of that place.
-        seed: of the hash.
-        by: what is divided: places, or whole worlds.
     """
 
     shares: Mapping[str, float]
-    distance_m: float = 0.5
-    seed: int = 0
-    by: str = "place"
+    distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
+    seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
+    by: str = checked(
+        one_of, words=("place", "world"), default="place", help="what is divided: places, or whole worlds"
+    )
 
     def of(self, place: str) -> str:
         """Return the split of a place."""
@@ -73,17 +74,6 @@ class Split:
         return {**self.shares, "by": self.by, "distance_m": self.distance_m, "seed": self.seed}
 
 
-@record
-class SplitOptions:
-    """The keys of ``split`` beside the names of splits."""
-
-    distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
-    seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
-    by: str = checked(
-        one_of, words=("place", "world"), default="place", help="what is divided: places, or whole worlds"
-    )
-
-
 def read_split(name: str, value: object) -> Split:
     """Return the split that a mapping describes: ``{train: 0.8, val: 0.2, seed: 0}``.
 
@@ -94,7 +84,7 @@ def read_split(name: str, value: object) -> Split:
         return value
     if not isinstance(value, Mapping):
         raise ArgumentError(f"{name}: expected a mapping from split to share, got {shown(value)}")
-    options = {key: value[key] for key in SplitOptions.__dataclass_fields__ if key in value}
+    options = {key: value[key] for key in ("distance_m", "seed", "by") if key in value}
     shares = {
         stem(name, split): number(f"{name}.{split}", share, least=0, most=1)
         for split, share in value.items()
@@ -103,8 +93,7 @@ def read_split(name: str, value: object) -> Split:
     if abs(sum(shares.values()) - 1) > _TOLERANCE:
         wanted = "expected shares whose sum is 1, such as train: 0.8, val: 0.2"
         raise ArgumentError(f"{name}: {wanted}; got {shown(shares)}")
-    known = read(SplitOptions, options, name)
-    return Split(shares, known.distance_m, known.seed, known.by)
+    return read(Split, {"shares": shares, **options}, name)
 
 
 def plain(name: str, value: object, cls: type[Any]) -> dict[str, Any]:

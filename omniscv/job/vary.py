@@ -159,21 +159,28 @@ class Vary:
     materials: Rules = checked(_rules, default_factory=dict, help="by name: settings, or a command's")
     cameras: Rules = checked(_rules, default_factory=dict, help="by name: parameters, drawn for each world")
 
-    def camera(self, name: str, description: object, world: str) -> object:
-        """Return the description of a camera in a job with the parameters that are drawn for a world."""
-        if not self.cameras.get(name):
-            return description
-        if not isinstance(description, Mapping) or "file" in description:
-            raise ArgumentError(f"vary.cameras.{name}: expected a camera with its parameters in the job")
+    def draw_cameras(self, cameras: object, world: str) -> dict[str, Any]:
+        """Return the descriptions of a job's cameras for a world, with the parameters that are drawn for it;
+        such cameras are named after it."""
+        described = mapping("cameras", cameras)
+        for name, rules in self.cameras.items():
+            camera = described[one_of("vary.cameras", name, described)]
+            if rules and (not isinstance(camera, Mapping) or "file" in camera):
+                raise ArgumentError(f"vary.cameras.{name}: expected a camera with its parameters in the job")
+        start = f"{world}-" if world else ""
+        return {
+            f"{start}{name}" if name in self.cameras else name: self._drawn(name, camera, world)
+            for name, camera in described.items()
+        }
+
+    def _drawn(self, name: str, camera: Any, world: str) -> Any:
+        """Return the description of a camera with the parameters that are drawn for a world."""
         drawn = {
             key: draw(value, self.u(world, f"cameras.{key}", name, ""))
-            for key, value in self.cameras[name].items()
+            for key, value in self.cameras.get(name, {}).items()
         }
-        # Sizes are whole numbers.
-        return {
-            **description,
-            **{key: int(value) if value % 1 == 0 else value for key, value in drawn.items()},
-        }
+        sizes = {key: int(value) if value % 1 == 0 else value for key, value in drawn.items()}
+        return {**camera, **sizes} if sizes else camera
 
     def u(self, world: str, path: str, name: str, key: str) -> Callable[[str], float]:
         """Return the function of :func:`draw`."""

@@ -14,7 +14,6 @@ import shutil
 from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -256,7 +255,8 @@ def _run(
                     closed=part.count > 1,
                     media=job.recipe.media or {},
                 )
-                writer.keep_marked(_read_marker(folder, writer.manifest, part) or ())
+                marked, _ = _read_marker(folder, writer.manifest, part) or ((), ())
+                writer.keep_marked(marked)
                 missing = writer.missing(frames)
                 maker = FrameMaker(world, contents[at], live, writer, workers, warn, failures)
                 maker.run(planned, missing, progress)
@@ -313,9 +313,10 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             wanted = f"expected markers of {count} finished parts, part {index} has none"
             raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
         frames = {frame.key: frame for frame in _listed(folder)}  # also frames that are not of this job
-        frames |= {frame.key: frame for frame in chain.from_iterable(of_part or () for of_part in marked)}
-        failed = {line["key"]: line for part in parts for line in _read_failed(folder, part)}
-        failed = {key: line for key, line in failed.items() if key not in frames}
+        of_parts = [of_part for of_part in marked if of_part]
+        frames |= {frame.key: frame for made, _ in of_parts for frame in made}
+        lines = (line for _, failed in of_parts for line in failed)
+        failed = {line["key"]: line for line in lines if line["key"] not in frames}
         manifest.write_failed(folder, failed.values())
         if len(failed) > job.failures * (whole_count := len(frames) + len(failed)):
             wanted = f"expected at most {job.failures:.3g} of {whole_count} frames to fail, got {len(failed)}"
@@ -349,21 +350,18 @@ def _listed(folder: Folder) -> list[Frame]:
 # -- markers ---------------------------------------------------------------------------------------------
 
 
-def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> list[Frame] | None:
-    """Return the frames of a finished part; None if its marker is missing or damaged."""
+def _read_marker(
+    folder: Folder, manifest: Manifest, part: Part
+) -> tuple[list[Frame], list[dict[str, Any]]] | None:
+    """Return the frames of a finished part, and the lines of those that failed; None if its marker is missing
+    or damaged."""
     try:
         content = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
         if content["sha256"] != _checksum(content["frames"]):
             return None
-        return [manifest.frame(line, folder) for line in content["frames"]]
+        return [manifest.frame(line, folder) for line in content["frames"]], content.get("failed", [])
     except (MissingFileError, DamagedFileError, ValueError, TypeError, KeyError):
         return None
-
-
-def _read_failed(folder: Folder, part: Part) -> list[dict[str, Any]]:
-    """Return the lines of a finished part's frames that failed."""
-    content: dict[str, list[dict[str, Any]]] = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
-    return content.get("failed", [])
 
 
 def _markers(folder: Folder) -> list[str]:

@@ -139,8 +139,3 @@ def test_bash_completes_commands_and_models():
     assert function.endswith(" omniscv")
     assert commands.split() == list(COMMANDS)
     assert models.split() == ["fisheye-equidistant", "fisheye-equisolid"]
-
-
-def test_names_that_were_never_released_are_unknown():
-    for words in (["captures", "info", str(RECORDING)], ["ask"], ["recording", "verify", str(RECORDING)]):
-        assert run(words) == 2

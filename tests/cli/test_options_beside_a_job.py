@@ -23,9 +23,6 @@ face_size: 32
 """
 
 
-LENS = "--camera kannala-brandt --size 64x48 --param fx=20 --param fy=20.5 --param cx=32 --param cy=24"
-
-
 @pytest.fixture
 def job(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -81,13 +78,6 @@ def test_an_option_overrides_its_key(options, field, value, job, capsys):
 def test_a_wrong_setting_is_refused(setting, says, job, capsys):
     assert run(["render", str(job), "--set", setting]) == 2
     assert says in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("old", ["--param width=5", "--fov 90", "--face-size 16", "--record room.sqlite"])
-def test_an_option_that_a_command_does_not_have_is_refused(old, job, capsys):
-    """Also where the job or another option gives the same value."""
-    assert run(["render", str(job), *old.split(), "--size", "8x4"]) == 2
-    assert old.split()[0] in capsys.readouterr().err
 
 
 def _field(job, path):

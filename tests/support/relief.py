@@ -371,16 +371,6 @@ def judge(kind, px, seed, half_floats=False, camera_px=300, **options):
     return judged(image, scene)
 
 
-def judge_shared(kind, px, seed, half_floats=False, count=2, strategy="exact"):
-    """Return how an image of a structure errs whose columns share ``count`` optical centres."""
-    scene = world(kind, px, seed, turn_deg=4.0)
-    camera = omniscv.cameras.create("push-broom", 40, 120, travel=(0.3, 0, 0), fov_deg=70)
-    pose = Pose(np.zeros(3), np.eye(3))
-    source = Traced(scene, half_floats)
-    options = {"viewpoints": count, "face_size": EDGE_PX} if strategy == "exact" else {}
-    return judged(omniscv.render(camera, pose, source, MODES, strategy=strategy, **options), scene)
-
-
 def judged(image, scene):
     """Return how an image errs without saying so."""
     rays = image.camera.unproject()
