@@ -196,20 +196,15 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
         return [f"{EXPORTS}/{export.out}: expected an export to {export.format}, it is missing"]
     if not deep:
         return []
-    with _local(folder, dict.fromkeys(names)) as root:
-        return [f"{EXPORTS}/{export.out}: {fault}" for fault in _faults_there(root, frames, export)]
-
-
-def _faults_there(root: Path, frames: list[Frame], export: Export) -> list[str]:
-    """Return faults of a local export, below a folder that stands for the dataset's."""
-    place = root / EXPORTS / export.out
-    format = exporting.get(export.format)
     exported = [frame for frame in frames if export.shows(frame.camera_name)]
-    if (faults := format.check(exported, place)) is not None:
-        return faults
-    with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-        export.write_into(with_stand_in(frames, root), Path(again))
-        return list(_differences(Path(again), place))
+    with _local(folder, dict.fromkeys(names)) as root:
+        place = root / EXPORTS / export.out
+        faults = exporting.get(export.format).check(exported, place)
+        if faults is None:
+            with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
+                export.write_into(with_stand_in(frames, root), Path(again))
+                faults = list(_differences(Path(again), place))
+    return [f"{EXPORTS}/{export.out}: {fault}" for fault in faults]
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
@@ -23,7 +23,6 @@ from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.storage.local import whole_file
 
 PICTURE_SUFFIXES = ("png", "jpg")
 """Of the files that can hold the metadata."""
@@ -55,12 +54,7 @@ def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> d
         camera: an equirectangular one.
         pose: of the camera.
         north_deg: the compass heading of the world's X axis, degrees clockwise from north.
-
-    Raises:
-        ArgumentError: another camera.
     """
-    if reason := refuses(camera):
-        raise ArgumentError(reason)
     yaw, pitch, roll = pose.angles()
     width, height = str(camera.width), str(camera.height)
     return {
@@ -78,45 +72,23 @@ def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> d
     }
 
 
-def packet(fields: dict[str, str]) -> bytes:
-    """Return fields as an XMP packet, UTF-8."""
+def with_photo_sphere(picture: bytes, fields: Mapping[str, str]) -> bytes:
+    """Return a PNG or JPEG file that has no XMP packet with GPano fields in one; its pixels stay."""
     written = " ".join(f"GPano:{name}={quoteattr(value)}" for name, value in fields.items())
-    return (
+    xmp = (
         '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         f'<rdf:Description rdf:about="" xmlns:GPano="{_NAMESPACE}" {written}/></rdf:RDF></x:xmpmeta>'
     ).encode()
-
-
-def with_photo_sphere(picture: bytes, camera: Camera, pose: Pose, north_deg: float = 0.0) -> bytes:
-    """Return a PNG or JPEG file with Photo Sphere metadata, its pixels untouched.
-
-    Args:
-        picture: the file's bytes, without an XMP packet.
-        camera, pose, north_deg: as :func:`photo_sphere_fields`.
-
-    Raises:
-        ArgumentError: another camera, or bytes that are neither PNG nor JPEG.
-    """
-    xmp = packet(photo_sphere_fields(camera, pose, north_deg))
     if picture.startswith(_PNG_SIGNATURE):
         not_compressed_no_language = bytes(4)
         chunk = b"iTXt" + b"XML:com.adobe.xmp\0" + not_compressed_no_language + xmp
-        written = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
-        return picture[:_PNG_HEADER_END] + written + picture[_PNG_HEADER_END:]
-    if picture.startswith(_JPEG_START):
-        start = len(_JPEG_START)
-        if picture[start : start + 2] == _JPEG_JFIF:  # JFIF's own segment comes first
-            start += 2 + struct.unpack_from(">H", picture, start + 2)[0]
-        segment = b"\xff\xe1" + struct.pack(">H", 2 + len(_JPEG_XMP) + len(xmp)) + _JPEG_XMP + xmp
-        return picture[:start] + segment + picture[start:]
-    raise ArgumentError(f"picture: expected a PNG or JPEG file, got one that starts with {picture[:8]!r}")
-
-
-def tag_picture(path: Path, camera: Camera, pose: Pose, north_deg: float = 0.0) -> None:
-    """Add Photo Sphere metadata to a file; see :func:`with_photo_sphere`."""
-    tagged = with_photo_sphere(path.read_bytes(), camera, pose, north_deg)
-    with whole_file(path) as part:
-        part.write_bytes(tagged)
+        added = struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        return picture[:_PNG_HEADER_END] + added + picture[_PNG_HEADER_END:]
+    start = len(_JPEG_START)
+    if picture[start : start + 2] == _JPEG_JFIF:  # JFIF's own segment comes first
+        start += 2 + struct.unpack_from(">H", picture, start + 2)[0]
+    segment = b"\xff\xe1" + struct.pack(">H", 2 + len(_JPEG_XMP) + len(xmp)) + _JPEG_XMP + xmp
+    return picture[:start] + segment + picture[start:]
 
 
 def _degrees(value: float) -> str:
@@ -134,21 +106,11 @@ def video_boxes() -> bytes:
 
 
 def with_video_boxes(video: bytes) -> bytes:
-    """Return an MP4 file with the boxes in its track.
-
-    Args:
-        video: the file's bytes: one track, its tables behind its pictures, whose offsets then stay.
-
-    Raises:
-        ArgumentError: no such file.
-    """
+    """Return an MP4 file of one track, whose tables lie behind its pictures, with the boxes in its track."""
     added = video_boxes()
     result, start, end = bytearray(video), 0, len(video)
     for kind in _TO_ENTRY:
-        box = _find(video, start, end, kind)
-        if box is None:
-            raise ArgumentError("video: expected an MP4 file with a video track, got none")
-        first, end = box
+        first, end = _find(video, start, end, kind)
         struct.pack_into(">I", result, first, end - first + len(added))
         start = first + (_LIST_HEADER if kind == b"stsd" else _BOX_HEADER)
     (size,) = struct.unpack_from(">I", video, start)
@@ -161,16 +123,16 @@ def _box(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", _BOX_HEADER + len(content)) + kind + content
 
 
-def _find(data: bytes, start: int, end: int, kind: bytes) -> tuple[int, int] | None:
-    """Return start and end of the first box of a kind between two offsets; None without one."""
-    while start + _BOX_HEADER <= end:
+def _find(data: bytes, start: int, end: int, kind: bytes) -> tuple[int, int]:
+    """Return start and end of the first box of a kind between two offsets."""
+    while start < end:
         size, found = struct.unpack_from(">I4s", data, start)
         if size == 1:  # 64 bits, as of media beyond 4 GB
             (size,) = struct.unpack_from(">Q", data, start + _BOX_HEADER)
         if found == kind:
             return start, start + size
         start += max(size, _BOX_HEADER)
-    return None
+    raise AssertionError(f"a video without {kind!r}")
 
 
 def write_video(

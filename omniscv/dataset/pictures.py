@@ -15,7 +15,7 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import write_layers, write_picture
 from omniscv.compose.pictures import uint8_colors
 from omniscv.compose.reading import ARRAY
-from omniscv.frame import IMAGE, Frame
+from omniscv.frame import IMAGE, Frame, FrameFiles
 from omniscv.frame.files import relative
 from omniscv.modalities import Modality
 from omniscv.records import mapping
@@ -59,9 +59,10 @@ def reference(frame: Frame, kind: str, out: Path) -> str:
 
     An array of the store ``fast`` is written as a picture into the folder's ``images``.
     """
-    entry = frame.entries.get(kind)
-    if entry is None or not entry.path.endswith(f".{ARRAY}"):
-        return frame.reference(kind, out)
+    if not isinstance(frame.files, FrameFiles):
+        return relative(frame.files[kind], out)
+    if not frame.files.entries[kind].path.endswith(f".{ARRAY}"):
+        return frame.files.reference(kind, out)
     return relative(_write_arrays(frame, [kind], out / "images")[kind], out)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest
 from omniscv.dataset.manifest import MOST_IDS, Manifest
-from omniscv.dataset.media import PICTURE_SUFFIXES, refuses, tag_picture
+from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
 from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
@@ -194,7 +194,9 @@ class Writer:
             self._written.add(frame.key.casefold())
         frame = replace(frame, blank=tuple(blank(image.layers)))
         with ExitStack() as stack:
-            folder = stack.enter_context(scratch(self._folder))
+            # Each writer has its own: two may write one frame, as when a worker taken for dead goes on.
+            parent = self._folder.local or Path(gettempdir())
+            folder = stack.enter_context(scratch_folder(parent, _SCRATCH))
             files = write_layers(
                 image.layers,
                 folder,
@@ -205,7 +207,8 @@ class Writer:
                 self._depth_format,
             )
             if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
-                tag_picture(files["lit"], frame.camera, frame.pose, self._media["north"])
+                fields = photo_sphere_fields(frame.camera, frame.pose, self._media["north"])
+                files["lit"].write_bytes(with_photo_sphere(files["lit"].read_bytes(), fields))
             for kind, record in records.items():
                 # Not indented: curves are long lists.
                 files[kind] = write_json(folder / f"{frame.key}.{kind}.json", record, indent=None)
@@ -326,17 +329,6 @@ class Writer:
 
 
 # -- files of frames -------------------------------------------------------------------------------------
-
-
-@contextmanager
-def scratch(folder: Folder) -> Iterator[Path]:
-    """Give an empty folder in which the files of one frame are written, inside a local folder of a dataset.
-
-    Each writer has its own: two may write one frame, as when a worker that was taken for dead continues.
-    """
-    parent = Path(gettempdir()) if folder.local is None else folder.local
-    with scratch_folder(parent, _SCRATCH) as path:
-        yield path
 
 
 def tidy(folder: Folder) -> None:

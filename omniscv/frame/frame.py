@@ -29,7 +29,7 @@ from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
 from omniscv.frame.classes import ClassTable
-from omniscv.frame.files import FileEntry, FrameFiles, relative
+from omniscv.frame.files import FileEntry, FrameFiles
 from omniscv.geometry import Pose
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
@@ -152,12 +152,6 @@ class Frame:
     def entries(self) -> Mapping[str, FileEntry]:
         """Sizes and checksums of its files, by kind; empty unless it is of a dataset."""
         return self.files.entries if isinstance(self.files, FrameFiles) else {}
-
-    def reference(self, kind: str, out: Path) -> str:
-        """Return the name of a file as seen from a folder, or its URL."""
-        if isinstance(self.files, FrameFiles):
-            return self.files.reference(kind, out)
-        return relative(self.files[kind], out)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the frame's line of ``frames.jsonl`` as plain values; a state only of a world that moves."""

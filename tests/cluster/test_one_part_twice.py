@@ -6,10 +6,11 @@ from threading import Barrier
 
 from support.datasets import job_file, tree
 
-from omniscv import dataset, storage
+from omniscv import dataset
 from omniscv.dataset import writer
 from omniscv.job import load
 from omniscv.make import Part, finish, make, run_part
+from omniscv.storage.local import scratch_folder
 
 
 def test_two_makers_of_one_part(tmp_path):
@@ -55,8 +56,7 @@ def test_hidden_files_of_the_user_stay(tmp_path):
 
 
 def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):
-    folder = storage.folder(tmp_path)
-    with writer.scratch(folder) as mine:
+    with scratch_folder(tmp_path, writer._SCRATCH) as mine:
         (mine / "pano-0.lit.png").write_bytes(b"half")
         with dataset.Writer(tmp_path):
             pass

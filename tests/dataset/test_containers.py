@@ -5,7 +5,7 @@ import tarfile
 import threading
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import chain
 
 import numpy as np
@@ -14,7 +14,6 @@ import webdataset
 from support.datasets import tree
 
 from omniscv import cli, dataset
-from omniscv.errors import ArgumentError
 from omniscv.frame import FileEntry
 
 
@@ -73,12 +72,6 @@ def test_a_damaged_shard_is_named(copied):
     (fault,) = dataset.check(copied, format="webdataset")
     assert shard.name in fault
     assert "checksum" in fault
-
-
-def test_a_key_with_a_dot_is_refused(whole, tmp_path):
-    frame = replace(dataset.open(whole / "dataset")[0], key="a.b")
-    with pytest.raises(ArgumentError, match="expected one without a dot"):
-        dataset.get("webdataset").export([frame], tmp_path, {})
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def encoded(image_format, **options):
 def test_other_programs_read_the_fields_and_the_same_pixels(tmp_path, image_format):
     plain = encoded(image_format)
     path = tmp_path / f"a.{image_format.lower()}"
-    path.write_bytes(with_photo_sphere(plain, CAMERA, POSE))
+    path.write_bytes(with_photo_sphere(plain, photo_sphere_fields(CAMERA, POSE)))
     with pyexiv2.Image(str(path)) as file:
         found = {key.removeprefix("Xmp.GPano."): value for key, value in file.read_xmp().items()}
     assert found == photo_sphere_fields(CAMERA, POSE)
@@ -52,14 +52,6 @@ def test_other_programs_read_the_fields_and_the_same_pixels(tmp_path, image_form
 def test_headings_count_from_north(north_deg, heading):
     pose = omniscv.Pose.from_angles((0, 0, 0))
     assert photo_sphere_fields(CAMERA, pose, north_deg)["PoseHeadingDegrees"] == heading
-
-
-def test_other_cameras_and_files_are_refused():
-    fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
-    with pytest.raises(ArgumentError, match="expected an equirectangular camera, got fisheye-equidistant"):
-        photo_sphere_fields(fisheye, POSE)
-    with pytest.raises(ArgumentError, match="expected a PNG or JPEG file, got one that starts with b'GIF"):
-        with_photo_sphere(encoded("GIF"), CAMERA, POSE)
 
 
 def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):

@@ -78,8 +78,6 @@ def test_other_cameras_have_no_sphere(tmp_path):
 
 
 def test_wrong_videos_and_options_are_refused(tmp_path):
-    with pytest.raises(ArgumentError, match="expected an MP4 file with a video track, got none"):
-        with_video_boxes(b"\0\0\0\x10moov\0\0\0\x08trak")
     with pytest.raises(ArgumentError, match="expected the frames of one camera, got none"):
         write_video([], tmp_path / "a.mp4")
     with pytest.raises(ArgumentError, match="expected an even width and height"):

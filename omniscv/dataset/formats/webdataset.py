@@ -51,11 +51,8 @@ class WebDataset(Format):
     options = WebDatasetOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: WebDatasetOptions) -> list[Path]:
-        """Write the shards; ArgumentError for a key with a dot, where WebDataset would end it."""
         by_split: dict[str, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.key):
-            if "." in frame.key:
-                raise ArgumentError(f"key: expected one without a dot, which ends it, got {frame.key!r}")
             by_split.setdefault(frame.split or "frames", []).append(frame)
         written, shards = [], []
         for split, of_split in sorted(by_split.items()):
