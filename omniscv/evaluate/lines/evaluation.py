@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from omniscv import cameras
 from omniscv.cameras import Camera
@@ -20,7 +21,7 @@ from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.evaluate.lines import reconstruction
-from omniscv.evaluate.lines.true_edges import Seen, room_edges, seen_edges
+from omniscv.evaluate.lines.reconstruction import ObservedLine, through
 from omniscv.evaluate.registry import BLUE, GREEN, INK, RED, Figure, Report, Row, Settings, chart
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
@@ -41,10 +42,11 @@ _BASELINES_M = {
     ("cone", "horizontal"): 0.1,
 }
 """Effective baselines from which on a room's edge counts in the figures."""
+_LEAST_POINTS = 40  # of an edge in an image
 _LEAST_BASELINE_M = 0.05  # effective baseline of edges from exact points and in the picture
 
 _COLORS = {"free": RED, "gravity": BLUE, "Manhattan": GREEN}
-_MARKERS = {"vertical": "^", "horizontal": "o", "oblique": "D"}
+_MARKERS = {"vertical": "^", "horizontal": "o"}
 _LIMITS = {"distance_m": (1e-3, 10.0), "direction_deg": (1e-3, 90.0)}
 _MOST_POINTS = 10000
 
@@ -65,6 +67,28 @@ class Setup(NamedTuple):
     def gravity(self) -> Array:
         """(3,) unit, camera frame."""
         return _DOWN_W @ self.pose.R_w_c
+
+
+class Edge(NamedTuple):
+    """An edge of a room, where two of its surfaces meet.
+
+    Attributes:
+        kind: ``vertical`` or ``horizontal``.
+        surfaces: names of the two.
+        ends_w: (2, 3) metres, world frame.
+    """
+
+    kind: Literal["vertical", "horizontal"]
+    surfaces: tuple[str, str]
+    ends_w: Array
+
+    def line_c(self, pose: Pose) -> Array:
+        """Return the line (6,), camera frame."""
+        start, end = pose.to_camera(self.ends_w)
+        return through(start, end - start)
+
+
+Seen = list[tuple[Edge, ObservedLine]]
 
 
 class Segment(NamedTuple):
@@ -95,8 +119,7 @@ def evaluate(settings: Settings) -> Report:
     rows, exact = list[Row](), list[tuple[float, float]]()
     errors, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
-        geometry, names = source.geometry(), source.objects().names()
-        room = geometry.room
+        room, names = source.geometry().room, source.objects().names()
         if room is None:
             raise ArgumentError("source: expected one with a known room, got none; try scene://four-wall")
         renderer = Renderer(source)
@@ -104,7 +127,7 @@ def evaluate(settings: Settings) -> Report:
         for done, setup in enumerate(setups, start=1):
             exact += exact_errors(room, setup)
             image = renderer.render(setup.camera, setup.pose, ("lit", "object_mask", "depth"), options)
-            seen = seen_edges(room, geometry.boxes, setup.camera, setup.pose, image["labels"], names)
+            seen = seen_edges(room, setup.camera, image["labels"], names)
             lines = reconstruct(seen, setup)
             rows += score(seen, lines, setup)
             if done == 1:
@@ -116,6 +139,44 @@ def evaluate(settings: Settings) -> Report:
     of_exact = Figure("exact points >= 0.05 m, free: distance", worst, "m", n=len(distances))
     about = {setup.name: {"camera": setup.camera.to_dict(), "pose": setup.pose.to_dict()} for setup in setups}
     return Report([of_exact, *figures(rows)], rows, about, [errors, cloud])
+
+
+def room_edges(room: Room) -> Iterator[Edge]:
+    """Yield where walls meet each other, the floor and the ceiling."""
+    count = len(room.corners_w)
+    low, high = (np.column_stack([room.corners_w, np.full(count, z)]) for z in (room.floor_z, room.ceiling_z))
+    for i, wall in enumerate(room.walls):
+        after = (i + 1) % count
+        yield Edge("vertical", (room.walls[i - 1], wall), np.array([low[i], high[i]]))
+        yield Edge("horizontal", (wall, room.floor), low[[i, after]])
+        yield Edge("horizontal", (wall, room.ceiling), high[[i, after]])
+
+
+def seen_edges(room: Room, camera: Camera, labels: NDArray[np.uint16], names: Sequence[str]) -> Seen:
+    """Return the edges that an image shows, and the pixels where it does.
+
+    Args:
+        room: of the scene.
+        camera: of the image.
+        labels: (H, W) of the image.
+        names: of the labels from 1 on.
+    """
+    label, seen = {name: i for i, name in enumerate(names, start=1)}, list[tuple[Edge, ObservedLine]]()
+    for edge in room_edges(room):
+        if {*edge.surfaces} <= label.keys():
+            pixels = boundary(labels, *(label[name] for name in edge.surfaces))
+            if len(pixels) >= _LEAST_POINTS:
+                seen.append((edge, ObservedLine(camera, pixels)))
+    return seen
+
+
+def boundary(labels: NDArray[np.uint16], a: int, b: int) -> Array:
+    """Return (N, 2) px the midpoints of neighbouring pixels, one with label ``a``, the other with ``b``."""
+    is_a, is_b = labels == a, labels == b
+    beside = is_a[:, :-1] & is_b[:, 1:] | is_b[:, :-1] & is_a[:, 1:]
+    below = is_a[:-1] & is_b[1:] | is_b[:-1] & is_a[1:]
+    points = np.argwhere(beside) + np.array([0.5, 1.0]), np.argwhere(below) + np.array([1.0, 0.5])
+    return np.concatenate(points)[:, ::-1]
 
 
 def reconstruct(seen: Seen, setup: Setup) -> Mapping[str, list[Array]]:
@@ -145,8 +206,7 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
                 "camera": setup.name.split("-")[0],
                 "prior": prior,
                 "kind": edge.kind,
-                "of": edge.of,
-                "edge": edge.name,
+                "edge": " | ".join(edge.surfaces),
                 "points": len(observed.pixels),
                 "baseline_m": reconstruction.effective_baseline(*rays),
                 "direction_deg": reconstruction.angle_deg(line[:3], true[:3]),
@@ -158,8 +218,8 @@ def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterato
 def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
     """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
     errors = []
-    for edge, _ in room_edges(room):
-        points = edge.points_c(setup.pose, _EXACT_POINTS)
+    for edge in room_edges(room):
+        points = np.linspace(*setup.pose.to_camera(edge.ends_w), _EXACT_POINTS)
         pixels, valid = setup.camera.project(points)
         rays = setup.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
@@ -176,8 +236,8 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
     worst = []
     for (camera, kind), least in _BASELINES_M.items():
         for prior in dict.fromkeys(row["prior"] for row in rows):
-            group = camera, kind, prior, "room"
-            mine = [r for r in rows if (r["camera"], r["kind"], r["prior"], r["of"]) == group]
+            group = camera, kind, prior
+            mine = [row for row in rows if (row["camera"], row["kind"], row["prior"]) == group]
             mine = [row for row in mine if row["baseline_m"] >= least]
             for key, unit in (("distance_m", "m"), ("direction_deg", "deg")) if mine else ():
                 name = f"{camera}, {kind} >= {least:g} m, {prior}: {key.split('_')[0]}"
