@@ -219,7 +219,8 @@ def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
     """Return (effective baseline, largest distance), metres, of lines from exact points of the edges."""
     errors = []
     for edge in room_edges(room):
-        points = np.linspace(*setup.pose.to_camera(edge.ends_w), _EXACT_POINTS)
+        start, end = setup.pose.to_camera(edge.ends_w)
+        points = np.linspace(start, end, _EXACT_POINTS)
         pixels, valid = setup.camera.project(points)
         rays = setup.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
