@@ -1,12 +1,7 @@
 """Kalibr's ``camchain.yaml``: cameras ``cam0``, ``cam1``, ... with models, intrinsics, resolutions, poses.
 
 ``omni`` is Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the unit
-direction x_s. ``omni-none`` with ``fv = -fu < 0``, or ``fu = -fv < 0``, is the picture of a mirror:
-``catadioptric-planar`` (xi = 0), ``-hyperbolic`` (0 < xi < 1) and ``-parabolic`` (xi = 1), with ``fu = -eta
-focal``. Our frame looks at the mirror, Mei's z away from it: half a turn about x, ``X_mei = (x, -y, -z)``,
-hence the sign of fv (about y, and fu, where that is the negative one). Kalibr's own programs refuse negative
-focal lengths: see docs/calibration.md. The mirror's size is not carried, and no ray depends on it:
-hyperboloids are read with ``distance`` 1, paraboloids with ``semi_latus_rectum`` 1.
+direction x_s.
 
 Rigs: a chain has each camera's pose relative to the one before it, ``T_cn_cnm1``, or relative to the IMU,
 ``T_cam_imu`` or ``T_imu_cam`` (OpenVINS); ``timeshift_cam_imu`` is our time offset: the time at which an
@@ -16,7 +11,6 @@ image was taken, in the IMU's time, minus its stamp. The first camera is the rig
 Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 """
 
-import math
 import re
 from collections.abc import Mapping
 
@@ -25,12 +19,9 @@ import numpy as np
 from omniscv.arguments import shown, within
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_of_pose, pose_of_matrix
-from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers, check_first_is_origin
-from omniscv.calibration.model_lines import Row
+from omniscv.calibration.intrinsics import check_first_is_origin
 from omniscv.calibration.nodes import Values
 from omniscv.calibration.table import PLAIN
-from omniscv.cameras import Camera, CatadioptricHyperbolic, CatadioptricParabolic, CatadioptricPlanar
-from omniscv.cameras.central_mirrors import SphereModel
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -39,7 +30,7 @@ _COEFFICIENTS = "distortion_coeffs|distortion_coefficients"
 
 
 class Kalibr(Form):
-    """The row of Kalibr, with what no row says: pictures of mirrors, and chains."""
+    """The row of Kalibr, with what no row says: chains."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         entries, nodes = super().read(content, size), self.nodes(content)
@@ -59,23 +50,6 @@ class Kalibr(Form):
     def on_body(self, content: Content) -> dict[str, Entry]:
         return super().read(content)
 
-    def camera(self, row: Row, width: int, height: int, values: Numbers) -> Camera:
-        if row.words[0] == "omni+none" and min(values["fx"], values["fy"]) < 0:
-            return _mirror(width, height, **values)
-        return super().camera(row, width, height, values)
-
-    def held(self, camera: Camera) -> tuple[Row, Numbers]:
-        if not isinstance(camera, SphereModel):
-            return super().held(camera)
-        if isinstance(camera, CatadioptricHyperbolic) and camera.xi == 1:
-            raise ArgumentError(
-                "Kalibr: expected a hyperboloid whose xi differs from a paraboloid's, got one whose xi "
-                f"rounds to 1: distance {camera.distance!r}, semi_latus_rectum {camera.semi_latus_rectum!r}"
-            )
-        row = next(row for row in self.rows if row.words[0] == "omni+none")
-        focal, (cx, cy) = -camera.eta * camera.focal, (camera.center - HALF_PIXEL).tolist()
-        return row, {"xi": camera.xi, "fx": focal, "fy": -focal, "cx": cx, "cy": cy}
-
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
         in_order = [f"cam{i}" for i in range(len(cameras))]
         if list(cameras) != in_order if rig else not all(re.fullmatch(r"cam\d+", name) for name in cameras):
@@ -83,22 +57,6 @@ class Kalibr(Form):
         if rig:
             check_first_is_origin(cameras, "Kalibr")
         return super().write(cameras, rig=rig)
-
-
-def _mirror(width: int, height: int, xi: float, fx: float, fy: float, cx: float, cy: float) -> Camera:
-    if fx != -fy or not 0 <= xi <= 1:
-        raise ArgumentError(
-            "intrinsics: expected fu = -fv and 0 <= xi <= 1 for a mirror's picture, got "
-            f"xi = {xi:.15g}, fu = {fx:.15g}, fv = {fy:.15g}"
-        )
-    focal, center = abs(fx), (cx + HALF_PIXEL, cy + HALF_PIXEL)
-    if xi == 0:
-        return CatadioptricPlanar(width, height, focal=focal, center=center)
-    if xi == 1:
-        return CatadioptricParabolic(width, height, 1.0, focal=focal, center=center)
-    # focal is -eta f here; xi = d / D and -eta = 2p / D with D^2 = d^2 + (2p)^2; we take d = 1.
-    minus_eta = math.sqrt((1 - xi) * (1 + xi))
-    return CatadioptricHyperbolic(width, height, 1.0, minus_eta / xi, focal=focal / minus_eta, center=center)
 
 
 def _chain(cameras: dict[str, Values]) -> Values:

@@ -12,7 +12,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "calibration.md"
 EXPECTED = {
     "opencv-fisheye": {"cam0": "kannala-brandt"},
     "opencv-omnidir": {"cam0": "unified"},
-    "kalibr": {"cam0": "kannala-brandt", "cam1": "catadioptric-hyperbolic", "cam2": "double-sphere"},
+    "kalibr": {"cam0": "kannala-brandt", "cam1": "unified", "cam2": "double-sphere"},
     "colmap": {"1": "kannala-brandt", "2": "equirectangular"},
     "ocamcalib": {"cam0": "scaramuzza"},
     "aria": {"camera-slam-left": "fisheye624"},

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from omniscv.calibration.files import load_file, load_on_body
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
@@ -19,6 +20,8 @@ from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajec
 from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import read_trajectory, write_tum
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.sources.registry import open_source
 
 ARC = evaluation.flight(60)[:15:3]
@@ -136,3 +139,37 @@ def test_the_papers_bounds_are_kept(tmp_path):
     for camera in ("panorama", "fisheye", "mirror"):
         assert values[f"{camera}: eps_t, largest"] < 8
         assert values[f"{camera}: eps_theta, largest"] < 8
+
+
+EUROC = """
+source: scene://four-wall
+rig:
+  cameras:
+    left:
+      camera: &fisheye {model: kannala-brandt, width: 512, height: 400, fx: 160, fy: 160}
+      position: [-0.06, 0, 0]
+    right: {camera: *fisheye, position: [0.06, 0, 0]}
+imu: {position: [0, 0.03, -0.02]}
+poses: {file: flight.tum}
+modes: [lit]
+out: slam
+export: [euroc]
+"""  # the rig of examples/slam.yaml; its own path has places that COLMAP takes for each other
+
+
+@pytest.mark.soak
+def test_a_euroc_sequence_gives_its_trajectory(tmp_path):
+    """From the exported files alone: pictures, intrinsics, extrinsics and the true state, for each fisheye."""
+    (tmp_path / "flight.tum").write_text(write_tum(evaluation.flight(24)))
+    (tmp_path / "slam.yaml").write_text(EUROC)
+    make(load(tmp_path / "slam.yaml"))
+    root = tmp_path / "slam/exports/euroc/mav0"
+    for name in ("cam0", "cam1"):
+        sensor = root / name / "sensor.yaml"
+        (entry,), (mounted,) = load_file(sensor).entries.values(), load_on_body(sensor).values()
+        state = read_trajectory(root / "state_groundtruth_estimate0/data.csv", frame=mounted)
+        pictures = sorted((root / name / "data").iterdir(), key=lambda picture: int(picture.stem))
+        truth = [state.at(int(picture.stem) / 1e9, steps_beyond=1) for picture in pictures]
+        estimates = reconstruct(pictures, entry.camera)
+        assert len(estimates) == len(pictures) == 24
+        assert rms(trajectory_errors(truth, estimates).position_m) <= 0.01 * path_length(truth)

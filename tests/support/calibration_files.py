@@ -9,6 +9,7 @@ LENS = cameras.create(
 BENT = cameras.create("scaramuzza", **SIZE, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
 PINHOLE = cameras.create("pinhole", **SIZE, focal=25.0, center=(19, 16))
 SPHERE = cameras.create("equirectangular", **SIZE)
+OMNI = cameras.create("unified", **SIZE, fx=200.0, fy=201.0, xi=0.9)
 MIRROR = cameras.create("catadioptric-parabolic", **SIZE, semi_latus_rectum=0.1, focal=200.0)
 
 DISTORTED = cameras.create(
@@ -29,7 +30,7 @@ SAVED = {
     "opencv": {"cam0": DISTORTED},
     "opencv-fisheye": {"cam0": LENS},
     "opencv-omnidir": {"cam0": MEI},
-    "kalibr": {"cam0": LENS, "cam1": PINHOLE, "cam2": MIRROR, "cam3": DOUBLE, "cam4": ELLIPSOID},
+    "kalibr": {"cam0": LENS, "cam1": PINHOLE, "cam2": OMNI, "cam3": DOUBLE, "cam4": ELLIPSOID},
     "colmap": {"1": LENS, "5": PINHOLE, "6": SPHERE, "7": DISTORTED, "8": ELLIPSOID},
     "ocamcalib": {"cam0": BENT},
     "aria": {"camera-slam-left": ARIA},
