@@ -96,7 +96,7 @@ CHANGED_KEYS = {
     "kalibr": [
         (
             {"camera_model": "omni", "intrinsics": [0.9, -30, -30, 29, 23]},
-            "cam0: intrinsics: expected fu = -fv",
+            "cam0: fx: expected a finite number >= ",
         ),
         ({"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]}, "cam0: intrinsics: .*0 <= xi <= 1"),
         ({"distortion_model": "division"}, "cam0: .*pinhole-none.*pinhole-fov"),

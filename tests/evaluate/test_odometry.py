@@ -159,7 +159,7 @@ export: [euroc]
 
 @pytest.mark.soak
 def test_a_euroc_sequence_gives_its_trajectory(tmp_path):
-    """From the exported files alone: pictures, intrinsics, extrinsics and the true state, for each fisheye."""
+    """From the exported files alone: pictures, intrinsics, extrinsics, the true state; for each fisheye."""
     (tmp_path / "flight.tum").write_text(write_tum(evaluation.flight(24)))
     (tmp_path / "slam.yaml").write_text(EUROC)
     make(load(tmp_path / "slam.yaml"))
