@@ -98,7 +98,10 @@ CHANGED_KEYS = {
             {"camera_model": "omni", "intrinsics": [0.9, -30, -30, 29, 23]},
             "cam0: fx: expected a finite number >= ",
         ),
-        ({"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]}, "cam0: intrinsics: .*0 <= xi <= 1"),
+        (
+            {"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]},
+            "cam0: fy: expected a finite number",
+        ),
         ({"distortion_model": "division"}, "cam0: .*pinhole-none.*pinhole-fov"),
         (
             {"camera_model": "omni", "distortion_model": "equidistant"},
