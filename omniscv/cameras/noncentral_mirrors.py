@@ -5,10 +5,10 @@ a radius ``r`` (distance from the image's centre divided by the focal length) gi
 at height ``z_r`` at the angle ``phi`` from +z.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
 from omniscv.cameras.base import FARTHEST, Array, Viewpoints, polar
@@ -76,23 +76,14 @@ class NoncentralSphericalMirror(NoncentralMirror):
     name = "noncentral-spherical-mirror"
     typical: ClassVar = {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}
 
-    def __init__(
-        self,
-        width: int,
-        height: int,
-        mirror_radius: float,
-        distance: float,
-        focal: float | None = None,
-        fov_deg: float | None = None,
-        center: ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, *size: Any, mirror_radius: float, distance: float, **circle: Any) -> None:
         self.mirror_radius = number("mirror_radius", mirror_radius, above=0, most=FARTHEST)
         self.distance = number("distance", distance, least=1 / FARTHEST, most=FARTHEST)
         self._z_s = self.distance + self.mirror_radius
         # Z^2 - 1 as a product: exact for a camera close to the ball.
         beyond = np.sqrt(self.distance * (self.distance + 2 * self.mirror_radius))
         self._edge = float(self.mirror_radius / beyond)
-        super().__init__(width, height, focal, fov_deg, center)
+        super().__init__(*size, **circle)
 
     def _meridian(self, t: Array) -> Meridian:
         ratio, part = self._z_s / self.mirror_radius, t / self._edge
@@ -182,14 +173,11 @@ class NoncentralConicalMirror(NoncentralMirror):
 
     def __init__(
         self,
-        width: int,
-        height: int,
+        *size: Any,
         half_angle_deg: float,
         distance: float,
-        focal: float | None = None,
-        fov_deg: float | None = None,
         mirror_radius: float | None = None,
-        center: ArrayLike | None = None,
+        **circle: Any,
     ) -> None:
         self.half_angle_deg = number("half_angle_deg", half_angle_deg, above=0, below=90)
         self.distance = number("distance", distance, above=0, most=FARTHEST)
@@ -201,7 +189,7 @@ class NoncentralConicalMirror(NoncentralMirror):
             self._edge = float(np.nextafter(sin / cos, 0))
         else:
             self._edge = float(rim * sin / (self.distance * sin + rim * cos))
-        super().__init__(width, height, focal, fov_deg, center)
+        super().__init__(*size, **circle)
 
     def _meridian(self, t: Array) -> Meridian:
         r = np.where(t > 0, t, np.nan)

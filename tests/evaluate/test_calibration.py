@@ -6,8 +6,7 @@ import pytest
 
 import omniscv
 from omniscv.evaluate.calibration import evaluation as calibration
-from omniscv.evaluate.calibration.edges import find_edges, group_by_line
-from omniscv.evaluate.calibration.estimation import calibrate, models
+from omniscv.evaluate.calibration.estimation import calibrate, find_edges, group_by_line, models
 from omniscv.evaluate.registry import Settings, run
 
 UNIT = 512

@@ -15,8 +15,13 @@ from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.evaluate import registry
 from omniscv.evaluate.odometry import evaluation
-from omniscv.evaluate.odometry.pose_estimation import inner_mask, reconstruct
-from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors
+from omniscv.evaluate.odometry.pose_estimation import (
+    inner_mask,
+    path_length,
+    reconstruct,
+    rms,
+    trajectory_errors,
+)
 from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import read_trajectory, write_tum

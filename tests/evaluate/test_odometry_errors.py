@@ -11,7 +11,7 @@ with warnings.catch_warnings():
     from evo.core import geometry, metrics, trajectory
 
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry.trajectory_errors import path_length, rms, trajectory_errors, umeyama
+from omniscv.evaluate.odometry.pose_estimation import path_length, rms, trajectory_errors, umeyama
 from omniscv.geometry import Pose
 
 DRAW = np.random.default_rng(3)

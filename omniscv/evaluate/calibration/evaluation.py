@@ -14,8 +14,7 @@ import numpy as np
 
 from omniscv.cameras import Camera
 from omniscv.compose.renderer import Renderer
-from omniscv.evaluate.calibration.edges import find_edges, group_by_line
-from omniscv.evaluate.calibration.estimation import LineImages, calibrate, models
+from omniscv.evaluate.calibration.estimation import LineImages, calibrate, find_edges, group_by_line, models
 from omniscv.evaluate.registry import COLORS, INK, Figure, Report, Row, Settings, chart
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array

@@ -21,10 +21,12 @@ from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.odometry.pose_estimation import SEED, load_pycolmap, reconstruct
-from omniscv.evaluate.odometry.trajectory_errors import (
+from omniscv.evaluate.odometry.pose_estimation import (
+    SEED,
     TrajectoryErrors,
+    load_pycolmap,
     path_length,
+    reconstruct,
     rms,
     trajectory_errors,
 )

@@ -1,27 +1,42 @@
-"""Poses of the images of any central camera by COLMAP: SIFT, exhaustive matching, incremental mapping.
+"""Poses of the images of any central camera by COLMAP: SIFT, exhaustive matching, incremental mapping; and
+the errors of an estimated trajectory.
 
 By pycolmap (BSD; the extra ``evaluate``). COLMAP has no mirrors, but it has panoramas: the features of each
 image move to the pixels of a panorama that has the same rays and is as fine. Everything runs in one thread
 from one seed: with more threads, points come in another order, and poses differ in the fifth digit.
 
 Source: J. L. Schoenberger, J.-M. Frahm, "Structure-from-motion revisited", CVPR 2016.
+
+A similarity first aligns the estimated positions with the true ones, because a moving camera does not show
+position, orientation and scale of its world (S. Umeyama, "Least-squares estimation of transformation
+parameters between two point patterns", PAMI 1991). Then, of the frames that were registered:
+
+ATE          distance of the positions; its root mean square. J. Sturm et al., IROS 2012.
+RPE          the error of the step from each frame to the next, position and rotation. Ibid.
+eps_t        angle at a given origin between the true position and the estimated one; the paper's. For
+             positions far from the origin it is small, and near it it grows without bound.
+eps_theta    angle of R_gt R_est^T; the paper's.
 """
 
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
+from omniscv.arguments import shown
 from omniscv.cameras import Camera, create
 from omniscv.dataset.pictures import write_pixels
-from omniscv.errors import OmniscvError
-from omniscv.geometry import Pose
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.geometry import Array, Pose
 from omniscv.planning import densities
 
 SEED = 0
@@ -120,3 +135,108 @@ def _move_to_panorama(database: Path, camera: Camera) -> None:
         size = {"width": panorama.width, "height": panorama.height}
         model = {"model": "EQUIRECTANGULAR", "params": list(size.values()), "camera_id": image.camera_id}
         opened.update_camera(pycolmap.Camera(**model, **size))
+
+
+# -- errors -------------------------------------------------------------------------------------------
+
+FEWEST = 3
+"""Positions, not on one line, that a similarity needs."""
+
+_ON_A_LINE = 1e-9  # relative to the spread along the line
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryErrors:
+    """Errors of the N frames that were registered, after alignment.
+
+    Attributes:
+        frames: (N,) their indices in the true trajectory.
+        aligned: (N) their estimated poses in the true world.
+        position_m: (N,) distance from the true positions.
+        eps_t_deg, eps_theta_deg: (N,) the paper's two errors.
+        step_m, step_deg: (M,) errors of the steps between successive frames that were both registered.
+    """
+
+    frames: Sequence[int]
+    aligned: Sequence[Pose]
+    position_m: Array
+    eps_t_deg: Array
+    eps_theta_deg: Array
+    step_m: Array
+    step_deg: Array
+
+
+def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
+    """Return scale, rotation, translation that map points (N, 3) to their targets with least squares.
+
+    Raises:
+        ArgumentError: fewer than three points, or points or targets that lie on one line.
+    """
+    if len(points) < FEWEST:
+        raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
+    mean, target_mean = points.mean(axis=0), targets.mean(axis=0)
+    offsets, target_offsets = points - mean, targets - target_mean
+    for rows in (offsets, target_offsets):
+        spread = np.linalg.svd(rows, compute_uv=False)
+        if not spread[1] > _ON_A_LINE * spread[0]:
+            raise ArgumentError(f"positions: expected some off a line, got spreads {shown(spread)} m")
+    rotation = Rotation.align_vectors(target_offsets, offsets)[0].as_matrix()
+    scale = float((target_offsets * (offsets @ rotation.T)).sum() / (offsets**2).sum())
+    return scale, rotation, target_mean - scale * rotation @ mean
+
+
+def trajectory_errors(
+    truth: Sequence[Pose], estimates: Mapping[int, Pose], origin: ArrayLike = (0.0, 0.0, 0.0)
+) -> TrajectoryErrors:
+    """Return the errors of a trajectory.
+
+    Args:
+        truth: a pose for every frame, world frame.
+        estimates: poses by index of the frame, in a frame and scale of their own.
+        origin: (3,) of the angles eps_t, world frame.
+
+    Raises:
+        ArgumentError: fewer than three estimates, or positions on one line.
+    """
+    frames = sorted(estimates)
+    true = [truth[i] for i in frames]
+    positions = _positions(true)
+    scale, R, t = umeyama(_positions([estimates[i] for i in frames]), positions)
+    aligned = [Pose(scale * R @ estimates[i].position + t, R @ estimates[i].rotation) for i in frames]
+    reached = _positions(aligned)
+    seen = positions - np.asarray(origin), reached - np.asarray(origin)
+    # By the arc tangent, which is exact for small angles; the arc cosine is not.
+    across, ahead = np.linalg.norm(np.cross(*seen), axis=1), (seen[0] * seen[1]).sum(axis=1)
+    successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
+    steps = [
+        (true[i].inverse() @ true[i + 1]).inverse() @ (aligned[i].inverse() @ aligned[i + 1])
+        for i in successive
+    ]
+    return TrajectoryErrors(
+        frames=frames,
+        aligned=aligned,
+        position_m=np.linalg.norm(reached - positions, axis=1),
+        eps_t_deg=np.asarray(np.degrees(np.arctan2(across, ahead))),
+        eps_theta_deg=_turn_deg([a.R_w_c @ b.R_w_c.T for a, b in zip(true, aligned, strict=True)]),
+        step_m=np.linalg.norm(_positions(steps), axis=1),
+        step_deg=_turn_deg([step.rotation for step in steps]),
+    )
+
+
+def path_length(poses: Sequence[Pose]) -> float:
+    """Return the length of the path through poses, metres."""
+    return float(np.linalg.norm(np.diff(_positions(poses), axis=0), axis=1).sum())
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root mean square; NaN of nothing."""
+    squares = np.square(np.asarray(values, np.float64))
+    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
+
+
+def _positions(poses: Sequence[Pose]) -> Array:
+    return np.array([pose.position for pose in poses]).reshape(-1, 3)
+
+
+def _turn_deg(rotations: Sequence[Array]) -> Array:
+    return np.degrees(Rotation.from_matrix(np.array(rotations).reshape(-1, 3, 3)).magnitude())
