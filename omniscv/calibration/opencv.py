@@ -58,6 +58,7 @@ _OTHER_WORDS = (
 _SIDE = r"left|right|l|r|rgb|colou?r|depth|ir|infrared|event|thermal|cam(?:era)?[0-9]?"
 _SIDED = rf"(?:(?P<name>{_SIDE})\.?(?:camera)??)??(?P<key>{plain(f'{K}|{D}')})\.?(?P<after>{_SIDE}|[0-9])?"
 _FARTHEST_M = 10.0  # cameras of a pair; T is in the unit of the board, which may be mm
+_STEREO = "R, T"  # in one
 EITHER = "opencv or opencv-fisheye"
 
 
@@ -87,23 +88,11 @@ def model_of(node: Node) -> str:
 
 
 def _set_stereo(found: dict[str, Node], pose: Mapping[str, Any]) -> None:
-    """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``, whose unit is that of the board."""
-    if len(found) != 2 or pose.get("R") is None or pose.get("T") is None:
-        return
-    matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
-    apart = float(np.linalg.norm(matrix[:, 3]))
-    if apart > _FARTHEST_M:
-        _log.warning(
-            "T: expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000 if "
-            "it is in mm",
-            apart,
-        )
-        return
-    _log.warning(
-        "T: taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart", apart
-    )
-    for node, rows in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
-        node.values = {**node.values, "T_stereo": rows.ravel().tolist()}
+    """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``."""
+    if len(found) == 2 and pose.get("R") is not None and pose.get("T") is not None:
+        matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
+        for node, rows in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
+            node.values = {**node.values, _STEREO: rows.ravel().tolist()}
 
 
 def _is_matrix(node: Node) -> bool:
@@ -155,6 +144,26 @@ class OpenCV(Form):
             )
         return models == {self.name}
 
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        """Return the cameras; poses of two by R and T, whose unit is that of the board."""
+        entries = super().read(content, size)
+        apart = max(
+            (float(np.linalg.norm(one.pose.position)) for one in entries.values() if one.pose), default=0
+        )
+        if apart > _FARTHEST_M:
+            _log.warning(
+                "T: expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000 "
+                "if it is in mm",
+                apart,
+            )
+            return {name: entry._replace(pose=None) for name, entry in entries.items()}
+        if apart:
+            _log.warning(
+                "T: taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart",
+                apart,
+            )
+        return entries
+
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
         if (model := model_of(node)) not in (self.name, EITHER):
             raise ArgumentError(
@@ -181,7 +190,7 @@ class OpenCV(Form):
 
 
 def _form(name: str, programs: str, models: str, **constant: int) -> OpenCV:
-    harmless, poses = "^(rectification|projection)matrix$", (("T_stereo", "T_c_b"),)
+    harmless, poses = "^(rectification|projection)matrix$", ((_STEREO, "T_c_b"),)
     return OpenCV(name, programs, K, models, size=_SIZES, poses=poses, harmless=harmless, constant=constant)
 
 

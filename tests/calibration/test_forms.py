@@ -470,9 +470,11 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
     assert [pose for _, pose, *_ in read(json.dumps(stereo | {"T": [-120, 0, 0]})).entries.values()] == [
         None
     ] * 2
-    assert "divide T by 1000" in caplog.text
+    assert caplog.text.count("divide T by 1000") == 1
+    with pytest.raises(ArgumentError, match=r"expected the pose of every camera \(R, T\), got none"):
+        loads_rig(json.dumps(stereo))
     read(json.dumps(stereo | {"T": [-0.12, 0, 0]}))
-    assert "taken as metres" in caplog.text
+    assert caplog.text.count("taken as metres") == 1
 
 
 def test_files_as_people_have_them() -> None:
