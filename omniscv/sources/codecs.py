@@ -30,7 +30,7 @@ MAX_PIXELS = 1 << 27
 
 NEAR_MIDDLE, BOUNDED = "npy 0.005 px", "npy bounded"
 
-_PNG, _NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
+_NPY = b"\x93NUMPY"
 _NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
 _NPY_HEADER = re.compile(
     rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': (False|True), "
@@ -139,12 +139,10 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
 
 def picture_size(payload: bytes) -> tuple[int, int]:
     """Return width and height in the header of a PNG or NPY; BadReplyError for other bytes or sizes."""
-    if payload.startswith(_PNG) and len(payload) >= png.HEADER_BYTES:
-        width, height = int.from_bytes(payload[16:20]), int.from_bytes(payload[20:24])
-    elif payload.startswith(_NPY):
+    if payload.startswith(_NPY):
         (height, width, *_), *_ = npy_layout(payload)
     else:
-        raise BadReplyError(f"expected a PNG or NPY, got {_first_bytes(payload)}")
+        width, height, *_ = png.header(payload)
     if not 0 < width * height <= MAX_PIXELS:
         raise BadReplyError(f"expected a picture of 1 to {MAX_PIXELS} pixels, got {width} x {height}")
     return width, height
@@ -152,11 +150,9 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 def check_png(payload: bytes, view: View) -> None:
     """Raise BadReplyError unless the header is that of a PNG of the view's size."""
-    if not payload.startswith(_PNG):
-        raise BadReplyError(f"expected a PNG, got {_first_bytes(payload)}")
-    width, height = picture_size(payload)
+    bits, (width, height) = png.header(payload).bits, picture_size(payload)
     if (width, height) != (view.width, view.height):
-        wanted, got = f"{view.width} x {view.height}", f"{payload[24]}-bit {width} x {height}"
+        wanted, got = f"{view.width} x {view.height}", f"{bits}-bit {width} x {height}"
         raise BadReplyError(f"expected a PNG of {wanted}, got {got}")
 
 
@@ -234,7 +230,8 @@ def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int, Lit
         BadReplyError: no NPY of numbers.
     """
     if not payload.startswith(_NPY):
-        raise BadReplyError(f"expected NPY, got {_first_bytes(payload)}")
+        got = f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
+        raise BadReplyError(f"expected NPY, got {got}")
     start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
     end = start + int.from_bytes(payload[8:start], "little")
     header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
@@ -243,10 +240,6 @@ def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int, Lit
         raise BadReplyError(f"expected NPY of numbers, got the header {shown(header[:120])}")
     order: Literal["C", "F"] = "F" if match[2] == b"True" else "C"
     return tuple(map(int, match[3].split(b", "))), np.dtype(match[1].decode()), end, order
-
-
-def _first_bytes(payload: bytes) -> str:
-    return f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
 
 
 def _png(payload: bytes, view: View, bits: int, channels: tuple[int, ...]) -> NDArray[Any]:

@@ -52,7 +52,8 @@ def header(start: bytes) -> Header:
         BadReplyError: no PNG.
     """
     if start[:8] != SIGNATURE or len(start) < HEADER_BYTES or start[12:16] != b"IHDR":
-        raise BadReplyError("expected a PNG, got no signature and header of one")
+        got = f"{len(start)} bytes that start with {bytes(start[:24])!r}"
+        raise BadReplyError(f"expected a PNG, got {got}")
     width, height, bits, kind, _, _, interlaced = struct.unpack_from(">IIBBBBB", start, 16)
     return Header(width, height, 3 if kind == _PALETTE else _CHANNELS.get(kind, 0), bits, bool(interlaced))
 
