@@ -162,12 +162,6 @@ def test_what_is_changed_at_random_20000_times(tmp_path):
     check_changed(20_000, 2, tmp_path)
 
 
-def on_disk(folder, make):
-    """A file that ``make`` writes, by its name."""
-    names = make(folder)
-    return folder / names
-
-
 def saved(name, pixels, **kw):
     """A function that saves a picture in a folder, and returns its name; ``bits``: of a palette."""
 
