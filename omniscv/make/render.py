@@ -31,10 +31,10 @@ from omniscv.planning.plans import Cost, cost
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
-from omniscv.sources.exposures import exposures_of
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
+from omniscv.sources.requests import exposures_of
 from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
 

@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
-from omniscv.sources.exposures import Response, exposures_of, merge
+from omniscv.sources.requests import Response, exposures_of, merge_exposures
 
 _PROBED_PX = 128
 _PROBED = {True: (0.0, 1.0), False: (-2.0, -1.0, 0.0, 1.0, 2.0)}
@@ -80,7 +80,7 @@ class Bracketed(SourceWrapper):
             if capture.request == request:
                 yield capture
             else:
-                yield merge(request, [capture, *islice(captures, len(self._stops) - 1)])
+                yield merge_exposures(request, [capture, *islice(captures, len(self._stops) - 1)])
 
     def around(self, source: Source) -> Source:
         return Bracketed(source, self._stops)

@@ -1,9 +1,9 @@
-"""Views, requests and captures: what is requested of sources, and what they deliver, in order."""
+"""Views, requests and captures, delivered in order; captures at several exposures, merged to light."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv import modalities
-from omniscv.arguments import shown
-from omniscv.errors import ArgumentError, SourceError
+from omniscv.arguments import numbers, one_of, shown
+from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.geometry import Array, Pose, pinhole
+from omniscv.modalities import TRANSFERS
 
 _POSE_DECIMALS = 7
 """Of metres, degrees and matrix entries: views that agree to these decimals are equal. 1e-7 rad is a
@@ -241,3 +242,46 @@ def in_order(
             if held is None:
                 raise SourceError("source: expected a capture for each request, got too few")
             yield held()
+
+
+Response = str | NDArray[np.float64]
+"""What codes mean: a transfer, or the light (256,) of each code."""
+
+
+def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:
+    """Return one request of each exposure for a request of colours; any other request is returned alone."""
+    if request.mode != "lit" or request.stops is not None:
+        return [request]
+    return [replace(request, stops=stop) for stop in stops]
+
+
+def merge_exposures(request: Request, captures: Sequence[Capture]) -> Capture:
+    """Return light, float32, of one view's captures at several exposures.
+
+    Raises:
+        ArgumentError: captures without their transfer or response.
+        BadReplyError: captures of several sizes, or in floats.
+    """
+    from omniscv import light  # compiled; sources are imported without numba
+
+    first = captures[0]
+    shapes = {(capture.pixels.shape, capture.pixels.dtype.name) for capture in captures}
+    if len(shapes) > 1 or first.pixels.dtype != np.uint8:
+        raise BadReplyError(f"expected exposures of one size in 8 bits, got {sorted(shapes)}")
+    stops = [capture.request.stops or 0.0 for capture in captures]
+    pixels = light.merge([capture.pixels for capture in captures], stops, response_of(first.provenance))
+    pixels.flags.writeable = False
+    origin = {key: value for key, value in first.provenance.items() if key not in ("transfer", "response")}
+    return Capture(request, first.view, pixels, {**origin, "stops": stops})
+
+
+def response_of(provenance: Any) -> Response:
+    """Return the response in a capture's provenance; ArgumentError if there is none."""
+    light = provenance.get("response")
+    if light is None:
+        known = [name for name in TRANSFERS if name != "unknown"]
+        return str(one_of("transfer", provenance.get("transfer"), known))
+    response = numbers("response", light, (256,))
+    if response[0] < 0 or (np.diff(response) < 0).any():
+        raise ArgumentError(f"response: expected light that increases with its code, got {shown(light)}")
+    return response

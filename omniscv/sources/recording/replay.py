@@ -28,10 +28,9 @@ from omniscv.sources.base import (
     View,
     copy_with,
 )
-from omniscv.sources.exposures import Response, exposures_of, merge, response_of
 from omniscv.sources.recording.rows import Row, WorldState, object_from_json, sizes_of, view_from_json
 from omniscv.sources.recording.store import Store
-from omniscv.sources.requests import ViewKey
+from omniscv.sources.requests import Response, ViewKey, exposures_of, merge_exposures, response_of
 
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same
 _MOST_SHOWN = 5  # states
@@ -311,7 +310,7 @@ class RecordedSource(Source):
 
     def _replay(self, request: Request) -> Capture:
         if self.stops and (exposures := exposures_of(request, self.stops)) != [request]:
-            return merge(request, [self._replay(exposure) for exposure in exposures])
+            return merge_exposures(request, [self._replay(exposure) for exposure in exposures])
         if capture := self._store.get(request):
             return capture
         advice = (
