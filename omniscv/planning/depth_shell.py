@@ -24,7 +24,6 @@ CAPTURED, NEAREST, RELIEF = 0, 1, 2
 """The ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
-_ROUNDING = 1e-9
 _ROUNDED = 1e-6  # relative, of float32
 
 
@@ -38,12 +37,13 @@ class DepthShell(NamedTuple):
             pixel's own, else the pixel's own depth; and by how much relief may change the depth.
         lenses: (V, 15) of each view: the rows of the rotation from the world to it, its focal length, half
             its width and height, where its picture starts, and how far from its middle, across and down, it
-            is looked up; px. Of several views that hold a direction, the first is looked up: the finest.
+            is looked up; px. Finer views, the finest first, are behind the others, and looked up first.
         slot: (6,) int64, index of each face of a world-aligned cube among the views; -1 if not captured.
-        by_face: whether the face of the cube that a direction hits is looked up, which is faster.
-        clear: (V, R, C) float32 metres from the centre, by view and cell of ``CELL_PX``: nothing is nearer
-            within a cell of it; 0 at a view's edge. Of faces of a cube only; else (V, 0, 0).
-        everywhere: whether the views together show all directions that are ever looked up.
+        cube: whether the views are faces of such a cube, which together show all directions that are ever
+            looked up.
+        clear: (V, R, C) float32 metres from the centre, by view that is no finer one, and cell of
+            ``CELL_PX``: nothing is nearer within a cell of it; 0 at a view's edge. Of faces of a cube only; else
+            (V, 0, 0).
         focal: px, of the coarsest view.
         least, most: of the finite distances, metres.
         precision: of the depth.
@@ -53,9 +53,8 @@ class DepthShell(NamedTuple):
     pictures: Floats
     lenses: Array
     slot: Ints
-    by_face: bool
+    cube: bool
     clear: Floats
-    everywhere: bool
     focal: float
     least: float
     most: float
@@ -70,15 +69,12 @@ class DepthShell(NamedTuple):
         pictures, finer = _views(captures)
         finer[:, 12] += self.pictures.shape[1]
         finer[:, 13:] -= _BORDER_PX
-        coarse = self.lenses.copy()
-        if self.by_face:
-            coarse[:, 13:] = (1 + _ROUNDING) * self.focal
-        lenses = np.concatenate([coarse, finer])
+        count = len(self.clear)
+        lenses = np.concatenate([self.lenses[count:], finer])
         least, most = zip(*map(_range, captures), strict=True)
         return self._replace(
             pictures=stacked(np.concatenate([self.pictures, pictures], axis=1)),
-            lenses=lenses[np.argsort(-lenses[:, 9], kind="stable")],
-            by_face=False,
+            lenses=np.concatenate([self.lenses[:count], lenses[np.argsort(-lenses[:, 9], kind="stable")]]),
             least=min(self.least, *least),
             most=max(self.most, *most),
         )
@@ -128,9 +124,8 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
         stacked(pictures),
         lenses,
         slot=slot,
-        by_face=cube,
+        cube=cube,
         clear=_clear(captures, pictures) if cube else np.zeros((len(captures), 0, 0), np.float32),
-        everywhere=cube,
         focal=captures[0].view.focal_px,
         least=min(least),
         most=max(most),
@@ -211,33 +206,33 @@ def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
 
     -1 if it is in none.
     """
-    if shell.by_face:
-        k = shell.slot[_face_of(direction)]
-        if k < 0:
-            return -1, 0.0, 0.0, 1.0
-        u, v, along = _seen_by(shell.lenses[k], direction)
-        return k, u, v, along
-    for k in range(len(shell.lenses)):
-        u, v, along = _seen_by(shell.lenses[k], direction)
-        off_u, off_v = abs(u - shell.lenses[k, 10]), abs(v - shell.lenses[k, 11])
-        if off_u <= shell.lenses[k, 13] and off_v <= shell.lenses[k, 14]:
-            return k, u, v, along
-    return -1, 0.0, 0.0, 1.0
+    k = _holding(shell, len(shell.clear), len(shell.lenses), direction)
+    if k < 0:
+        k = shell.slot[_face_of(direction)] if shell.cube else _holding(shell, 0, len(shell.clear), direction)
+    if k < 0:
+        return -1, 0.0, 0.0, 1.0
+    a, b, along = _seen(shell, k, direction)
+    return k, a / along + shell.lenses[k, 10], b / along + shell.lenses[k, 11], along
 
 
 @inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _seen_by(lens: Any, direction: Any) -> tuple[float, float, float]:
-    """Return the pixel of a view in which a direction is, and its component along the view's axis.
-
-    The pixel is infinitely far from the view behind it.
-    """
+def _seen(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
+    """Return a direction in a view's frame, its x and y times the focal length."""
     x, y, z = direction
-    along = lens[6] * x + lens[7] * y + lens[8] * z
-    if along <= 0.0:
-        return np.inf, np.inf, along
-    u = lens[9] * (lens[0] * x + lens[1] * y + lens[2] * z) / along + lens[10]
-    v = lens[9] * (lens[3] * x + lens[4] * y + lens[5] * z) / along + lens[11]
-    return u, v, along
+    a = shell.lenses[k, 0] * x + shell.lenses[k, 1] * y + shell.lenses[k, 2] * z
+    b = shell.lenses[k, 3] * x + shell.lenses[k, 4] * y + shell.lenses[k, 5] * z
+    along = shell.lenses[k, 6] * x + shell.lenses[k, 7] * y + shell.lenses[k, 8] * z
+    return a * shell.lenses[k, 9], b * shell.lenses[k, 9], along
+
+
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _holding(shell: Any, first: int, end: int, direction: Any) -> int:
+    """Return the first of some views that a direction is in; -1 if it is in none."""
+    for k in range(first, end):
+        a, b, along = _seen(shell, k, direction)
+        if along > 0.0 and abs(a) <= shell.lenses[k, 13] * along and abs(b) <= shell.lenses[k, 14] * along:
+            return k
+    return -1
 
 
 @inner(cache=True, nogil=True, error_model="numpy", forceinline=True)

@@ -250,12 +250,12 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
     start = psi = np.arctan2(h, -foot)
     end = h / (2.0 * shell.most + h) if shell.most > 0 else step
-    if not shell.everywhere:
+    if not shell.cube:
         psi = _first_seen(shell, arc, end, start, step)
     elif h * h + foot * foot < shell.least * shell.least:  # nothing is nearer to the centre than that
         psi = np.arcsin(h / shell.least)
     was_free, first, last_step = False, True, step
-    if not shell.everywhere and psi < start:
+    if not shell.cube and psi < start:
         hit.hidden_from, hit.hidden_to = 0.0, foot + h / np.tan(psi)
         first = False
     met_at, passed, ahead = -1.0, np.inf, np.inf
@@ -266,7 +266,7 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
         k, u, v, along = look_up(shell, _toward(arc, psi))
         if k >= 0:
             step = _STEP_PX / shell.lenses[k, 9]
-            if shell.by_face and was_free:
+            if was_free and shell.cube and len(shell.lenses) == len(shell.clear):
                 # Of what is farther than all that is near there, each step would find the same.
                 steps = int(_IN_A_CELL * CELL_PX * along * along)  # a view's px are narrower off its axis
                 farthest = h / min(np.sin(psi), np.sin(max(psi - steps * step, end)))
