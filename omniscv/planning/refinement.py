@@ -51,6 +51,11 @@ class Choice:
     ms: float
     rate: float
 
+    @property
+    def promised(self) -> float:
+        """How many pixels the patches are expected to resolve."""
+        return sum(each.worth for each in self.patches)
+
 
 class Refinement(ABC):
     """The captures of one image whose accuracy is given.
@@ -122,14 +127,14 @@ class Refinement(ABC):
 
     def finer(self, kept: Kept) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
-        before, stuck = np.inf, 0
+        before, stuck, promised = np.inf, 0, 0.0
         for _ in range(tuned.MOST_ROUNDS):
             assert kept.doubt is not None
             doubt = np.flatnonzero(kept.doubt())
             if len(doubt) <= self.aim:
                 yield Round((), AIM)
                 return
-            stuck = stuck + 1 if len(doubt) > before * (1 - tuned.FALLS) else 0
+            stuck = stuck + 1 if before - len(doubt) < tuned.LEAST_RESOLVED * promised else 0
             if stuck == tuned.PATIENCE or (len(doubt) == before and self.serves):
                 break  # for example where half floats store no depth, beyond 655 m
             self._resolve = tuned.RESOLVE_LESS if stuck else 1.0
@@ -138,6 +143,7 @@ class Refinement(ABC):
             if isinstance(choice, str):
                 yield Round((), choice)
                 return
+            promised = choice.promised
             sent = yield from self.capture(choice)
             assert sent is not None
             kept = sent

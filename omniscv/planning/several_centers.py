@@ -72,14 +72,14 @@ class SeveralCenters(Refinement):
         if around is not None:
             self._occluded = occlusion(around, search.origins_w)[1]
         search.adopt_lost()
-        rate, before = 0.0, math.inf
+        rate, most = 0.0, math.inf
         for _ in range(tuned.DEPTH_ROUNDS):
             doubt = search.pixels[self._doubtful(search.hits)]
             enough = tuned.EDGES * self.aim if self.truth else self.aim
-            choice = self.choice(doubt) if enough < len(doubt) < before else ""
+            choice = self.choice(doubt) if enough < len(doubt) < most else ""
             if isinstance(choice, str):
                 break
-            rate, before = choice.rate, len(doubt)
+            rate, most = choice.rate, len(doubt) - tuned.LEAST_RESOLVED * choice.promised
             yield from self._capture_depth(choice)
         self.reserved = 0, 0
         every = np.arange(len(search.pixels))
