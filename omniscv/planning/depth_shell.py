@@ -42,7 +42,7 @@ class DepthShell(NamedTuple):
         cube: whether the views are faces of such a cube, which together show all directions that are ever
             looked up.
         clear: (V, R, C) float32 metres from the centre, by view that is no finer one, and cell of
-            ``CELL_PX``: nothing is nearer within a cell of it; 0 at a view's edge. Of faces of a cube only; else
+            ``CELL_PX``: nothing is nearer within a cell of it; 0 at a view's edge. Of a cube only; else
             (V, 0, 0).
         focal: px, of the coarsest view.
         least, most: of the finite distances, metres.

@@ -6,14 +6,19 @@ than views of each one's own. Cameras that each need a narrow view do not gain f
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import add
 from typing import Any
 
 import numpy as np
 
 from omniscv.geometry import Pose
 from omniscv.planning import strategy
+from omniscv.planning.rays import ImageRays
 from omniscv.planning.refinement import OneCenter, Refinement
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategies import SAME_M
@@ -24,6 +29,8 @@ from omniscv.sources.base import Request
 
 _MARKED = 0.03
 """Share of marked pixels of images in rooms, from own optical centres (docs/accuracy.md)."""
+_PLANNED_POSES = 3
+"""Of a camera whose captures serve one pose: costs at others are like theirs."""
 
 
 def rounds(task: Task) -> Rounds:
@@ -192,24 +199,45 @@ def cost(way: str, frames: Iterable[Sequence[Task]], modes: Sequence[str], **cha
 
     Args:
         way: its name.
-        frames: for each moment its tasks, which share captures.
+        frames: for each moment its tasks, which share captures. Those that hardly do so with other moments
+            are planned at a few of the poses, and counted for all.
         modes: of the captures.
         changes: of the options of the tasks.
 
     Raises:
         ArgumentError: the source cannot do what the strategy needs.
     """
-    shared: dict[Request, None] = {}
     total, price = Cost(way, 0, 0, 0.0), Price(0, 0)
+    shared: dict[Request, None] = {}
+    apart: dict[ImageRays, dict[tuple[Any, ...], Task]] = defaultdict(dict)
     for tasks in frames:
         changed = [replace(t, options=replace(t.options, **changes), modes=tuple(modes)) for t in tasks]
         price = Price(*changed[0].options.capture_ms)
-        for plan in share_captures(changed, modes):
-            if plan.task.aim is not None:
-                total += Cost(way, *_refinement(plan.task).expected(), 0.0, plan.task.aim)
-                continue
+        for plan in share_captures([task for task in changed if not _is_apart(task)], modes):
             shared |= plan.requests or Plan.make(plan.task, modes).requests
-            own = plan.task.rays.one_center or plan.task.options.viewpoints is None
-            total += Cost(way, 0, 0, 0.0, _MARKED if own else 1.0)
+            total = replace(total, marked=max(total.marked, _MARKED))
+        for task in filter(_is_apart, changed):
+            pose = task.pose.position.tobytes(), task.pose.rotation.tobytes()
+            apart[task.rays][*pose, task.state] = task
+    for of_camera in apart.values():
+        some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
+        alone = reduce(add, (_cost_alone(task, way, modes) for task in some))
+        times = len(of_camera) / len(some)
+        total += replace(alone, requests=round(times * alone.requests), pixels=round(times * alone.pixels))
     total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0)
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
+
+
+def _is_apart(task: Task) -> bool:
+    """Return whether a task hardly shares captures with those at other poses."""
+    return task.aim is not None or not task.rays.camera.central
+
+
+def _cost_alone(task: Task, way: str, modes: Sequence[str]) -> Cost:
+    if task.aim is not None:
+        return Cost(way, *_refinement(task).expected(), 0.0, task.aim)
+    requests = Plan.make(task, modes).requests
+    known = task.rays.one_center or task.options.viewpoints is None
+    return Cost(
+        way, len(requests), pixels_of(request.view for request in requests), 0.0, _MARKED if known else 1.0
+    )
