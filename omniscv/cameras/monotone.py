@@ -4,12 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
 
 _CELLS = 1 << 11
-_MOST_STEPS = 100  # bisection alone needs 60
 
 
 class Increasing:
@@ -78,34 +77,16 @@ def first_positive_root(coefficients: ArrayLike) -> float:
     return float(low)
 
 
-def increasing_root(
-    value_and_slope: Callable[[Array, NDArray[np.intp]], tuple[Array, Array]],
-    low: Array,
-    high: Array,
-    start: Array,
-) -> Array:
+def increasing_root(value: Callable[..., Array], low: Array, high: Array, *others: Array) -> Array:
     """Return the roots of N functions that rise from negative to positive between ``low`` and ``high``.
 
-    Newton's steps within a bracket that shrinks; a step that leaves it is replaced by a bisection. Converged
-    roots are set aside when they are the majority, so that a few slow ones cost little.
+    Where rounding hides the change of sign, it is the end next to it.
 
     Args:
-        value_and_slope: of arguments (M,) of the functions with indices (M,).
-        low, high, start: (N,).
+        value: of arguments, and of ``others`` of the same functions.
+        low, high, others: (N,).
     """
-    root = np.empty_like(start)
-    index, x = np.arange(start.size), start
-    for _ in range(_MOST_STEPS):
-        value, slope = value_and_slope(x, index)
-        below = value < 0
-        low, high = np.where(below, x, low), np.where(below, high, x)
-        step = x - value / slope
-        step = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
-        moving = np.abs(step - x) > 4e-16 * x
-        x = step
-        root[index] = x
-        if 2 * np.count_nonzero(moving) <= index.size:
-            index, x, low, high = index[moving], x[moving], low[moving], high[moving]
-        if not index.size:
-            break
-    return root
+    from scipy.optimize import elementwise  # slow to load
+
+    root = elementwise.find_root(value, (low, high), args=others).x
+    return np.where(np.isfinite(root), root, np.where(value(low, *others) > 0, low, high))

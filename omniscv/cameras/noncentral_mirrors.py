@@ -8,7 +8,6 @@ at height ``z_r`` at the angle ``phi`` from +z.
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.arguments import number, optional_number, whole_number
 from omniscv.cameras.base import FARTHEST, Array, Viewpoints, polar
@@ -137,21 +136,12 @@ class NoncentralSphericalMirror(NoncentralMirror):
             seen = above_horizon & (k <= 1 + ROUNDING)
             p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
-            out[seen] = _root_of_quartic(np.stack(quartic), limit[seen])
+            out[seen] = increasing_root(_quartic, np.zeros_like(q), limit[seen], *quartic)
         return t
 
 
-def _root_of_quartic(quartic: Array, limit: Array) -> Array:
-    """Return roots in [0, limit] of polynomials (5, N), lowest power first, that are negative before them."""
-
-    def value_and_slope(t: Array, index: NDArray[np.intp]) -> tuple[Array, Array]:
-        c0, c1, c2, c3, c4 = quartic if len(index) == limit.size else quartic[:, index]
-        value = (((c4 * t + c3) * t + c2) * t + c1) * t + c0
-        return value, ((4 * c4 * t + 3 * c3) * t + 2 * c2) * t + c1
-
-    # If the camera nearly touches the ball, the root is tiny, and -c0 / c1 is close to it.
-    start = np.where(quartic[1] > 0, np.minimum(-quartic[0] / quartic[1], 0.5 * limit), 0.5 * limit)
-    return increasing_root(value_and_slope, np.zeros_like(limit), limit, start)
+def _quartic(t: Array, c0: Array, c1: Array, c2: Array, c3: Array, c4: Array) -> Array:
+    return (((c4 * t + c3) * t + c2) * t + c1) * t + c0
 
 
 @register

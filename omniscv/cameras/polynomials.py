@@ -3,7 +3,7 @@
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
@@ -63,7 +63,6 @@ class Scaramuzza(AffineLens):
         number("coefficients[0]", self.coefficients[0], below=0)
         self.affine = numbers("affine", affine, (3,))
         corner = self._set_affine("affine", self.affine)
-        self._slope = polyder(self.coefficients) if len(self.coefficients) > 1 else np.zeros(1)
         turning = first_positive_root((np.arange(len(self.coefficients)) - 1) * self.coefficients)
         self._r_end = float(np.minimum(turning, 2 * corner))
         self._theta_end = float(self._theta(np.array(self._r_end)))
@@ -90,19 +89,16 @@ class Scaramuzza(AffineLens):
         return radius.reshape(theta.shape)
 
     def _radius_of(self, theta: Array) -> Array:
-        """Return the radii of angles (N,), by Newton's steps from a table."""
+        """Return the radii of angles (N,), within cells of a table."""
         table = np.linspace(0.0, self._r_end, _CELLS)
         angles = np.maximum.accumulate(self._theta(table))
         cell = np.clip(np.searchsorted(angles, theta) - 1, 0, _CELLS - 2)
         low, high = table[cell], table[cell + 1]
 
-        def value_and_slope(rho: Array, index: Any) -> tuple[Array, Array]:
-            f = polyval(rho, self.coefficients)
-            slope = (rho * polyval(rho, self._slope) - f) / (rho * rho + f * f)
-            return self._theta(rho) - theta[index], np.asarray(slope)
+        def beyond(rho: Array, theta: Array) -> Array:
+            return self._theta(rho) - theta
 
-        start = np.clip(np.interp(theta, angles, table), low, high)
-        return increasing_root(value_and_slope, low, high, start)
+        return increasing_root(beyond, low, high, theta)
 
 
 class AngleLens(FocalLens):
