@@ -241,8 +241,8 @@ class RollingShutter(Camera):
     def _root(self, points: Array, ends: tuple[float, float], late: tuple[Array, Array]) -> Array:
         """Return the fractions (N,) between two ends at which the lines of points are read.
 
-        Regula falsi (Illinois) if the point is seen at both ends, else bisection towards the border. Unlike
-        ``monotone.increasing_root`` it needs no slope, and an end may be unknown.
+        Regula falsi (Illinois) if the point is seen at both ends, else bisection towards the border: unlike
+        those of ``monotone.increasing_root``, an end may be unknown.
         """
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
