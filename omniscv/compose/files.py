@@ -39,7 +39,7 @@ from omniscv.compose.rounding import as_halves
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import ObjectTable
-from omniscv.storage import b2nd, png
+from omniscv.storage import b2nd, exr, png
 from omniscv.storage.bounded import MOST_JSON_BYTES, library_error, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
 
@@ -57,7 +57,6 @@ _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
 _JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
 _REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x and y of red, green, blue and white of floating-point colours."""
-_EXR_TYPES = {"float32": "float", "float16": "half", "uint32": "uint"}
 
 
 def register(suffix: str, writer: Writer) -> None:
@@ -246,14 +245,26 @@ def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
 
 
+def _exr(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
+    stored = as_halves(pixels) if row.file == "bound" else pixels
+    if stored.dtype == np.uint8:
+        stored = (stored / np.float32(255)).astype(np.float16)
+    names = row.channel_names if len(row.channel_names) == np.atleast_3d(stored).shape[2] else ()
+    attributes: dict[str, Any] = {**row.attributes, **({"comments": row.doc} if row.doc else {})}
+    if row.name == "lit":
+        attributes["chromaticities"] = _REC_709
+    try:
+        path.write_bytes(exr.encode(stored, names, attributes))
+    except ArgumentError as cause:
+        raise OmniscvError(f"{path.name}: {cause}") from cause
+
+
 def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
     import OpenImageIO
 
-    stored = as_halves(pixels) if row.file == "bound" and path.suffix == ".exr" else pixels
-    planes = stored if stored.ndim == 3 else stored[..., None]
+    planes = pixels if pixels.ndim == 3 else pixels[..., None]
     height, width, channels = planes.shape
-    pixel_type = _EXR_TYPES.get(planes.dtype.name, planes.dtype.name)
-    spec = OpenImageIO.ImageSpec(width, height, channels, pixel_type)
+    spec = OpenImageIO.ImageSpec(width, height, channels, planes.dtype.name.removesuffix("32"))
     if len(row.channel_names) == channels:
         spec.channelnames = row.channel_names
     spec.attribute("DateTime", _NO_CLOCK)
@@ -261,12 +272,6 @@ def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> 
         spec.attribute(name, value)
     if row.doc:
         spec.attribute("ImageDescription", row.doc)
-    if path.suffix == ".exr":
-        spec.attribute("compression", "zip:1")  # which every reader has
-        if row.name == "lit":
-            spec.attribute("chromaticities", OpenImageIO.TypeDesc("float[8]"), _REC_709)
-        # By measurement: passing rows to a pool of threads takes longer than writing them.
-        OpenImageIO.attribute("exr_threads", -1)
     if path.suffix == ".tiff":
         spec.attribute("tiff:Predictor", 1)  # that of floats is known to few readers
     if path.suffix == ".jxl":
@@ -291,7 +296,7 @@ def _npy(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
 def _check_space(path: Path) -> None:
     """Raise OSError where a file cannot grow: then its last bytes may be missing.
 
-    Libraries for EXR and JPEG XL write their last buffer when they close a file, and report no error then.
+    The library for JPEG XL writes its last buffer when they close a file, and reports no error then.
     """
     with path.open("ab") as file:
         size = file.tell()
@@ -328,7 +333,7 @@ _writers: dict[str, Writer] = {
     "png": _png,
     "jxl": _openimageio,
     "jpg": _jpeg,
-    "exr": _openimageio,
+    "exr": _exr,
     "tiff": _openimageio,
     "npy": _npy,
 }

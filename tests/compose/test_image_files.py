@@ -27,7 +27,6 @@ from omniscv.sources.scene import SceneSource
 MODES = ("lit", "object_mask", "depth", "normals")
 POSE = omniscv.Pose.from_angles((0.1, -0.2, 1.5), yaw_deg=20.0, pitch_deg=7.0)
 OPTIONS = {"strategy": "cube", "filter": "bicubic", "face_size": 48}
-NO_CLOCK = "1970:01:01 00:00:00"
 EXTREMES = [np.inf, np.float32(1e-45), np.float32(3.4e38), 1 / 3, 65504.0, 65536.5]
 """Values that a half float cannot hold, and +inf, which is no surface."""
 
@@ -173,7 +172,7 @@ def test_the_same_image_makes_the_same_bytes(image, tmp_path, image_format):
 
 
 def test_no_file_holds_the_time_of_writing(folder):
-    assert {with_openexr(path)[1]["capDate"] for path in folder.glob("*.exr")} == {NO_CLOCK}
+    assert not any("capDate" in with_openexr(path)[1] for path in folder.glob("*.exr"))
     with Image.open(folder / "pano-0.lit.jpg") as opened:
         assert not {Base.DateTime, Base.DateTimeOriginal} & set(opened.getexif())
     for path in folder.glob("*.png"):
