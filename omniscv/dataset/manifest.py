@@ -23,7 +23,7 @@ from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import OBJECTS, versions
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles, file_endings
-from omniscv.frame.classes import ClassRules, ClassTable
+from omniscv.frame.classes import ClassRules, ClassTable, class_rules
 from omniscv.frame.files import read_entries
 from omniscv.geometry import Pose
 from omniscv.records import mapping
@@ -178,7 +178,7 @@ class Manifest:
             rules, table = None, None
             if classes is not None:
                 stored = {key: value for key, value in classes.items() if key not in ("classes", "of_object")}
-                rules = ClassRules.from_dict(stored)
+                rules = class_rules(stored)
                 of_object = {
                     name: classes["of_object"][name] for name in names if name in classes["of_object"]
                 }

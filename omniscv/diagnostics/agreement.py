@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -100,8 +101,7 @@ class ViewCapture:
         return self.view.pose.to_world(rays * self.depth[..., None])
 
 
-@dataclass(frozen=True)
-class Overlap:
+class Overlap(NamedTuple):
     """Two captures compared at the same points, (N,) each.
 
     Attributes:
@@ -141,6 +141,12 @@ class Overlap:
         levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
         objects = second.mask[common][same]
         return cls(behind, scale, gone, first.mask[row] != objects, levels, objects)
+
+    @classmethod
+    def of_pairs(cls, captures: Iterable[ViewCapture], others: Sequence[ViewCapture]) -> Overlap:
+        """Compare every one of some captures with every one of others, both ways."""
+        pairs = [pair for a in captures for b in others for pair in ((a, b), (b, a))]
+        return cls(*map(np.concatenate, zip(*(cls.of(*pair) for pair in pairs), strict=True)))
 
 
 def capture_views(
@@ -186,13 +192,12 @@ def findings(
         for captures in (faces, turned)
     ]
     yield from light_findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
-    turned_overlaps = [Overlap.of(*pair) for a in faces for b in turned for pair in ((a, b), (b, a))]
-    moved_overlaps = [Overlap.of(*pair) for a in faces for b in beside for pair in ((a, b), (b, a))]
-    yield from _agree("turned", turned_overlaps, np.abs)
-    yield from _agree("moved", moved_overlaps, lambda behind: behind)
-    yield _scale(moved_overlaps)
-    yield _gone([*turned_overlaps, *moved_overlaps])
-    yield _view_dependent(moved_overlaps, names)
+    by_turning, by_moving = Overlap.of_pairs(faces, turned), Overlap.of_pairs(faces, beside)
+    yield from _agree("turned", by_turning, np.abs)
+    yield from _agree("moved", by_moving, lambda behind: behind)
+    yield _scale(by_moving)
+    yield _gone(np.concatenate([by_turning.gone, by_moving.gone]))
+    yield _view_dependent(by_moving, names)
     yield _aligned([*faces, *turned])
     yield _spheres([*faces, *turned], names)
     if boxes and faces[0].has_mask:
@@ -208,9 +213,8 @@ def _again(first: ViewCapture, again: ViewCapture) -> Finding:
     return Finding.unless(same, "same again", value, "bad", f"pause the game; {_EFFECTS}")
 
 
-def _agree(how: str, overlaps: Sequence[Overlap], off: Callable[[Array], Array]) -> Iterator[Finding]:
-    behind = np.concatenate([overlap.behind for overlap in overlaps])
-    masks, lit = (np.concatenate([getattr(overlap, key) for overlap in overlaps]) for key in ("masks", "lit"))
+def _agree(how: str, overlap: Overlap, off: Callable[[Array], Array]) -> Iterator[Finding]:
+    behind, masks, lit = overlap.behind, overlap.masks, overlap.lit
     if len(behind) < _LEAST_PX:
         yield Finding(
             f"depth, {how}", "nothing to compare", "warning", "give --position where more is visible"
@@ -225,26 +229,23 @@ def _agree(how: str, overlaps: Sequence[Overlap], off: Callable[[Array], Array])
     yield Finding.unless(levels <= _SHARE, f"colours, {how}", f"{levels:.2%} disagree", "bad", _EFFECTS)
 
 
-def _scale(overlaps: Sequence[Overlap]) -> Finding:
+def _scale(overlap: Overlap) -> Finding:
     """Measure the error of depth's scale: depth grows by more than the camera moved."""
-    scales = np.concatenate([overlap.scale for overlap in overlaps])
-    scale = float(np.median(scales)) if len(scales) >= _LEAST_PX else 0.0
+    scale = float(np.median(overlap.scale)) if len(overlap.scale) >= _LEAST_PX else 0.0
     value = f"{scale:+.2%} against the camera's moves"
     return Finding.unless(abs(scale) <= _SCALE, "depth scale", value, "bad", "check the scale of the world")
 
 
-def _gone(overlaps: Sequence[Overlap]) -> Finding:
-    share = float(np.concatenate([overlap.gone for overlap in overlaps]).mean())
+def _gone(gone: Mask) -> Finding:
+    share = float(gone.mean())
     remedy = "things thinner than a pixel (face_size), or nearer than the near clipping plane"
     value = f"{share:.2%} of what one capture shows, another looks through"
     return Finding.unless(share <= _GONE_SHARE, "things that come and go", value, "warning", remedy)
 
 
-def _view_dependent(overlaps: Sequence[Overlap], names: Mapping[int, str]) -> Finding:
+def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
     """Find objects whose colours change with the centre: they mirror, or something is seen through them."""
-    objects, lit = (
-        np.concatenate([getattr(overlap, key) for overlap in overlaps]) for key in ("objects", "lit")
-    )
+    objects, lit = overlap.objects, overlap.lit
     changing = [
         names.get(code, "?")
         for code in np.unique(objects)

@@ -126,59 +126,63 @@ class Rule:
         return {**pattern, "class": self.class_name, **about}
 
 
-@dataclass(frozen=True)
-class ClassRules:
-    """Classes, and rules that give object names a class, as in ``classes.yaml``. The first match wins.
+def _rules(name: str, value: object) -> tuple[Rule, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise ArgumentError(f"{name}: expected a list of {{match: PATTERN, class: NAME}}, got {shown(value)}")
+    rules: tuple[Rule, ...] = listed(nested(Rule))(name, value)
+    return rules
 
-    Attributes:
-        classes: by name, in the order of their ids.
-        rules: in their order, each with all that is known of its class.
-        unmatched: objects that no rule matches are an error, of the class ``other``, or of no class.
-        taxonomy: the name of a table that is shipped, or ``custom``.
+
+@record
+class ClassRules:
+    """Classes, and rules that give object names a class, as in ``classes.yaml``. The first match wins::
+
+        taxonomy: nyu40            # or custom
+        background: 0
+        rules:
+          - {match: "Layout_Wall_*", class: wall, id: 1, stuff: true}
+          - {regex: "(Chair|Stool)_\\d+", class: chair, supercategory: furniture}
+        unmatched: error           # error, other or ignore
+
+    Objects that no rule matches are an error, of the class ``other``, or of no class. A class without an id
+    has that of the taxonomy, else the next free one from 1, in the order of rules. ``rules`` are completed by
+    all that is known of their classes.
+
+    Raises:
+        ArgumentError: an unknown field, a pattern that is none, an id of two classes, a class that the
+            taxonomy does not have, or a class that two rules describe differently.
     """
 
-    classes: Mapping[str, SemanticClass]
-    rules: tuple[Rule, ...]
-    unmatched: Unmatched = "error"
-    taxonomy: str = "custom"
+    rules: tuple[Rule, ...] = checked(_rules)
+    taxonomy: str = checked(
+        lambda name, value: one_of(name, value, ("custom", *taxonomies())), default="custom"
+    )
+    background: int = checked(whole_number, least=BACKGROUND, most=BACKGROUND, default=BACKGROUND)
+    unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")
 
-    @classmethod
-    def from_dict(cls, data: object) -> ClassRules:
-        """Return the rules that plain values describe::
+    def __post_init__(self) -> None:
+        about = ("id", "supercategory", "stuff")
+        vars(self)["rules"] = tuple(
+            replace(rule, **{key: getattr(self.classes[rule.class_name], key) for key in about})
+            for rule in self.rules
+        )
 
-            taxonomy: nyu40            # or custom
-            background: 0
-            rules:
-              - {match: "Layout_Wall_*", class: wall, id: 1, stuff: true}
-              - {regex: "(Chair|Stool)_\\d+", class: chair, supercategory: furniture}
-            unmatched: error           # error, other or ignore
-
-        A class without an id has that of the taxonomy, else the next free one from 1, in the order of rules.
-
-        Raises:
-            ArgumentError: an unknown field, a pattern that is none, an id of two classes, a class that the
-                taxonomy does not have, or a class that two rules describe differently.
-        """
-        content = read(_File, data)
+    @cached_property
+    def classes(self) -> dict[str, SemanticClass]:
+        """The classes by name, in the order of their ids."""
         known: dict[str, int] = {}
-        if content.taxonomy != "custom":
-            table = files("omniscv.frame") / "taxonomies" / f"{content.taxonomy}.csv"
+        if self.taxonomy != "custom":
+            table = files("omniscv.frame") / "taxonomies" / f"{self.taxonomy}.csv"
             lines = (line.split(",", 1) for line in table.read_text(encoding="utf-8").splitlines()[1:])
             known = {name: int(number) for number, name in lines}
-        described = _describe(content.rules, known)
-        if content.unmatched == "other":
-            name = _OTHER.get(content.taxonomy, "other")
+        described = _describe(self.rules, known)
+        if self.unmatched == "other":
+            name = _OTHER.get(self.taxonomy, "other")
             described.setdefault(name, {"id": known[name]} if known else {})
-        classes = _numbered(described)
-        about = ("id", "supercategory", "stuff")
-        rules = tuple(
-            replace(rule, **{key: getattr(classes[rule.class_name], key) for key in about})
-            for rule in content.rules
-        )
-        return cls(classes, rules, content.unmatched, content.taxonomy)
+        return _numbered(described)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values that :meth:`from_dict` reads."""
+        """Return plain values that :func:`class_rules` reads."""
         return {
             "taxonomy": self.taxonomy,
             "background": BACKGROUND,
@@ -209,17 +213,17 @@ def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRu
     """Return the rules of a ``classes.yaml``, given by its path or its content.
 
     Raises:
-        ArgumentError: the file cannot be read, or as :meth:`ClassRules.from_dict`.
+        ArgumentError: the file cannot be read, or as :class:`ClassRules`.
     """
     if isinstance(classes, ClassRules):
         return classes
     if isinstance(classes, Mapping):
         with within("classes"):
-            return ClassRules.from_dict(classes)
+            return read(ClassRules, classes)
     if not isinstance(classes, str | Path):
         raise ArgumentError(f"classes: expected a file, or a mapping with 'rules', got {shown(classes)}")
     with within(classes):
-        return ClassRules.from_dict(bounded.parse_yaml(bounded.read_text(Path(classes))))
+        return read(ClassRules, bounded.parse_yaml(bounded.read_text(Path(classes))))
 
 
 def taxonomies() -> tuple[str, ...]:
@@ -260,20 +264,3 @@ def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClas
         for name, values in described.items()
     ]
     return {row.name: row for row in sorted(classes, key=lambda row: row.id)}
-
-
-def _rules(name: str, value: object) -> tuple[Rule, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise ArgumentError(f"{name}: expected a list of {{match: PATTERN, class: NAME}}, got {shown(value)}")
-    rules: tuple[Rule, ...] = listed(nested(Rule))(name, value)
-    return rules
-
-
-@record
-class _File:
-    rules: tuple[Rule, ...] = checked(_rules)
-    taxonomy: str = checked(
-        lambda name, value: one_of(name, value, ("custom", *taxonomies())), default="custom"
-    )
-    background: int = checked(whole_number, least=BACKGROUND, most=BACKGROUND, default=BACKGROUND)
-    unmatched: Unmatched = checked(one_of, words=get_args(Unmatched), default="error")

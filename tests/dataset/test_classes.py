@@ -12,7 +12,7 @@ from support.datasets import CLASSES, image, job_file, traced_names
 from omniscv import cli, dataset
 from omniscv.cli.dataset import object_names
 from omniscv.errors import ArgumentError, UnmatchedNamesError
-from omniscv.frame.classes import ClassRules, class_rules
+from omniscv.frame.classes import class_rules
 from omniscv.job import load
 from omniscv.make import make
 
@@ -24,7 +24,7 @@ def test_the_first_rule_that_matches_wins(names, count):
     """Rules of one name each, then one of all: objects are of their first; ids go in the order of rules."""
     rules = [{"match": name, "class": f"c{i % count}"} for i, name in enumerate(names)]
     later = [{"match": "*", "class": "last"}]
-    table = ClassRules.from_dict({"rules": rules + later}).table([*names, "-"])
+    table = class_rules({"rules": rules + later}).table([*names, "-"])
     assert table.of_object == {name: f"c{i % count}" for i, name in enumerate(names)} | {"-": "last"}
     assert [each.id for each in table.classes.values()] == list(range(1, len(table.classes) + 1))
 
@@ -34,17 +34,17 @@ def test_ids_are_unique_and_those_that_are_given_are_kept(order, given_ids):
     rules = [{"match": f"n{i}", "class": f"c{i}"} for i in order]
     for rule, number in zip(rules, sorted(given_ids), strict=False):
         rule["id"] = number
-    found = ClassRules.from_dict({"rules": rules})
+    found = class_rules({"rules": rules})
     ids = {name: each.id for name, each in found.classes.items()}
     assert len(set(ids.values())) == len(ids)
     assert all(ids[rule["class"]] == rule["id"] for rule in rules if "id" in rule)
     free = [ids[rule["class"]] for rule in rules if "id" not in rule]
     assert free == sorted(free)
-    assert ClassRules.from_dict(found.to_dict()) == found
+    assert class_rules(found.to_dict()) == found
 
 
 def test_patterns_match_whole_names_and_see_case():
-    rules = ClassRules.from_dict(
+    rules = class_rules(
         {"rules": [{"match": "Chair_*", "class": "a"}, {"regex": "(Sofa|Stool)_[0-9]", "class": "b"}]}
     )
     found = [rules.class_of(name) for name in ("Chair_1", "chair_1", "My_Chair_1", "Sofa_1", "Sofa_12")]
@@ -57,7 +57,7 @@ def test_nyu40_is_shipped_as_a_table():
     assert sorted(rows.values()) == list(range(1, 41))
     known = {"wall": 1, "floor": 2, "chair": 5, "door": 8, "ceiling": 22, "lamp": 35, "otherprop": 40}
     assert rows.items() >= known.items()  # as Structured3D and ScanNet number them
-    table = ClassRules.from_dict({"taxonomy": "nyu40", "rules": [{"match": "L*", "class": "lamp"}]})
+    table = class_rules({"taxonomy": "nyu40", "rules": [{"match": "L*", "class": "lamp"}]})
     assert table.classes["lamp"].id == 35
 
 
@@ -83,7 +83,7 @@ def test_nyu40_is_shipped_as_a_table():
 )
 def test_wrong_rules_are_one_line(rules, says):
     with pytest.raises(ArgumentError) as failed:
-        ClassRules.from_dict({"rules": rules})
+        class_rules({"rules": rules})
     assert says in str(failed.value)
     assert len(str(failed.value)) <= 300
 
@@ -94,7 +94,7 @@ def test_a_taxonomy_keeps_its_names_and_ids():
         ({"class": "chair", "id": 4}, "expected 5"),
     ):
         with pytest.raises(ArgumentError, match=says):
-            ClassRules.from_dict({"taxonomy": "nyu40", "rules": [{"match": "a", **rule}]})
+            class_rules({"taxonomy": "nyu40", "rules": [{"match": "a", **rule}]})
 
 
 def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
@@ -122,7 +122,7 @@ def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
 @pytest.mark.parametrize(("unmatched", "known"), [("other", "otherprop"), ("ignore", None)])
 def test_unmatched_names_may_be_other_or_nothing(unmatched, known):
     data = {"taxonomy": "nyu40", "rules": [{"match": "Door", "class": "door"}], "unmatched": unmatched}
-    table = ClassRules.from_dict(data).table(["Door", "Ball"])
+    table = class_rules(data).table(["Door", "Ball"])
     assert table.of_object.get("Ball") == known
     assert table.ids({"Door": 3, "Ball": 9})[[0, 3, 9]].tolist() == [0, 8, 40 if known else 0]
 
