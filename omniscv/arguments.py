@@ -49,6 +49,11 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
+def wrong(name: str, wanted: str, value: object) -> ArgumentError:
+    """Return the error ``NAME: expected WANTED, got VALUE``."""
+    return ArgumentError(f"{name}: expected {wanted}{';' if ',' in wanted else ','} got {shown(value)}")
+
+
 def number(
     name: str,
     value: object,
@@ -172,9 +177,7 @@ def stem(name: str, value: object, *, dots: bool = False) -> str:
     if odd or not 0 < len(name_is.encode()) <= _LONGEST_STEM:
         wanted = f"printable, of at most {_LONGEST_STEM} bytes, without {' '.join(sorted(_NOT_PORTABLE))}"
         more = "blanks or dots at its ends, and no device's name as con"
-        raise ArgumentError(
-            f"{name}: expected the start of a file name: {wanted}, {more}; got {shown(value)}"
-        )
+        raise wrong(name, f"the start of a file name: {wanted}, {more}", value)
     return name_is
 
 

@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any, TypeVar
 
-from omniscv.arguments import shown
+from omniscv.arguments import wrong
 from omniscv.errors import ArgumentError, ClusterError, DatasetError, OmniscvError
 from omniscv.job import Job
 from omniscv.make import Made, Part, check_dataset, finish, opened, parts_of, run_part, source_options
@@ -77,8 +77,7 @@ def workers_of(place: str) -> Workers:
         return partial(_local, int(rest) if rest else None)
     if re.fullmatch(r"(tcp|tls|ucx|ws|wss)://.+", place):
         return partial(scheduler_at, place)
-    wanted = "expected local, local:N or a scheduler such as tcp://host:8786"
-    raise ArgumentError(f"--cluster: {wanted}, got {shown(place)}")
+    raise wrong("--cluster", "local, local:N or a scheduler such as tcp://host:8786", place)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from omniscv.arguments import (
     text,
     texts,
     whole_number,
+    wrong,
 )
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, nested, optional, record
@@ -71,8 +72,7 @@ def _accuracy(name: str, value: object) -> float | None:
     try:
         return number(name, share, above=0, below=100 if percent else 1) / (100 if percent else 1)
     except ArgumentError:
-        wanted = "expected a share of the pixels, such as 0.1% or 0.001"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}") from None
+        raise wrong(name, "a share of the pixels, such as 0.1% or 0.001", value) from None
 
 
 def _names(name: str, value: object) -> tuple[str, ...]:

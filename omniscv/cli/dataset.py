@@ -192,7 +192,6 @@ def video(
     out: Annotated[str, Option(help="The MP4 file, by path or URL.")],
     camera: Annotated[str | None, Option(help="The camera, of several.")] = None,
     rate: Annotated[float, Option(help="Frames a second.")] = 30.0,
-    quality: Annotated[int, Option(min=0, max=51, help="H.264's constant rate factor: 0 best.")] = 18,
     progress: StyleOption = None,
 ) -> None:
     """Write the colour of a camera's frames as a video; players show panoramas as spheres."""
@@ -206,5 +205,5 @@ def video(
         one_of("--camera", camera, sorted({frame.camera_name for frame in every}))
     frames = [frame for frame in every if camera in (None, frame.camera_name)]
     with display("frames", progress) as show:
-        written = write_video(frames, out, rate=rate, quality=quality, progress=show.steps)
+        written = write_video(frames, out, rate=rate, progress=show.steps)
     console.line(without_secrets(written))

@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from omniscv import storage
-from omniscv.arguments import number, whole_number
+from omniscv.arguments import number
 from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
+from omniscv.progress import Steps
 
 PICTURE_SUFFIXES = ("png", "jpg")
 """Of the files that can hold the metadata."""
@@ -34,6 +35,7 @@ _JPEG_START = b"\xff\xd8"
 _JPEG_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _JPEG_JFIF = b"\xff\xe0"
 
+_RATE_FACTOR = "18"  # of H.264: 0 is lossless, 51 worst
 _MONO = 0
 _TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
 """The boxes around the sample entry of a track, outermost first."""
@@ -140,8 +142,7 @@ def write_video(
     path: str | Path,
     *,
     rate: float = 30.0,
-    quality: int = 18,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Steps | None = None,
 ) -> str | Path:
     """Write the colour of frames as an H.264 video in an MP4 file; players show panoramas as spheres.
 
@@ -149,7 +150,6 @@ def write_video(
         frames: in their order, of one camera.
         path: the file, or its URL; it appears when it is complete.
         rate: frames a second.
-        quality: the constant rate factor of H.264: 0 lossless of its YUV 4:2:0, 51 worst.
         progress: called with (frames done, frames in all).
 
     Returns:
@@ -160,7 +160,6 @@ def write_video(
             is odd, or PyAV is missing.
     """
     number("rate", rate, above=0)
-    whole_number("quality", quality, least=0, most=51)
     names = {frame.camera_name for frame in frames}
     if len(names) != 1:
         got = ", ".join(sorted(names)) or "none"
@@ -169,7 +168,7 @@ def write_video(
     if camera.width % 2 or camera.height % 2:
         wanted = "expected an even width and height, as H.264 needs"
         raise ArgumentError(f"video: {wanted}, got {camera.width} x {camera.height}")
-    data = _encoded(frames, rate, quality, progress)
+    data = _encoded(frames, rate, progress)
     if refuses(camera) is None:
         data = with_video_boxes(data)
     place = storage.file_at(path)
@@ -177,9 +176,7 @@ def write_video(
     return path
 
 
-def _encoded(
-    frames: Sequence[Frame], rate: float, quality: int, progress: Callable[[int, int], None] | None
-) -> bytes:
+def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> bytes:
     try:
         import av
     except ImportError as missing:
@@ -187,12 +184,9 @@ def _encoded(
     file = BytesIO()
     with av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001))
-        stream.width, stream.height, stream.pix_fmt = (
-            frames[0].camera.width,
-            frames[0].camera.height,
-            "yuv420p",
-        )
-        stream.options = {"crf": str(quality), "preset": "medium"}
+        stream.width, stream.height = frames[0].camera.width, frames[0].camera.height
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": _RATE_FACTOR, "preset": "medium"}
         for done, frame in enumerate(frames, start=1):
             container.mux(
                 stream.encode(av.VideoFrame.from_ndarray(uint8_colors(frame.layer("lit")), format="rgb24"))

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, get_args
 
-from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, whole_number
+from omniscv.arguments import Reader, flag, number, numbers, one_of, shown, text, whole_number, wrong
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -55,8 +55,7 @@ def _check_object(
             raise ArgumentError(f"{where}.{key}: expected a box in the image, got {shown(record[key])}")
     mask = record.get("segmentation")
     if mask is not None and mask["size"] != [height, width]:
-        wanted = f"expected a mask of {height} x {width} px"
-        raise ArgumentError(f"{where}.segmentation: {wanted}, got {shown(mask['size'])}")
+        raise wrong(f"{where}.segmentation", f"a mask of {height} x {width} px", mask["size"])
 
 
 def _check_pixels(layout: Mapping[str, Any], camera: Camera) -> None:

@@ -32,6 +32,7 @@ from omniscv.arguments import (
     texts,
     whole_number,
     within,
+    wrong,
 )
 from omniscv.calibration import load as load_cameras
 from omniscv.calibration import load_rig
@@ -90,8 +91,7 @@ _SOURCE_OPTIONS: dict[str, tuple[Reader, Any, str]] = {
 
 def _source(name: str, value: object) -> str | tuple[str, ...]:
     if not isinstance(value, str | list | tuple):
-        wanted = "expected an address, a recording, or a list of them"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "an address, a recording, or a list of them", value)
     return text(name, value) if isinstance(value, str) else texts(name, value)
 
 
@@ -118,8 +118,7 @@ class _CameraFile:
 
 def _cameras(name: str, value: object) -> dict[str, Camera]:
     if not isinstance(value, dict) or not value:
-        wanted = "expected a mapping from file stem to model and parameters, or to a calibration file"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "a mapping from file stem to model and parameters, or to a calibration file", value)
     stems(name, value, dots=True)
     cameras: dict[str, Camera] = {}
     for camera, description in value.items():
@@ -163,8 +162,7 @@ def _brackets(name: str, value: object) -> tuple[float, ...]:
     """Return stops in increasing order; none if there are none."""
     stops = numbers(name, value, (None,)).tolist() if isinstance(value, list | tuple) and value else []
     if (value and len(stops) < 2) or stops != sorted(set(stops)) or any(abs(s) > MOST_STOPS for s in stops):
-        wanted = f"expected two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]"
-        raise ArgumentError(f"{name}: {wanted}; got {shown(value)}")
+        raise wrong(name, f"two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]", value)
     return tuple(stops)
 
 
@@ -341,8 +339,7 @@ def _replaced(old: object, path: Sequence[str], new: object, name: str) -> Any:
     if key == EVERY and isinstance(old, list):
         return [_replaced(item, rest, new, below) for item in old]
     if not isinstance(old, Mapping) and (old is not None or key == EVERY):
-        wanted = f"expected something in which {'.'.join(path)} can be set"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(old)}")
+        raise wrong(name, f"something in which {'.'.join(path)} can be set", old)
     changed = dict(old or {})
     for entry in list(changed) if key == EVERY else [key]:
         changed[entry] = _replaced(changed.get(entry), rest, new, below)

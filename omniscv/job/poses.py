@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from omniscv.arguments import number, numbers, shown, text, whole_number, within
+from omniscv.arguments import number, numbers, shown, text, whole_number, within, wrong
 from omniscv.calibration.files import load_on_body
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -121,8 +121,7 @@ def read_poses(name: str, value: object) -> Posed:
         trajectory = sampling.poses()
         return Posed(trajectory.poses, trajectory.times)
     if not isinstance(value, list) or not value:
-        wanted = "expected a list of poses, poses to sample, or the name of a trajectory file"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "a list of poses, poses to sample, or the name of a trajectory file", value)
     listed = [read(_ListedPose, description, f"{name}[{i}]") for i, description in enumerate(value)]
     times = tuple(pose.time for pose in listed if pose.time is not None)
     if times and len(times) < len(listed):
@@ -164,8 +163,7 @@ def _read_waypoints(name: str, value: object) -> Trajectory:
     if isinstance(value, str):
         return read_trajectory(Path(text(name, value)), frame="object")
     if not isinstance(value, list) or not value:
-        wanted = "expected waypoints, {spline: waypoints}, or the name of a trajectory file"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "waypoints, {spline: waypoints}, or the name of a trajectory file", value)
     waypoints = [read(_Waypoint, keys, f"{name}[{i}]") for i, keys in enumerate(value)]
     untimed = [i for i, waypoint in enumerate(waypoints) if waypoint.time is None]
     if untimed and len(waypoints) > 1:
@@ -213,8 +211,7 @@ def read_times(name: str, value: object) -> Times:
     if isinstance(value, list) and value:
         return tuple(number(f"{name}[{i}]", seconds) for i, seconds in enumerate(value))
     if not isinstance(value, dict):
-        wanted = "expected a list of seconds, {start, rate, count}, or 'poses'"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "a list of seconds, {start, rate, count}, or 'poses'", value)
     return read(TimeRange, value, name)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within
+from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import cluster_starts
@@ -91,8 +91,7 @@ def read_split(name: str, value: object) -> Split:
         if split not in options
     }
     if abs(sum(shares.values()) - 1) > _TOLERANCE:
-        wanted = "expected shares whose sum is 1, such as train: 0.8, val: 0.2"
-        raise ArgumentError(f"{name}: {wanted}; got {shown(shares)}")
+        raise wrong(name, "shares whose sum is 1, such as train: 0.8, val: 0.2", shares)
     return read(Split, {"shares": shares, **options}, name)
 
 
@@ -153,8 +152,7 @@ def read_export(name: str, value: object) -> dict[str, Any]:
     """Return ``{format: NAME, OPTION: VALUE}`` of such a mapping, or of a format's name."""
     export = {"format": value} if isinstance(value, str) else value
     if not isinstance(export, Mapping) or not isinstance(export.get("format"), str):
-        wanted = "expected a format, or {format: NAME, OPTION: VALUE}"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, "a format, or {format: NAME, OPTION: VALUE}", value)
     cameras = {"cameras": texts(f"{name}.cameras", export["cameras"])} if "cameras" in export else {}
     return {**export, **cameras}
 

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, text, whole_number
+from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, text, whole_number, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
@@ -153,8 +153,7 @@ class GridPoses:
             raise ArgumentError("visible: expected it with a clearance, got none")
         ascends = bool((np.asarray(self.step) > 0).all())
         if not ascends or self._counts().prod() * len(np.asarray(self.yaws_deg)) > _MOST:
-            wanted = f"expected distances > 0 that give at most {_MOST} poses"
-            raise ArgumentError(f"step: {wanted}, got {shown(self.step)}")
+            raise wrong("step", f"distances > 0 that give at most {_MOST} poses", self.step)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
         """Return the poses that show what is to be visible.
@@ -207,8 +206,7 @@ class PathPoses:
         points = np.asarray(self.waypoints)
         steps = np.linalg.norm(np.diff(np.concatenate([points, points[:1]]), axis=0), axis=1)
         if len(points) < 2 or (steps[: None if self.closed else -1] == 0).any():
-            wanted = "expected at least two, each different from the one before"
-            raise ArgumentError(f"waypoints: {wanted}, got {shown(points)}")
+            raise wrong("waypoints", "at least two, each different from the one before", points)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
         """Return the poses and their times, from 0 s; the arguments are not used.

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from omniscv import planning
-from omniscv.arguments import shown
+from omniscv.arguments import wrong
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
@@ -65,8 +65,7 @@ def run(
         OmniscvError: as :func:`omniscv.render`; images before it are written.
     """
     if is_url(job.out) or was_url(job.out):
-        wanted = "expected a folder for images; 'omniscv dataset make' writes to a URL"
-        raise ArgumentError(f"out: {wanted}, got {shown(str(job.out))}")
+        raise wrong("out", "a folder for images; 'omniscv dataset make' writes to a URL", str(job.out))
     check(job)
     warn = warn or (lambda line: None)
     with opened(job) as (job, source):

@@ -195,7 +195,7 @@ OPTIONS = {
     "doctor": ["--position"],
     "recording": ["--json"],
     "serve": ["--size", "--fault", "--dialect", "--depth", "--latency-ms", "--seed"],
-    "chart": ["--width"],
+    "chart": ["--progress"],
 }
 """By command; a value may also stand alone."""
 
