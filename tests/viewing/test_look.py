@@ -15,11 +15,12 @@ from PIL import Image
 from support import datasets, looked
 from support.command_line import ROOT
 
+import omniscv
 from omniscv import cameras, cli, dataset
 from omniscv.errors import ArgumentError, RecordingError
 from omniscv.viewing.look import look
 from omniscv.viewing.look.directions import describe
-from omniscv.viewing.look.layers import pack
+from omniscv.viewing.look.layers import box_lines, pack
 
 KINDS = {"f4": np.float32, "u4": np.uint32, "u2": np.uint16, "i2": np.int16, "i1": np.int8, "u1": np.uint8}
 
@@ -271,3 +272,33 @@ def test_the_command_prints_the_page(truth, tmp_path, capsys):
     assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
     assert cli.run(["look", str(truth.folder), "--out", str(tmp_path / "a.txt")]) == 2
     assert "expected a file NAME.html" in capsys.readouterr().err
+
+
+WIDE = cameras.create("equirectangular", width=256, height=128)
+
+
+def points(kind, camera, record):
+    lines = np.concatenate(box_lines(kind, camera, record))
+    return lines[np.isfinite(lines).all(axis=1)]
+
+
+def test_a_box_over_the_seam_continues_at_the_left():
+    u, v = points("boxes", WIDE, {"bbox": [0, 40, 256, 30], "bbox_wrap": [240, 40, 40, 30]}).T
+    assert (v.min(), v.max()) == (40, 70)
+    assert ((u >= 240) | (u <= 24)).all()
+    assert {240, 24} <= set(u)
+
+
+@pytest.mark.parametrize("name", ["equirectangular", "noncentral-panorama"])
+def test_lines_of_a_box_in_space_end_at_its_corners(name):
+    camera, pose = cameras.model(name).example(200), omniscv.Pose.from_angles((0, 0, 1.5))
+    with omniscv.open_source("scene://four-wall") as source:
+        boxes = {"Sofa": source.geometry().boxes["Sofa"], "Table": source.geometry().boxes["Table"]}
+    seen = 0
+    for record in omniscv.truth.boxes3d(boxes, camera, pose, {"Sofa": 1, "Table": 2}):
+        lines = points("boxes3d", camera, record)
+        pixels, valid = camera.project(pose.to_camera(boxes[record["name"]].corners_w()))
+        for pixel in pixels[valid]:
+            assert np.abs(lines - pixel).max(axis=1).min() < 1e-6
+            seen += 1
+    assert seen >= 8

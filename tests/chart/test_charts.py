@@ -1,0 +1,173 @@
+"""Charts: what they measure, their files, fronts, and plain numbers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from omniscv.chart import accuracy, central, drawing, failures, sensor, stability
+from omniscv.chart.drawing import Dot, Look
+from omniscv.cli import run
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def of_docs(module, name, **changes):
+    """Return the rows of a chart in docs; ``changes`` has functions of fields that JSON does not hold."""
+    rows = json.loads((DOCS / f"{name}.json").read_text())
+    return [module.Row(**row | {key: change(row[key]) for key, change in changes.items()}) for row in rows]
+
+
+CHARTS = {
+    "chart-accuracy": (
+        accuracy,
+        lambda: of_docs(accuracy, "chart-accuracy", seconds_at=lambda at: {int(ms): at[ms] for ms in at}),
+        ("mirror ball", "the paper", accuracy.ASKED),
+    ),
+    "chart-central": (
+        central,
+        lambda: of_docs(central, "chart-central", rms=lambda rms: np.nan if rms is None else rms),
+        ("py360convert", "bilinear"),
+    ),
+    "chart-failures": (
+        failures,
+        lambda: of_docs(failures, "chart-failures")[:8],
+        ("found by the doctor",),
+    ),
+    "stability": (
+        stability,
+        lambda: stability.measure(models=["equirectangular", "octahedral"]),
+        ("octahedral",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHARTS)
+def test_charts_are_written_and_drawn(name, tmp_path):
+    module, rows, texts = CHARTS[name]
+    data, drawn, picture = module.write(rows(), tmp_path / "new")
+    assert [path.name for path in (data, drawn, picture)] == [
+        f"{name}.{kind}" for kind in ("json", "svg", "png")
+    ]
+    written = json.loads(data.read_text())
+    if (DOCS / f"{name}.json").exists():
+        assert written == json.loads((DOCS / f"{name}.json").read_text())[: len(written)]
+    assert all(text in drawn.read_text() for text in texts)
+    with Image.open(picture) as opened:
+        assert opened.width == 1600
+
+
+def test_the_front_holds_what_nothing_beats():
+    dots = [Dot("a", "", x, y) for x, y in ((1, 9), (2, 5), (2, 7), (3, 6), (4, 1), (5, 1))]
+    assert drawing.front(dots) == [dots[0], dots[1], dots[4]]
+
+
+def test_a_picture_has_the_same_bytes_every_time(tmp_path):
+    def drawn(folder):
+        figure, (axes,) = drawing.figure(1, 3.0, "The same")
+        ways = [Dot("a", "one", 1, 2, default=True), Dot("a", "two", 3, 1)]
+        drawing.dots(axes, ways, {"a": Look("#0072b2", "o", "-")})
+        return [path.read_bytes() for path in drawing.write([], figure, folder, "chart")]
+
+    assert drawn(tmp_path / "first") == drawn(tmp_path / "second")
+
+
+CAMERAS = ("panorama", "mirror ball")
+
+
+@pytest.fixture(scope="module")
+def ways():
+    """Two cameras by fewer strategies than the chart has."""
+    cameras = accuracy.cameras
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(accuracy, "cameras", lambda width: {name: cameras(width)[name] for name in CAMERAS})
+        patch.setattr(accuracy, "_NONCENTRAL", {**accuracy._NONCENTRAL, accuracy.EXACT: [("exact", None, 1)]})
+        return accuracy.measure(width=32, asked=(0.1,))
+
+
+def by_way(rows, camera):
+    return {(row.series, row.viewpoints, row.face_size): row for row in rows if row.camera == camera}
+
+
+def test_the_paper_takes_six_faces_a_centre_and_the_others_less(ways):
+    for name in CAMERAS:
+        camera = accuracy.cameras(32)[name]
+        mine = by_way(ways, name)
+        paper = mine[accuracy.PAPER, None, 8]
+        faces = 6 * len(camera.viewpoints().centers)
+        around = 0 if camera.central else 6  # in depth alone, to find which viewpoints are occluded
+        assert paper.requests == 2 * faces + around
+        assert mine[accuracy.EXACT, None, 8].requests <= paper.requests
+        assert mine[accuracy.DEFAULT, None, None].requests <= paper.requests
+        assert paper.seconds == pytest.approx(0.005 * paper.requests + 0.025 * paper.megapixels)
+        assert paper.seconds_at[30] - paper.seconds == pytest.approx(0.025 * paper.requests)
+
+
+def test_finer_faces_leave_less_doubt(ways):
+    mine = by_way(ways, "panorama")
+    doubt = [mine[accuracy.EXACT, None, size].doubtful for size in (4, 16, 64)]
+    assert doubt == sorted(doubt, reverse=True)
+    assert all(row.wrong <= row.doubtful for row in ways)
+
+
+def test_aims_are_reached(ways):
+    asked = [row for row in ways if row.aim is not None]
+    assert [row.camera for row in asked] == list(CAMERAS)
+    assert all(row.doubtful <= row.aim == 0.1 for row in asked)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return central.measure(width=64)
+
+
+def test_ours_and_the_peers_are_measured(rows):
+    ours = {(row.name, row.face_size) for row in rows if row.ours and row.map == "kept"}
+    assert ours == {(filter, size) for filter in central.FILTERS for size in (8, 16, 32)}
+    peers = {row.name for row in rows if not row.ours}
+    assert peers == {"the paper's algorithm", "py360convert", "ffmpeg v360", "cv2.remap, map ready"}
+    assert [row.face_size for row in rows if row.default] == [16, 16]  # its map kept, and new
+
+
+def test_the_papers_algorithm_is_our_nearest_filter(rows):
+    """The same faces and rays, computed apart: the same error."""
+    (paper,) = (row for row in rows if row.name == "the paper's algorithm")
+    (nearest,) = (row for row in rows if (row.name, row.face_size) == ("nearest", 16))
+    assert nearest.rms == pytest.approx(paper.rms, rel=1e-3)  # rays on the border between two pixels
+
+
+def test_ffmpeg_gets_the_faces_the_right_way_up(rows):
+    """Its bilinear image differs from ours by its fixed-point weights."""
+    (ffmpeg,) = (row for row in rows if row.name == "ffmpeg v360")
+    (bilinear, _) = (row for row in rows if (row.name, row.face_size) == ("bilinear", 16))
+    assert ffmpeg.rms == pytest.approx(bilinear.rms, rel=0.05)
+
+
+def row(name, face_size, ms, rms, **more):
+    values = {"map": "kept", "ours": name in central.FILTERS, "default": name == "bilinear", **more}
+    return central.Row(name, 64, face_size, ms=ms, rms=rms, **values)
+
+
+def test_the_title_names_sizes_speed_truth_and_front():
+    ours = [row("nearest", 16, 1, 5), row("bilinear", 16, 2, 3), row("area", 16, 4, 3.5)]
+    slower, limit = row("ffmpeg v360", 16, 8, 3.01), row("cv2.remap, map ready", 16, 0.5, np.nan)
+    start = "6 x 16\u00b2 to 64 x 32 px, bilinear: 2.0 ms, 4.0 times as fast as ffmpeg v360"
+    title = central.finding([*ours, slower, limit])
+    assert title == f"{start}; none of them is nearer to the truth. Front: nearest 16, bilinear 16"
+    title = central.finding([*ours, slower, row("py360convert", 16, 1.5, 2.97)])
+    nearer = "py360convert is nearer to the truth by 1.0%. Front: nearest 16, py360convert"
+    assert title == f"{start}; {nearer}"
+
+
+def test_measured_variances_are_those_due():
+    rows = sensor.measure(width=64)
+    assert all(row.variance == pytest.approx(row.due, rel=5 * (2 / 64**2) ** 0.5) for row in rows)
+
+
+def test_the_command_draws_it(tmp_path):
+    assert run(["chart", "sensor", "--quick", "--out", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"chart-sensor.json", "chart-sensor.svg", "chart-sensor.png"}
+    assert len(json.loads((tmp_path / "chart-sensor.json").read_text())) == 3 * 25

@@ -1,0 +1,155 @@
+"""Metadata of pictures, read by Pillow and Exiv2; videos, decoded by FFmpeg; and their boxes."""
+
+import io
+
+import av
+import cv2
+import numpy as np
+import pyexiv2
+import pytest
+from PIL import Image
+
+import omniscv
+from omniscv import dataset
+from omniscv.dataset import Frame, media
+from omniscv.dataset.media import (
+    photo_sphere_fields,
+    video_boxes,
+    with_photo_sphere,
+    with_video_boxes,
+    write_video,
+)
+from omniscv.errors import ArgumentError
+
+CAMERA = omniscv.cameras.create("equirectangular", width=64, height=32)
+POSE = omniscv.Pose.from_angles((1, 2, 1.5), yaw_deg=90, pitch_deg=-5, roll_deg=2.5)
+PIXELS = np.random.default_rng(2).integers(0, 256, (32, 64, 3), np.uint8)
+
+
+def encoded(image_format, **options):
+    file = io.BytesIO()
+    Image.fromarray(PIXELS).save(file, image_format, **options)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("image_format", ["PNG", "JPEG"])
+def test_other_programs_read_the_fields_and_the_same_pixels(tmp_path, image_format):
+    plain = encoded(image_format)
+    path = tmp_path / f"a.{image_format.lower()}"
+    path.write_bytes(with_photo_sphere(plain, photo_sphere_fields(CAMERA, POSE)))
+    with pyexiv2.Image(str(path)) as file:
+        found = {key.removeprefix("Xmp.GPano."): value for key, value in file.read_xmp().items()}
+    assert found == photo_sphere_fields(CAMERA, POSE)
+    assert {
+        "ProjectionType": "equirectangular",
+        "FullPanoWidthPixels": "64",
+        "FullPanoHeightPixels": "32",
+        "CroppedAreaImageWidthPixels": "64",
+        "CroppedAreaImageHeightPixels": "32",
+        "CroppedAreaLeftPixels": "0",
+        "CroppedAreaTopPixels": "0",
+        "PoseHeadingDegrees": "270",  # the middle looks along the world's Y, west of a north along X
+        "PosePitchDegrees": "-5",
+        "PoseRollDegrees": "2.5",
+    }.items() <= found.items()
+    with Image.open(path) as image, Image.open(io.BytesIO(plain)) as before:
+        assert b"equirectangular" in image.info["xmp"]
+        np.testing.assert_array_equal(np.asarray(image), np.asarray(before))
+
+
+@pytest.mark.parametrize(("north_deg", "heading"), [(0, "0"), (90, "90"), (-90, "270"), (725, "5")])
+def test_headings_count_from_north(north_deg, heading):
+    pose = omniscv.Pose.from_angles((0, 0, 0))
+    assert photo_sphere_fields(CAMERA, pose, north_deg)["PoseHeadingDegrees"] == heading
+
+
+def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
+    fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
+    with omniscv.open_source("scene://four-wall") as source:
+        images = {
+            each.name: omniscv.render(each, POSE, source, ("lit", "depth"), face_size=32)
+            for each in (CAMERA, fisheye)
+        }
+    with dataset.Writer(tmp_path, media={"xmp": True, "north": 10}) as writer:
+        for key, image in images.items():
+            writer.add(key, image)
+    assert dataset.check(tmp_path, deep=True) == []
+    headings = {}
+    for frame in dataset.open(tmp_path):
+        np.testing.assert_array_equal(frame.layer("lit"), images[frame.key].lit)
+        with pyexiv2.Image(str(frame.files["lit"])) as file:
+            headings[frame.key] = file.read_xmp().get("Xmp.GPano.PoseHeadingDegrees")
+    assert headings == {"equirectangular": "280", "fisheye-equidistant": None}
+    with pytest.raises(ArgumentError, match=r"media\.xmp: expected store .* png or jpg, got files and jxl"):
+        dataset.Writer(tmp_path / "other", image_format="jxl", media={"xmp": True})
+
+
+def frames(folder, model="equirectangular", count=5, width=64, height=32):
+    """Frames whose colour changes smoothly."""
+    camera = omniscv.cameras.create(model, width=width, height=height)
+    for i in range(count):
+        ramp = np.add.outer(np.arange(height) * 3, np.arange(width) * 2) + 10 * i
+        cv2.imwrite(str(folder / f"{i}.png"), np.repeat(ramp[..., None] % 256, 3, axis=2).astype(np.uint8))
+    return [
+        Frame(f"{i}", "pano", camera, POSE, {"lit": folder / f"{i}.png"}, {}, time=i / 10)
+        for i in range(count)
+    ]
+
+
+def decoded(data):
+    with av.open(io.BytesIO(data)) as container:
+        return [(frame.to_ndarray(format="rgb24"), frame.side_data) for frame in container.decode(video=0)]
+
+
+def test_the_boxes_are_those_of_the_specification():
+    expected = (
+        "0000000d737433640000000000"
+        "0000005873763364"
+        "000000147376686400000000"
+        "6f6d6e6973637600"
+        "0000003c70726f6a"
+        "000000187072686400000000000000000000000000000000"
+        "0000001c6571756900000000"
+        "00000000000000000000000000000000"
+    )
+    assert video_boxes().hex() == expected
+
+
+def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
+    path = write_video(frames(tmp_path), tmp_path / "a" / "video.mp4", rate=10)
+    data = path.read_bytes()
+    shown = decoded(data)
+    assert len(shown) == 5
+    for i, (pixels, side_data) in enumerate(shown):
+        assert {"SPHERICAL", "STEREO3D"} <= {each.type.name for each in side_data}
+        expected = cv2.imread(str(tmp_path / f"{i}.png"))[..., ::-1].astype(int)
+        smooth = (
+            np.abs(np.diff(expected, axis=1, append=0)).max(axis=2) < 9
+        )  # not where the ramp starts again
+        assert np.abs(pixels - expected)[smooth].mean() < 3  # of 256, lossy at a quality of 18
+    assert not list(tmp_path.glob("a/.*"))
+
+
+def test_tags_do_not_touch_the_pictures(tmp_path, monkeypatch):
+    plain = []
+    monkeypatch.setattr(
+        media, "with_video_boxes", lambda video: plain.append(video) or with_video_boxes(video)
+    )
+    tagged = write_video(frames(tmp_path), tmp_path / "tagged.mp4").read_bytes()
+    for (one, before), (other, after) in zip(decoded(plain[0]), decoded(tagged), strict=True):
+        np.testing.assert_array_equal(one, other)
+        assert {each.type.name for each in after} - {each.type.name for each in before} >= {"STEREO3D"}
+
+
+def test_other_cameras_have_no_sphere(tmp_path):
+    path = write_video(frames(tmp_path, "pinhole"), tmp_path / "video.mp4")
+    assert not {"SPHERICAL", "STEREO3D"} & {each.type.name for each in decoded(path.read_bytes())[0][1]}
+
+
+def test_wrong_videos_and_options_are_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="expected the frames of one camera, got none"):
+        write_video([], tmp_path / "a.mp4")
+    with pytest.raises(ArgumentError, match="expected an even width and height"):
+        write_video(frames(tmp_path, width=33), tmp_path / "a.mp4")
+    with pytest.raises(ArgumentError, match="rate: expected a finite number > 0"):
+        write_video(frames(tmp_path), tmp_path / "a.mp4", rate=0)
