@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
 from omniscv.chart.truth import traced
 from omniscv.compose.image import OmniImage
 
@@ -18,6 +17,9 @@ if TYPE_CHECKING:
 Mask = NDArray[np.bool_]
 
 _RIM_PX = 1
+_CREASE = np.cos(np.radians(20))
+_A_PIXEL = 4
+"""Steps of rays that are traced beside another within a captured pixel."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ class Errors:
     Attributes:
         depth_m: (H, W) the error of depth; 0 where both are +inf, +inf where one is.
         label: (H, W) whether the label is another one.
-        uncovered: (H, W) wrong and not marked; ``thin``: the same, of objects that have a solid narrower than
-            a capture's pixel there: it may fall between pixels.
+        uncovered: (H, W) wrong and not marked; ``thin``: the same, of what is narrower than a captured
+            pixel, such as wires and slits: it may fall between pixels.
 
     Args:
         image: with depth and object masks.
@@ -81,9 +83,7 @@ class Errors:
         unmarked = image.valid & ~image.unsure & (off | (self.label & ~image.label_edge))
         hidden = np.zeros(unmarked.shape, np.bool_)
         if focal_px is not None:
-            planar = np.abs(image.camera.unproject().directions @ image.pose.R_w_c.T).max(axis=-1)
-            for label, distance in ((hits.label, hits.distance), (labels, depth)):
-                hidden |= _narrowest_m(scene)[label] * focal_px < planar * distance
+            hidden[unmarked] = _too_thin(scene, image, unmarked, self.depth_m, focal_px)
         self.uncovered, self.thin = unmarked & ~hidden, unmarked & hidden
 
     def judgement(self) -> Judgement:
@@ -117,13 +117,34 @@ class Errors:
         )
 
 
-def _narrowest_m(scene: Scene) -> NDArray[np.float64]:
-    """Return the width of the narrowest solid of each label, metres; +inf of the sky."""
-    sizes = {RECTANGLE: (14, 15), BOX: (14, 15, 16), SPHERE: (14,), CYLINDER: (14, 16)}
-    widths = np.full(len(scene.objects) + 1, np.inf)
-    for label, row in zip(scene._labels[1:], scene.solids, strict=True):
-        widths[label] = min(widths[label], 2 * row[[*sizes[int(row[0])]]].min())
-    return widths
+def _too_thin(scene: Scene, image: OmniImage, pixels: Mask, wrong_m: NDArray[Any], focal_px: float) -> Mask:
+    """Return which of the pixels have two edges within a captured pixel of their rays: a wire, a slit.
+
+    At an edge labels change, surfaces turn by 20 degrees, or distance jumps by half of what is wrong, beyond
+    the plane of what is met before. Rays are traced along four lines through each pixel's own, a quarter of
+    a captured pixel apart.
+    """
+    rays, pose = image.camera.unproject(), image.pose
+    origins_w = np.broadcast_to(pose.to_world(rays.origins), rays.directions.shape)[pixels][:, None, None]
+    toward = rays.directions[pixels] @ pose.R_w_c.T
+    step = np.abs(toward).max(axis=-1) / focal_px / _A_PIXEL
+    turn = np.arange(4) * np.pi / 4
+    axes = np.linalg.svd(toward[:, None])[2]  # the ray, and two axes across
+    lines = np.cos(turn)[:, None] * axes[:, 1, None] + np.sin(turn)[:, None] * axes[:, 2, None]
+    offsets = step[:, None] * np.arange(-_A_PIXEL, _A_PIXEL + 1)
+    directions = toward[:, None, None] + offsets[:, None, :, None] * lines[:, :, None]
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    hits = scene.trace(np.broadcast_to(origins_w, directions.shape), directions)
+    normal, away = hits.normal[..., :-1, :], hits.distance
+    with np.errstate(invalid="ignore", divide="ignore"):
+        here = np.sum(normal * directions[..., :-1, :], axis=-1)
+        there = np.sum(normal * directions[..., 1:, :], axis=-1)
+        jump_m = np.abs(away[..., 1:] - away[..., :-1] * here / there)
+        edges = ~(jump_m <= wrong_m[pixels][:, None, None] / 2) & np.isfinite(away).any(axis=-1)[..., None]
+    edges |= hits.label[..., 1:] != hits.label[..., :-1]
+    edges |= np.sum(normal * hits.normal[..., 1:, :], axis=-1) < _CREASE
+    windows = np.lib.stride_tricks.sliding_window_view(edges, _A_PIXEL, axis=-1)
+    return np.asarray((windows.sum(axis=-1) >= 2).any(axis=(1, 2)))
 
 
 def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
@@ -135,5 +156,5 @@ def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
     for down in range(-_RIM_PX, _RIM_PX + 1):
         for across in range(-_RIM_PX, _RIM_PX + 1):
             other = np.roll(normals_w, (down, across), axis=(0, 1))
-            near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= np.cos(np.radians(20))
+            near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= _CREASE
     return image.valid & ~near & np.isfinite(image.depth if image.depth is not None else 0.0)
