@@ -22,7 +22,7 @@ from omniscv.errors import ArgumentError
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_yaml
 
 _HEADERS = re.compile(r"^%[^\n]*$|![!\w:/.]*(?:opencv|python|float|int|str|seq|map)[\w/:.-]*", re.MULTILINE)
-_NO_SPACE = re.compile(r"^(\s*[A-Za-z_][\w.]*):(?=[-+.\d\[\"'])", re.MULTILINE)
+_NO_SPACE = re.compile(r"^(\s*[A-Za-z_][\w.]*) *:(?=[-+.\d\[\"'])", re.MULTILINE)
 _SECTION = re.compile(r"^[ \t]*\[[A-Za-z/][^\]\[,]*\][ \t]*(#.*)?$", re.MULTILINE)
 _PAIR = re.compile(r"[ \t]*([A-Za-z_][\w .-]*?)[ \t]*[=:][ \t]*(.*)")
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -128,8 +129,9 @@ class Form:
             for path, node in marked(document, self.mark.split()):
                 name = next((part for part in reversed(path) if _names(part)), "cam0")
                 name = f"cam{path[-1]}" if path and isinstance(path[-1], int) else name
+                stem, numbers = name, count(len(found))
                 while name in found:
-                    name = f"cam{len(found)}" if name.startswith("cam") else f"{name}-{len(found)}"
+                    name = f"cam{next(numbers)}" if stem.startswith("cam") else f"{stem}-{next(numbers)}"
                 found[name] = node
         return found
 

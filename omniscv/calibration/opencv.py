@@ -47,7 +47,9 @@ _FOUR = "intrinsics|intrinsic|camera_intrinsics|cam_intrinsics=fx,fy,cx,cy"
 _UPRIGHT, _SKEWED = "fx,0,cx,0,fy,cy,0,0,1", "fx,s,cx,0,fy,cy,0,0,1"
 _SIZES = f"{WIDTH} {HEIGHT}"
 _WORDS = "distortion_model|distortion_type|lens_model|lens_type"
-_LOOSE_WORDS = "camera_model|model|type|model_type|camera_type|calibration_type|projection_model"
+_LOOSE_WORDS = (
+    "camera_model|model|type|model_type|camera_type|calibration_type|calibration_model|projection_model"
+)
 _FLAGS = "fisheye_model|fisheye|is_fisheye|use_fisheye"
 _PLAIN_WORDS = ("radtan", "none", "pinhole", "perspective", "frame")
 _OTHER_WORDS = (

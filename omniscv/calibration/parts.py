@@ -115,6 +115,8 @@ def kitti(content: Content) -> dict[str, Any]:
     """Return the cameras of K, D, S, R, T; and of P, the rectified ones, by ``P = K [I | offset]``."""
     cameras: dict[str, Any] = {}
     for node in mappings(content, "K_00|K_01|K_02|P_rect_00|P_rect_02|P0|P2"):
+        if node.has("K1|M1"):
+            continue  # a pair of OpenCV's
         parts, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
         upright = np.eye(4)
         if "r" in parts.get("rect00", {}):

@@ -95,9 +95,9 @@ INTRINSICS = Form("intrinsics", "RealSense, Orbbec and other depth cameras: fx, 
     word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}",
     syntax="json", finish=parts.of_others)
 
-OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder",
-    "intrinsic_matrix width height", f"- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1\n< - pinhole intrinsic_matrix={_K}",
-    size="width height", syntax="json")
+OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder; DepthAI's calibration",
+    "intrinsic_matrix width height", f"< - pinhole intrinsic_matrix={_K} {D}?=;{PLAIN} cameraType?=0\n- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1",
+    size="width height", syntax="json", harmless="^stereorectif")
 
 SENSOR = Form("sensor", "EuRoC's sensor.yaml, ASL, Kimera",
     "intrinsics camera_model|distortion_model distortion_coefficients|T_BS", """

@@ -25,6 +25,7 @@ _SPELLINGS = (
     (r"time|timestamp|t|stamp|secs?|seconds", "time"),
     (r"nsecs?|nanosecs?|nanoseconds", "nsec"),
     (r"v_rs_r_[xyz]|b_[wa]_rs_s_[xyz]|id|seq|filename|field\.header\.\w+", ""),
+    (r"frame(?:_?(?:idx|id|index|number))?|state|is_\w+|(?:vel(?:ocity)?[._]?|v_?)[xyz]", ""),
 )
 """Names of columns in lower case, and what each is; empty: nothing of a pose."""
 _MARKED = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(ns|us|ms|s|rad|deg))?")

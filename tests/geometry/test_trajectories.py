@@ -194,6 +194,18 @@ def test_a_table_of_quaternions_is_as_tum(tmp_path):
             np.testing.assert_array_equal(one.rotation, other.rotation)
 
 
+def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
+    """As programs of SLAM write them: numbers of frames, states in words, velocities."""
+    (tmp_path / "a.csv").write_text(
+        "frame_idx,timestamp,state,is_lost,x,y,z,q_x,q_y,q_z,q_w,vx,vel_y,velocity.z\n"
+        "7,0.5,2,false,1,2,3,0.1,0.5,0.5,0.7,9,9,9\n8,0.6,2,true,1,2,4,0,0,0,1,9,9,9\n"
+    )
+    read = read_trajectory(tmp_path / "a.csv")
+    assert read.times == (0.5, 0.6)
+    np.testing.assert_array_equal([pose.position for pose in read], [[1, 2, 3], [1, 2, 4]])
+    np.testing.assert_allclose(read[0].quaternion(), [0.1, 0.5, 0.5, 0.7])
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
