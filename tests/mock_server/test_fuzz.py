@@ -12,7 +12,7 @@ from support.cases import cases
 
 from mock_server.protocol import MAGIC, MAX_PAYLOAD, FrameError, frame, read_frame
 from omniscv.errors import BadReplyError
-from omniscv.sources.unreal import client
+from omniscv.sources.unreal import protocol
 
 SIZES = st.sampled_from([0, 1, 2, 7, 8, 1 << 20, MAX_PAYLOAD, MAX_PAYLOAD + 1, (1 << 31) - 1, (1 << 32) - 1])
 HEADERS = st.builds(
@@ -39,14 +39,14 @@ class Wire:
 def by_the_client(wire):
     """As the live source of omniscv reads a frame; None at the end of the stream."""
     try:
-        return client.read_frame(wire.recv)
+        return protocol.read_frame(wire.recv)
     except ConnectionError:
         return None
 
 
 both = pytest.mark.parametrize(
     ("read", "largest", "at_once"),
-    [(read_frame, MAX_PAYLOAD, 1 << 16), (by_the_client, client.MAX_PAYLOAD, 1 << 20)],
+    [(read_frame, MAX_PAYLOAD, 1 << 16), (by_the_client, protocol.MAX_PAYLOAD, 1 << 20)],
     ids=["server", "client"],
 )
 REFUSED = (FrameError, BadReplyError)

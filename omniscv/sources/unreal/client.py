@@ -12,7 +12,6 @@ import os
 import secrets
 import socket
 import stat
-import struct
 import sys
 import threading
 import time
@@ -32,7 +31,7 @@ from omniscv.errors import (
     ServerRefusedError,
     SourceError,
 )
-from omniscv.sources.unreal.protocol import VERSION, Plugin, Reply, identify, is_repeatable
+from omniscv.sources.unreal.protocol import VERSION, Plugin, Reply, identify, is_repeatable, read_frame
 
 T = TypeVar("T")
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket
@@ -45,9 +44,6 @@ _NO_TOKEN = "error Authentication required"
 _NEEDS_TOKEN = "expected a server without authentication; empty AuthToken in unrealcv.ini"
 _UNREACHABLE = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
 
-MAGIC = 0x9E2B83C1
-MAX_PAYLOAD = 1 << 30  # bytes: four times the depth of an 8192 x 8192 picture
-_HEADER = struct.Struct("<II")  # of a frame: magic and payload size; the payload follows (section 1.1)
 _FIRST_IDS = 90_000_000  # ids have up to 8 digits, so a connection has at least ten million of them
 _CLICK = b"clicked"  # sent by plugin 0.3.10 at a mouse click in the game's window; belongs to no request
 
@@ -183,32 +179,6 @@ class Client(unrealcv.Client):  # type: ignore[misc]
         if isinstance(cause, OSError):
             return ServerConnectionError(f"{expected}, but the connection broke: {cause}")
         return BadReplyError(f"{expected}, got a reply that does not belong to it: {str(cause)[:100]}")
-
-
-def read_frame(receive: Callable[[int], bytes]) -> bytes:
-    """Return the payload of the next frame, by a function such as ``socket.recv``.
-
-    Raises:
-        BadReplyError: wrong magic, an empty payload, or one larger than ``MAX_PAYLOAD``.
-        ConnectionError: the stream ends before the frame does.
-    """
-    magic, size = _HEADER.unpack(_read_exactly(receive, _HEADER.size))
-    if magic != MAGIC:
-        raise BadReplyError(f"expected a frame with magic {MAGIC:#x}, got {magic:#x}: out of step")
-    if not 0 < size <= MAX_PAYLOAD:
-        raise BadReplyError(f"expected a frame of 1 to {MAX_PAYLOAD} bytes, got one that claims {size}")
-    return _read_exactly(receive, size)
-
-
-def _read_exactly(receive: Callable[[int], bytes], size: int) -> bytes:
-    """Read so many bytes; memory grows with what arrives, not with what the header claims."""
-    data = bytearray()
-    while len(data) < size:
-        block = receive(min(1 << 20, size - len(data)))
-        if not block:
-            raise ConnectionError(f"the stream ended {size - len(data)} bytes before its frame did")
-        data += block
-    return bytes(data)
 
 
 class Connection:

@@ -1,4 +1,4 @@
-"""The text of the protocol: commands of the plugins, readers of their replies, and the dialect of a server.
+"""The protocol: frames, commands of the plugins, readers of their replies, and the dialect of a server.
 
 Readers check the numbers and names that a server sends. Versions do not identify a dialect (protocol
 reference, section 0), so the server is asked for its commands. Plugin 1.1.0 and the closed Dev build list
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,6 +30,10 @@ MAX_NAMES = 65_535
 _MAX_NAME = 1024  # characters, as in the engine
 _MAX_NUMBER = 1e9  # cm, or degrees
 _MAX_NUMBERS = 1000  # characters of all
+
+MAGIC = 0x9E2B83C1
+MAX_PAYLOAD = 1 << 30  # bytes: four times the depth of an 8192 x 8192 picture
+_HEADER = struct.Struct("<II")  # of a frame: magic and payload size; the payload follows (section 1.1)
 
 VERSION = "vget /unrealcv/version"
 SCENE = "vget /scene/name"
@@ -110,6 +115,32 @@ _IMAGES = {
 MODERN = CameraTable(_IMAGES, "fov", can_set_size=True, vertex_colors=False)
 _RAY_DEPTH = {"depth": ("depth npy", "npy ray m")}
 LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False, vertex_colors=True)
+
+
+def read_frame(receive: Callable[[int], bytes]) -> bytes:
+    """Return the payload of the next frame, by a function such as ``socket.recv``.
+
+    Raises:
+        BadReplyError: wrong magic, an empty payload, or one larger than ``MAX_PAYLOAD``.
+        ConnectionError: the stream ends before the frame does.
+    """
+    magic, size = _HEADER.unpack(_read_exactly(receive, _HEADER.size))
+    if magic != MAGIC:
+        raise BadReplyError(f"expected a frame with magic {MAGIC:#x}, got {magic:#x}: out of step")
+    if not 0 < size <= MAX_PAYLOAD:
+        raise BadReplyError(f"expected a frame of 1 to {MAX_PAYLOAD} bytes, got one that claims {size}")
+    return _read_exactly(receive, size)
+
+
+def _read_exactly(receive: Callable[[int], bytes], size: int) -> bytes:
+    """Read so many bytes; memory grows with what arrives, not with what the header claims."""
+    data = bytearray()
+    while len(data) < size:
+        block = receive(min(1 << 20, size - len(data)))
+        if not block:
+            raise ConnectionError(f"the stream ended {size - len(data)} bytes before its frame did")
+        data += block
+    return bytes(data)
 
 
 def is_repeatable(command: str) -> bool:

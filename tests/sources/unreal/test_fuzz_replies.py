@@ -18,8 +18,9 @@ from omniscv.errors import BadReplyError, ServerConnectionError
 from omniscv.geometry import Pose
 from omniscv.sources import View
 from omniscv.sources.codecs import decode, encodings
-from omniscv.sources.unreal.client import MAGIC, Client
+from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.objects import parse_color
+from omniscv.sources.unreal.protocol import MAGIC
 
 VIEW = View(Pose.from_angles((0.3, 0.2, 1.3), 40, 10), 90.0, 9, 7)
 
