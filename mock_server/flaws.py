@@ -6,6 +6,7 @@ they act on codes. Written from IEC 61966-2-1 and the engine's documentation of 
 independent of ``omniscv``.
 """
 
+import dataclasses
 import random
 import re
 from collections.abc import Callable
@@ -182,6 +183,35 @@ class Film:
                 light if self._tone == "linear" else to_srgb(_film(light) if self._tone == "film" else light)
             )
         return np.clip(np.round(255 * light), 0, 255).astype(np.uint8)
+
+
+def blended(pane: ViewHits, behind: ViewHits) -> Array:
+    """Return (H, W, 3) colours through a half transparent pane."""
+    return np.where(
+        (pane.label != behind.label)[..., None], mixed(pane.paint(), behind.paint()), pane.paint()
+    )
+
+
+def mirrored(view: ViewHits, at: Any, rays: Array, center: Array, trace: Callable[..., Any]) -> Array:
+    """Return (H, W, 3) colours where pixels ``at`` mirror what they face, with half of the light."""
+    color, normal = view.paint(), view.normal[at]
+    rays = rays[at]
+    points = center + rays * view.distance[at][:, None]
+    away = rays - 2 * (rays * normal).sum(axis=-1, keepdims=True) * normal
+    color[at] = mixed(color[at], trace(points + 1e-6 * normal, away).color)
+    return color
+
+
+def domed(view: ViewHits, rays: Array, length: Array, radius_m: float, label: int) -> ViewHits:
+    """Return the view with a sphere around the camera as background."""
+    sky = view.distance > radius_m
+    return dataclasses.replace(
+        view,
+        label=np.where(sky, label, view.label).astype(np.uint16),
+        depth=np.where(sky, radius_m / length, view.depth),
+        distance=np.where(sky, radius_m, view.distance),
+        normal=np.where(sky[..., None], -rays, view.normal),
+    )
 
 
 def mixed(first: Array, second: Array) -> Array:

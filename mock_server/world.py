@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mock_server import flaws, pixels
 from mock_server.cine import Cine
 from mock_server.faults import Faults
-from mock_server.flaws import Film, mixed
+from mock_server.flaws import Film
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
 from mock_server.pixels import ViewHits, pinhole_rays, trace_view
 from mock_server.scene import LATEST_S, Scene
@@ -264,14 +264,18 @@ class World:
         if self._glass and self._glass not in hidden:
             hidden |= {self._glass}
             behind = self._traced(camera, moment, hidden)
-            view = dataclasses.replace(behind, paint=partial(_blended, view, behind))
+            view = dataclasses.replace(behind, paint=partial(flaws.blended, view, behind))
         if moment.missing:
             rest = self._traced(camera, moment, hidden | moment.missing)
             view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
         if self._gloss:
-            view = dataclasses.replace(view, paint=partial(_mirrored, view, camera, moment, self._gloss))
+            rays, center = camera.rays()[0], camera.center_m()
+            trace = partial(moment.shown.trace, hidden=moment.hidden)
+            at = view.label == moment.shown.label(self._gloss)
+            view = dataclasses.replace(view, paint=partial(flaws.mirrored, view, at, rays, center, trace))
         if self._dome_radius < math.inf and not self._dome.hidden:
-            view = _domed(view, camera, self._dome_radius, len(self.placed_objects.scene.objects) + 1)
+            label = len(self.placed_objects.scene.objects) + 1
+            view = flaws.domed(view, *camera.rays(), self._dome_radius, label)
         return view
 
     def _left_out(self, camera: Camera, mode: str) -> frozenset[str]:
@@ -375,34 +379,3 @@ class World:
         del self._lag[key]
         self._shown[key] = pose
         return pose
-
-
-def _blended(pane: ViewHits, behind: ViewHits) -> Array:
-    """Return (H, W, 3) colours through a half transparent pane."""
-    return np.where(
-        (pane.label != behind.label)[..., None], mixed(pane.paint(), behind.paint()), pane.paint()
-    )
-
-
-def _mirrored(view: ViewHits, camera: Camera, moment: Moment, name: str) -> Array:
-    """Return (H, W, 3) colours where an object mirrors what it faces, with half of the light."""
-    color, scene = view.paint(), moment.shown
-    at = view.label == scene.label(name)
-    rays, normal = camera.rays()[0][at], view.normal[at]
-    points = camera.center_m() + rays * view.distance[at][:, None]
-    away = rays - 2 * (rays * normal).sum(axis=-1, keepdims=True) * normal
-    color[at] = mixed(color[at], scene.trace(points + 1e-6 * normal, away, moment.hidden).color)
-    return color
-
-
-def _domed(view: ViewHits, camera: Camera, radius_m: float, label: int) -> ViewHits:
-    """Return the view with a sphere around the camera as background."""
-    rays, length = camera.rays()
-    sky = view.distance > radius_m
-    return dataclasses.replace(
-        view,
-        label=np.where(sky, label, view.label).astype(np.uint16),
-        depth=np.where(sky, radius_m / length, view.depth),
-        distance=np.where(sky, radius_m, view.distance),
-        normal=np.where(sky[..., None], -rays, view.normal),
-    )
