@@ -23,7 +23,7 @@ _REMEMBERED = 64  # keys
 class Once(Protocol):
     """Returns what a function makes of captures; a name of it tells what. It may be kept."""
 
-    def __call__(self, name: str, captures: Sequence[Capture], make: Callable[[], T]) -> T: ...
+    def __call__(self, name: Hashable, captures: Sequence[Capture], make: Callable[[], T]) -> T: ...
 
 
 class ByteCache:

@@ -228,6 +228,8 @@ class Composition:
         if row.name == "lit" and self._filter == "area" and light.known(transfer, faces[0]):
             decoded = [light.decode(face, transfer) for face in faces]
             values = light.encode(sample(sampler, self._filter, decoded), transfer)
+        elif row.name == "lit" and self._task.options.seams == "keep":
+            values = sampler.sample(self._filter, faces, lambda name, make: self._once(name, captures, make))
         else:
             values = sample(sampler, self._filter, faces)
         self._canvas.put(row.name, viewpoint.pixels, values)

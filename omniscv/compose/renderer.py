@@ -18,7 +18,7 @@ from omniscv.compose.composition import Composition
 from omniscv.compose.cube import Cube
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
-from omniscv.compose.samplers import Blocks, CpuSampler, Sampler
+from omniscv.compose.samplers import Blocks, Sampler
 from omniscv.compose.seams import Mended, mend
 from omniscv.compose.slips import StraightFaces
 from omniscv.compose.vignette import POOLED, pooled_vignette
@@ -68,7 +68,7 @@ class Renderer:
         *,
         cache_bytes: int = DEFAULT_CACHE_BYTES,
         tile_bytes: int = DEFAULT_TILE_BYTES,
-        sampler: Callable[[Blocks, Array, Sequence[View]], Sampler] = CpuSampler,
+        sampler: Callable[[Blocks, Array, Sequence[View]], Sampler] = Sampler,
     ) -> None:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")

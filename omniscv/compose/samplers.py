@@ -6,9 +6,9 @@ footprints and coordinates are made again for every modality. Only layers, captu
 whole; a pass over the blocks finds the gutter and mip levels of the atlas.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,49 +33,6 @@ _TEST_STRIDE, _TESTED = 7, 1 << 16
 """Every seventh ray is tested; of more rays, about so many."""
 
 
-class Sampler(Protocol):
-    """The interface of samplers; another one may run on another device."""
-
-    def __init__(self, rays: Blocks, R_w_d: Array, views: Sequence[View]) -> None: ...
-
-    @property
-    def unseen(self) -> int:
-        """How many valid rays no view sees."""
-
-    @property
-    def minifies(self) -> bool:
-        """Whether most rays' pixels span two pixels of a view or more."""
-
-    def sample(self, filter: str, faces: Faces) -> Pixels:
-        """Return (N, ...) blended values."""
-
-    def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> SampledDepth:
-        """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
-
-    def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
-        """Return (N,) whether rays lie at a label boundary; see
-        :func:`omniscv.compose.nearest.label_edges`."""
-
-    def sample_directions(self, filter: str, faces: Faces) -> Pixels:
-        """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
-
-    def normals_from_depth(self, faces: Faces) -> Pixels:
-        """Return (N, 3) normals; see :func:`omniscv.compose.depth.normals_from_depth`."""
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes held in memory."""
-
-
-SAMPLE: dict[Interpolation, Callable[[Sampler, str, Faces], Pixels]] = {
-    "blended": lambda sampler, filter, faces: sampler.sample(filter, faces),
-    "nearest": lambda sampler, filter, faces: sampler.sample("nearest", faces),
-    "plane": lambda sampler, filter, faces: sampler.normals_from_depth(faces),
-    "direction": lambda sampler, filter, faces: sampler.sample_directions(filter, faces),
-}
-"""How modalities are sampled by their interpolation; surfaces by :meth:`Sampler.sample_depth`."""
-
-
 class _Coverage(NamedTuple):
     """How views see rays.
 
@@ -92,8 +49,12 @@ class _Coverage(NamedTuple):
     used: Mask
 
 
-class CpuSampler:
-    """Samples with OpenCV and numba.
+Keep = Callable[[Hashable, Callable[[], Pixels]], Pixels]
+"""Returns what a function makes, or what it made earlier under this name of the same pictures."""
+
+
+class Sampler:
+    """Samples with OpenCV and numba. A subclass may sample on another device.
 
     Args:
         rays: in a frame d.
@@ -118,7 +79,8 @@ class CpuSampler:
         spans = np.concatenate([_spanned_px(block, self._views[0], stride) for block in self._blocks()])
         return len(spans) > 0 and bool(np.quantile(spans, 1 - _MINIFIED_SHARE) > _MINIFIED_PX)
 
-    def sample(self, filter: str, faces: Faces) -> Pixels:
+    def sample(self, filter: str, faces: Faces, keep: Keep = lambda _, make: make()) -> Pixels:
+        """Return (N, ...) blended values; ``keep`` what the faces are laid out in."""
         few = reads_few(faces, self._coverage.rays)
         if filter == "nearest":
             pictures = faces if few else stacked(faces)
@@ -126,10 +88,14 @@ class CpuSampler:
         atlas = self._atlas(filter)
         if few and filter == "bilinear" and atlas.levels[0].gutter is None:
             return self._values(lambda block: block.sample_apart(atlas, faces))
-        picture = atlas.picture(faces, None if filter == "area" else self._coverage.used)
+        used = None if filter == "area" else self._coverage.used
+        name = "atlas", filter, atlas.shape, None if used is None else used.tobytes()
+        picture = keep(name, lambda: atlas.picture(faces, used))
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> SampledDepth:
+        """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
+
         def sample(block: _Block) -> SampledDepth:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
             return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)
@@ -137,6 +103,8 @@ class CpuSampler:
         return SampledDepth(*self._sampled(sample))
 
     def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
+        """Return (N,) marks of label boundaries; see :func:`omniscv.compose.nearest.label_edges`."""
+
         def sample(block: _Block) -> Mask:
             near = None if parallax is None else parallax[block.rays.part]
             return label_edges(boundaries, block.lookup, self._views, near)
@@ -144,15 +112,18 @@ class CpuSampler:
         return self._values(sample)
 
     def sample_directions(self, filter: str, faces: Faces) -> Pixels:
+        """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
         stack, nearest = stacked(faces), filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
     def normals_from_depth(self, faces: Faces) -> Pixels:
+        """Return (N, 3) normals; see :func:`omniscv.compose.depth.normals_from_depth`."""
         stack = stacked(faces)
         return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
 
     @property
     def nbytes(self) -> int:
+        """Bytes held in memory."""
         return 0 if self._kept is None else self._kept.nbytes
 
     def _blocks(self) -> Iterator["_Block"]:
@@ -213,12 +184,21 @@ class CpuSampler:
         return atlas
 
 
+SAMPLE: dict[Interpolation, Callable[[Sampler, str, Faces], Pixels]] = {
+    "blended": lambda sampler, filter, faces: sampler.sample(filter, faces),
+    "nearest": lambda sampler, filter, faces: sampler.sample("nearest", faces),
+    "plane": lambda sampler, filter, faces: sampler.normals_from_depth(faces),
+    "direction": lambda sampler, filter, faces: sampler.sample_directions(filter, faces),
+}
+"""How modalities are sampled by their interpolation; surfaces by :meth:`Sampler.sample_depth`."""
+
+
 class _Block:
     """A block of rays, looked up in views.
 
     Args:
         rays: in a frame d.
-        R_w_d, views: as :class:`CpuSampler`.
+        R_w_d, views: as :class:`Sampler`.
     """
 
     def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:

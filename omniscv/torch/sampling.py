@@ -19,7 +19,7 @@ from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
 from omniscv.compose.depth import DepthPictures
-from omniscv.compose.samplers import SAMPLE, CpuSampler
+from omniscv.compose.samplers import SAMPLE, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.surfaces import Precision
@@ -144,7 +144,7 @@ class ProcessorLookup:
 
     def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Array) -> None:
         self.views, rays = views, _rays_of(camera)
-        self.samplers = [CpuSampler(rays.blocks, R, views) for R in R_w_c]
+        self.samplers = [Sampler(rays.blocks, R, views) for R in R_w_c]
         self.unseen = sum(sampler.unseen for sampler in self.samplers)
 
 

@@ -9,7 +9,7 @@ import pytest
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
-from omniscv.compose.samplers import CpuSampler
+from omniscv.compose.samplers import Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, arrays
 from omniscv.sources.scene import SceneSource
@@ -63,7 +63,7 @@ def test_lookups_of_several_cameras_are_made_once_pose_by_pose():
 
     def sampler(*arguments):
         made.append(arguments)
-        return CpuSampler(*arguments)
+        return Sampler(*arguments)
 
     renderer = omniscv.Renderer(SOURCE, sampler=sampler)
     cameras = [camera for camera in CAMERAS.values() if camera.central]
