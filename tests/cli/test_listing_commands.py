@@ -1,23 +1,23 @@
-"""Commands that list and describe: jobs, scenes, places of a recording; and the shell's completion."""
+"""Commands that list and describe: help, jobs, scenes, places of a recording; and the shell's completion."""
 
 import json
 import os
 import re
 import subprocess
 import sys
-
 import numpy as np
 import pytest
 import yaml
-from support.command_line import ROOT
-
 import mock_server
+import omniscv
+from support.command_line import ROOT
 from omniscv import cameras
 from omniscv.cli import COMMANDS, run
 from omniscv.job import EXAMPLE, keys, load
 from omniscv.make import check_dataset
 from omniscv.planning import RenderOptions
 from omniscv.sources.recording.inspection import centers, info
+
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
 
@@ -139,3 +139,39 @@ def test_bash_completes_commands_and_models():
     assert function.endswith(" omniscv")
     assert commands.split() == list(COMMANDS)
     assert models.split() == ["fisheye-equidistant", "fisheye-equisolid"]
+
+
+def test_help_lists_every_command_with_its_summary(capsys):
+    assert run(["--help"]) == 0
+    text = capsys.readouterr().out
+    for name in COMMANDS:
+        assert re.search(rf"│ {name} +[A-Z]\w+", text), name
+
+
+def loaded_by(*arguments):
+    """The modules that a command line loads, in a process of its own."""
+    program = f"import sys; from omniscv.cli import run; code = run({list(arguments)!r})"
+    report = "; print(*sys.modules, file=sys.stderr); sys.exit(code)"
+    done = subprocess.run(
+        [sys.executable, "-c", program + report], capture_output=True, text=True, check=True
+    )
+    return done.stdout, set(done.stderr.split())
+
+
+HEAVY = {"numpy", "numba", "cv2", "scipy", "matplotlib", "OpenImageIO", "mock_server", "omniscv.make"}
+
+
+def test_version_loads_no_command():
+    printed, modules = loaded_by("--version")
+    assert printed == f"omniscv {omniscv.__version__}\n"
+    assert modules.isdisjoint(HEAVY | {"rich"})
+    assert modules.isdisjoint(f"omniscv.cli.{name}" for name in COMMANDS.values())
+
+
+@pytest.mark.parametrize("command", ["render", "serve"])
+def test_help_of_a_command_loads_the_module_of_that_command_alone(command):
+    _, modules = loaded_by(command, "--help")
+    assert modules.isdisjoint(HEAVY - {"mock_server"} if command == "serve" else HEAVY)
+    assert modules & {f"omniscv.cli.{name}" for name in COMMANDS.values()} == {
+        f"omniscv.cli.{COMMANDS[command]}"
+    }
