@@ -5,19 +5,20 @@ import os
 import re
 import subprocess
 import sys
+
 import numpy as np
 import pytest
 import yaml
+from support.command_line import ROOT
+
 import mock_server
 import omniscv
-from support.command_line import ROOT
 from omniscv import cameras
 from omniscv.cli import COMMANDS, run
 from omniscv.job import EXAMPLE, keys, load
 from omniscv.make import check_dataset
 from omniscv.planning import RenderOptions
 from omniscv.sources.recording.inspection import centers, info
-
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
 

@@ -1,13 +1,15 @@
 """``omniscv send``, and ``doctor --self``: what an installation lacks is found, and what to do about it."""
 
-import socket
-import pytest
-import mock_server
 import os
+import socket
 import subprocess
 import sys
-from omniscv.cli import run
+
+import pytest
 from support.command_line import ROOT
+
+import mock_server
+from omniscv.cli import run
 from omniscv.diagnostics.installation import examine_installation
 
 

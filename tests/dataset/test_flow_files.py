@@ -1,24 +1,25 @@
 """Flow as files, and datasets of worlds that move."""
 
 import json
+import shutil
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
-import mock_server
-import shutil
-from dataclasses import replace
 from support.traced_frames import channels, frame_of, traced_frame
+
+import mock_server
+from mock_server.scene_file import turned
 from omniscv import Pose, cameras, dataset, truth
 from omniscv.dataset import get
 from omniscv.dataset.formats.flow import kitti_codes
 from omniscv.errors import ArgumentError
-from omniscv.truth import Flow
-from mock_server.scene_file import turned
 from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job import load
 from omniscv.make import make
-
+from omniscv.truth import Flow
 
 SCENE = mock_server.load_scene("four-wall")
 CAMERA = cameras.create("equirectangular", width=64, height=32)

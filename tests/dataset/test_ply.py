@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-import mock_server
 from plyfile import PlyData
+from support.datasets import made
 from support.exact import distance_to_surfaces, float_source
 from support.traced_frames import frame_of, traced, traced_frame
+
+import mock_server
 from omniscv import Pose, calibration, cameras, dataset, render
 from omniscv.dataset import get
 from omniscv.errors import ArgumentError
-from support.datasets import made
 from omniscv.geometry.trajectory_files import read_trajectory
-
 
 SCENE = mock_server.load_scene("four-wall")
 CAMERA = cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=185)

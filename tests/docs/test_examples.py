@@ -4,7 +4,9 @@ import re
 import runpy
 import shutil
 import sys
+
 from support.command_line import ROOT
+
 from omniscv import dataset
 from omniscv.job import load
 from omniscv.make import make
