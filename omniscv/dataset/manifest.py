@@ -204,8 +204,11 @@ def read_cameras(cameras: Any) -> dict[str, Camera]:
 
 
 def read_names(names: Any) -> dict[str, int]:
-    """Return the instance ids of a manifest, by the names of objects."""
-    return {name: whole_number("names", number, most=MOST_IDS) for name, number in names.items()}
+    """Return the instance ids of a manifest, each another one, by the names of objects."""
+    ids = {name: whole_number("names", number, most=MOST_IDS) for name, number in names.items()}
+    if len(set(ids.values())) != len(ids):
+        raise ArgumentError("names: expected another id for each")
+    return ids
 
 
 def any_text(name: str, value: object) -> str:
@@ -230,10 +233,7 @@ def find(folder: Folder) -> Manifest | None:
     except MissingFileError:
         return None
     with _damage(f"{folder}/{DATASET}"):
-        manifest = Manifest.from_dict(parse_json(content))
-    if len(set(manifest.names.values())) != len(manifest.names):
-        raise DatasetError(f"{folder}/{DATASET}: names: expected another id for each")
-    return manifest
+        return Manifest.from_dict(parse_json(content))
 
 
 def read(out: str | Path | Folder) -> Manifest:

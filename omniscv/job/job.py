@@ -59,13 +59,6 @@ class Exposure:
         help="moves along timed poses during the exposure, or rests",
     )
 
-    def check(self, cameras: Mapping[str, Camera]) -> None:
-        """Refuse an exposure time for rolling-shutter cameras."""
-        rolling = [name for name, camera in cameras.items() if isinstance(camera, RollingShutter)]
-        if rolling and self.seconds:
-            wanted = "expected 0 for a rolling-shutter camera in a world that moves"
-            raise ArgumentError(f"exposure.seconds: {wanted}, got {self.seconds:g} for {rolling[0]!r}")
-
     def offsets(self) -> tuple[float, ...]:
         """Return seconds from the middle, that of the middle first."""
         count = self._count() if self.seconds else 1
@@ -168,16 +161,18 @@ class Job:
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         if self.poses:  # else they are to be sampled
             self._check_times()
+        rolling = [name for name, camera in self.cameras.items() if isinstance(camera, RollingShutter)]
         if self.sensor is not None:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():
                 self.sensor.check(camera)
-            rolling = any(isinstance(camera, RollingShutter) for camera in self.cameras.values())
             if self.moves and rolling and self.sensor.lateral != (0.0, 0.0):
                 wanted = "expected none of a rolling-shutter camera in a world that moves"
                 raise ArgumentError(f"sensor.lateral: {wanted}, got {list(self.sensor.lateral)}")
-        if self.moves:
-            self.exposure.check(self.cameras)
+        if self.moves and rolling and self.exposure.seconds:
+            wanted = "expected 0 for a rolling-shutter camera in a world that moves"
+            got = f"{self.exposure.seconds:g} for {rolling[0]!r}"
+            raise ArgumentError(f"exposure.seconds: {wanted}, got {got}")
         if (self.motions or self.exposure.seconds) and self.source_options.get("freeze") == "pause":
             wanted = "expected auto, puppet, batch or none for motions and exposures"
             raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
