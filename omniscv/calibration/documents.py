@@ -22,7 +22,7 @@ from omniscv.errors import ArgumentError
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_yaml
 
 _HEADERS = re.compile(r"^%[^\n]*$|![!\w:/.]*(?:opencv|python|float|int|str|seq|map)[\w/:.-]*", re.MULTILINE)
-_NO_SPACE = re.compile(r"^(\s*[A-Za-z_][\w.]*) *:(?=[-+.\d\[\"'])", re.MULTILINE)
+_NO_SPACE = re.compile(r"^([ \t]*[A-Za-z_][\w.]*) *:(?=[-+.\d\[\"'])", re.MULTILINE)
 _SECTION = re.compile(r"^[ \t]*\[[A-Za-z/][^\]\[,]*\][ \t]*(#.*)?$", re.MULTILINE)
 _PAIR = re.compile(r"[ \t]*([A-Za-z_][\w .-]*?)[ \t]*[=:][ \t]*(.*)")
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?")
@@ -172,7 +172,7 @@ def _from_xml(text: str) -> Any:
     """Return {name of the root: values}, those of OpenCV without its root; attributes are keys, too."""
     from xml.etree import ElementTree
 
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):  # entities can expand to gigabytes
+    if "<!" in re.sub(r"<!--.*?(?:-->|\Z)", "", text, flags=re.DOTALL):  # entities can expand to gigabytes
         raise ArgumentError("expected XML without <!DOCTYPE or <!ENTITY, got one of them")
     try:
         root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))

@@ -150,6 +150,8 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
         "<opencv_storage><camera_matrix>",
         XML,
         "1" * 300,  # took hours: each digit began another number of DSO's
+        "\n" * 100_000,  # minutes: each line began the blanks before a key
+        "<" + "<!--" * 100_000,  # minutes: each comment was looked for to the end
     ],
 )
 def test_hostile_text_is_refused(text):
