@@ -226,12 +226,18 @@ def _inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def _pose(folder: Path, layout: Layout, match: re.Match[str], agrees: bool = False) -> Pose | None:
+def _pose(folder: Path, layout: Layout, match: re.Match[str]) -> Pose | None:
     """Return the pose of a frame; None where it is not finite."""
-    poses = layout.poses
-    if poses is None:
+    if layout.poses is None:
         return Pose.from_angles(layout.position)
-    file = _filled(folder, poses.agrees if agrees else poses.file, match)
+    pose = _pose_in_file(_filled(folder, layout.poses.file, match), layout.poses, match)
+    if pose is None or layout.pictures != "faces":
+        return pose
+    return _pose_of_face(pose, folder, layout, match)
+
+
+def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | None:
+    """Return the pose that a file has of a frame, in our axes and metres."""
     pose: Pose | None
     with within(file.name):
         if poses.position:
@@ -249,20 +255,25 @@ def _pose(folder: Path, layout: Layout, match: re.Match[str], agrees: bool = Fal
             pose = _named(file, names)
     if pose is None:
         return None
-    R, t = (pose.R_w_c.T, -pose.R_w_c.T @ pose.position) if poses.inverse else (pose.R_w_c, pose.position)
+    pose = pose.inverse() if poses.inverse else pose
     W, C = _AXES[poses.axes]
-    R = W @ R @ C if poses.yaw_deg == 0 else turn_about_z(poses.yaw_deg) @ R
-    pose = Pose(W @ t / pictures.PER_M[poses.unit], R)
-    if layout.pictures != "faces" or agrees:
-        return pose
+    R = W @ pose.R_w_c @ C if poses.yaw_deg == 0 else turn_about_z(poses.yaw_deg) @ pose.R_w_c
+    return Pose(W @ pose.position / pictures.PER_M[poses.unit], R)
+
+
+def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str]) -> Pose:
+    """Return a face's pose, by that of the front; ArgumentError if the file of its own poses disagrees."""
     known = LAYOUTS[layout.faces]
     words = next(words for words in known.words if match["face"] in words.split()).split()
     face = known.arrangement[words.index(match["face"])]
-    pose = Pose(pose.position, pose.R_w_c @ (_FRONT.T @ face.R_w_c))
-    other = _pose(folder, layout, match, True) if poses.agrees else pose
-    if other is not None and np.abs(other.R_w_c - pose.R_w_c).max() > _SAME:
-        angle = np.degrees(Rotation.from_matrix(other.R_w_c.T @ pose.R_w_c).magnitude())
-        line = f"{_filled(folder, poses.agrees, match).name} line {int(match[poses.row]) + 1}"
+    pose = Pose(front.position, front.R_w_c @ (_FRONT.T @ face.R_w_c))
+    if layout.poses is None or not layout.poses.agrees:
+        return pose
+    file = _filled(folder, layout.poses.agrees, match)
+    own = _pose_in_file(file, layout.poses, match)
+    if own is not None and np.abs(own.R_w_c - pose.R_w_c).max() > _SAME:
+        angle = np.degrees(Rotation.from_matrix(own.R_w_c.T @ pose.R_w_c).magnitude())
+        line = f"{file.name} line {int(match[layout.poses.row]) + 1}"
         raise ArgumentError(f"{line}: expected the front's turned {face}, off by {angle:.3g} degrees")
     return pose
 
