@@ -83,7 +83,7 @@ def other_split(data):
         (
             "dataset.json",
             replaced('"Books": 2,', '"Books": 1,'),
-            "dataset.json: names: expected another id for each",
+            "dataset.json: expected a file of a dataset, got: names: expected another id for each",
         ),
         ("exports/webdataset", None, "exports/webdataset: expected an export to webdataset, it is missing"),
     ],
