@@ -2,8 +2,7 @@
 
 from mock_server.dialects.common import Dialect
 from mock_server.dialects.v0_3_10 import Plugin0310
-from mock_server.dialects.v1 import Branch52, Branch422, Plugin1
-from mock_server.dialects.v1_1 import Plugin11, PluginDev
+from mock_server.dialects.v1 import Branch52, Branch422, Plugin1, Plugin11, PluginDev
 from mock_server.settings import DialectName
 
 BY_NAME: dict[DialectName, type[Dialect]] = {
