@@ -1,4 +1,4 @@
-"""The 1.x commands: plugin 1.0.1 (dialect N1), the branches before it (M), branch 5.2 (N2), plugin 1.1.0 (N3).
+"""The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), branch 5.2 (N2), plugin 1.1.0 (N3).
 
 Plugin 1.1.0 lists its commands, and has cine cameras; on Windows it also shares memory. The closed Dev build
 adds to it, as far as it is documented: each command may be missing from a real one.
