@@ -26,8 +26,8 @@ from omniscv.make.moments import images_of, moments, renderer_at
 from omniscv.make.source import opened
 from omniscv.parallel import ahead
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
-from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.plans import Cost, cost
+from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes

@@ -23,7 +23,7 @@ from omniscv.planning.refinement import OneCenter, Refinement
 from omniscv.planning.several_centers import SeveralCenters
 from omniscv.planning.strategies import SAME_M
 from omniscv.planning.strategy import Round, Rounds, Task, pixels_of
-from omniscv.planning.strips import PIXELS_PER_REQUEST
+from omniscv.planning.views import PIXELS_PER_REQUEST
 from omniscv.render_options import Price
 from omniscv.sources.base import Request
 

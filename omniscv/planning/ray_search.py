@@ -19,11 +19,11 @@ import numpy as np
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
-from omniscv.planning.cube_faces import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
 from omniscv.planning.rays import Groups
 from omniscv.planning.strategy import Task, Viewpoint
+from omniscv.planning.views import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.sources.base import Capture, View
 
 
@@ -141,27 +141,16 @@ class Search:
         self.shell_of[rows[wrong & np.isnan(after.reach)]] = -1
         return rows[wrong]
 
-    def hidden_origins(self, most: int, worth: float) -> list[Array]:
-        """Return origins, (3,) world frame, metres, around which most rays are not certified.
-
-        Args:
-            most: origins.
-            worth: rays that there are at least around each.
-        """
+    def hidden_origin(self, worth: float) -> Array | None:
+        """Return the origin (3,), world frame, metres, around which most rays are not certified; None where
+        these are fewer than ``worth``."""
         groups, hidden = int(self.center_of.max()) + 1, self.center_of[~self.hits.sure]
         reach = max(1, groups // tuned.NEIGHBOURHOODS)
-        count = np.bincount(hidden, minlength=groups).astype(np.float64)
-        before = np.concatenate([[0.0], np.cumsum(count)])
+        before = np.concatenate([[0], np.cumsum(np.bincount(hidden, minlength=groups))])
         at = np.arange(groups)
         around = before[np.minimum(at + reach + 1, groups)] - before[np.maximum(at - reach, 0)]
-        last_of = np.full(groups, -1)
-        last_of[self.center_of] = np.arange(len(self.center_of))
-        origins_w: list[Array] = []
-        while len(origins_w) < most and around.max() >= worth:
-            best = int(np.argmax(around))
-            origins_w.append(self.origins_w[last_of[best]])
-            around[max(0, best - 2 * reach) : best + 2 * reach + 1] = 0
-        return origins_w
+        off = np.abs(self.center_of - np.argmax(around))
+        return self.origins_w[np.flatnonzero(off == off.min())[-1]] if around.max() >= worth else None
 
     def adopt_lost(self) -> None:
         """Serve rays that no depth map serves from the nearest centre, by what it sees in their direction;

@@ -16,7 +16,7 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import densities
 from omniscv.planning.densities import Footprints
-from omniscv.planning.strips import looking
+from omniscv.planning.views import looking
 
 BYTES_PER_RAY = 128
 """Memory of a pixel, by measurement, while its ray is unprojected, looked up and sampled."""

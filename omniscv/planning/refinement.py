@@ -21,11 +21,11 @@ from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import strategy, tuned
-from omniscv.planning.cube_faces import ALL_FACES, CubeFaces
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
+from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
 

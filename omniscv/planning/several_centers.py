@@ -17,7 +17,6 @@ import numpy as np
 
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import strategy, tuned
-from omniscv.planning.cube_faces import FACE_BORDER_PX
 from omniscv.planning.patches import Doubt
 from omniscv.planning.ray_marching import Hits
 from omniscv.planning.ray_search import Search, serving_all
@@ -31,6 +30,7 @@ from omniscv.planning.refinement import (
 )
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
+from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.sources.base import Capture, View
 
 _NONE = np.zeros(0, np.int64)
@@ -134,9 +134,8 @@ class SeveralCenters(Refinement):
 
     def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
-        search, task = self._search, self.task
-        centers_w, hidden = [task.pose.to_world(group.center_c) for group in groups], math.inf
-        viewpoints = [search.depth_viewpoint(center_w) for center_w in centers_w]
+        search, task, hidden = self._search, self.task, math.inf
+        viewpoints = [search.depth_viewpoint(task.pose.to_world(group.center_c)) for group in groups]
         while viewpoints:
             later = [r for viewpoint in map(serving_all, viewpoints) for r in viewpoint.requests(task.modes)]
             self.reserved = self.reserved[0] + len(later), self.reserved[1] + pixels_of(r.view for r in later)
@@ -147,18 +146,18 @@ class SeveralCenters(Refinement):
                 return False
             search.march([captures["depth"] for captures in kept])
             before, hidden = hidden, float(np.count_nonzero(~search.hits.sure))
-            helps = hidden < tuned.HIDDEN_LEFT * before
-            most = tuned.MOST_ADDED if helps and hidden > tuned.MOST_HIDDEN * self.aim else 0
-            more_w = search.hidden_origins(most, max(1.0, tuned.LEAST_PROMISED * self.aim))
-            viewpoints, views, requests = [], 0, 0
-            for viewpoint in map(search.depth_viewpoint, more_w):
-                if task.recorded is not None and not task.recorded.hold(viewpoint.views_of("depth")):
-                    continue
-                planned = [*viewpoint.requests(task.modes), *serving_all(viewpoint).requests(task.modes)]
-                requests, views = requests + len(planned), views + pixels_of(each.view for each in planned)
-                if self.full(views, requests):
-                    break
-                viewpoints.append(viewpoint)
+            if not tuned.MOST_HIDDEN * self.aim < hidden < tuned.HIDDEN_LEFT * before:
+                break
+            origin_w = search.hidden_origin(max(1.0, tuned.LEAST_PROMISED * self.aim))
+            if origin_w is None:
+                break
+            more = search.depth_viewpoint(origin_w)
+            planned = [*more.requests(task.modes), *serving_all(more).requests(task.modes)]
+            if self.full(pixels_of(request.view for request in planned), len(planned)) or not (
+                task.recorded is None or task.recorded.hold(more.views_of("depth"))
+            ):
+                break
+            viewpoints = [more]
         return True
 
     def _coarse_views(self, rows: Ints, modes: tuple[str, ...]) -> Iterator[Viewpoint]:

@@ -19,13 +19,23 @@ from omniscv import modalities
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning.cube_faces import ALL_FACES, FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.recorded_views import RecordedViews, finest, sees
 from omniscv.planning.strategy import Kept, Round, Rounds, Strategy, Task, Viewpoint
-from omniscv.planning.strips import LEAST_HALF, STEEPEST, holding_size, straight, strip_size, strip_views
+from omniscv.planning.views import (
+    ALL_FACES,
+    FACE_BORDER_PX,
+    LEAST_HALF,
+    STEEPEST,
+    CubeFaces,
+    faces_hit,
+    holding_size,
+    straight,
+    strip_size,
+    strip_views,
+)
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
 

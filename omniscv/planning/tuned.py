@@ -34,7 +34,6 @@ FINER_FACES = 1.2
 # Several optical centres: which are captured.
 MOST_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
 LEAST_PROMISED = 0.05  # of the aim: rays that a further centre must promise
-MOST_ADDED = 1  # centres that a round adds at most
 HIDDEN_LEFT = 0.95  # of the hidden rays: further centres must leave less
 NEARLY_CENTRAL = 0.05  # metres: the middle of centres so near to it serves them better than the position
 
