@@ -8,7 +8,6 @@ from omniscv.planning.strategies import (
     Auto,
     Cube,
     Exact,
-    cheapest_viewpoints,
     face_viewpoints,
 )
 from omniscv.planning.strategy import (
@@ -48,7 +47,6 @@ __all__ = [
     "Viewpoint",
     "captured",
     "captured_progress",
-    "cheapest_viewpoints",
     "drive",
     "face_viewpoints",
     "get",

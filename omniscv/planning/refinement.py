@@ -84,7 +84,6 @@ class Refinement(ABC):
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
         self.reserved = 0, 0
-        self._resolve = 1.0  # part of their worth that patches are expected to resolve
         self._requests, self._pixels, self._limited = 0, 0, False
 
     def rounds(self) -> Rounds:
@@ -118,8 +117,7 @@ class Refinement(ABC):
         return len(requests) + round(local), pixels + round(local * tuned.PATCH_PX)
 
     def _count(self, planned: Round) -> Round:
-        viewpoints = (replace(viewpoint, state=self.task.state) for viewpoint in planned.viewpoints)
-        planned = replace(planned, viewpoints=tuple(viewpoints))
+        planned = planned.changed(lambda viewpoint: replace(viewpoint, state=self.task.state))
         requests = planned.requests(self.task.modes)
         self._requests += len(requests)
         self._pixels += pixels_of(request.view for request in requests)
@@ -137,7 +135,6 @@ class Refinement(ABC):
             stuck = stuck + 1 if before - len(doubt) < tuned.LEAST_RESOLVED * promised else 0
             if stuck == tuned.PATIENCE or (len(doubt) == before and self.serves):
                 break  # for example where half floats store no depth, beyond 655 m
-            self._resolve = tuned.RESOLVE_LESS if stuck else 1.0
             before = len(doubt)
             choice = self.choice(doubt)
             if isinstance(choice, str):
@@ -195,7 +192,7 @@ class Refinement(ABC):
                 self._limited = True
                 break
             batch.append(each)
-            ms, left = ms + each.price, left - self._resolve * each.worth
+            ms, left = ms + each.price, left - each.worth
             if left <= target or ms > most_ms:
                 break
         if left > target:
@@ -274,7 +271,8 @@ class OneCenter(Refinement):
             options.face_size != "auto" or options.truth_scale > 1 or not task.capabilities.can_set_size
         )
         if base is None or one_size or not self.truth:
-            return (yield from pass_on(strategy.rounds(task)))
+            kept: Kept | None = yield from pass_on(strategy.rounds(task))
+            return kept
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
         first = self._faces(SMALLEST) or base

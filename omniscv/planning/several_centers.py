@@ -259,7 +259,7 @@ class SeveralCenters(Refinement):
             pixels = search.pixels[wrong]
             yield Round((Viewpoint(search.centers_w[0], (), pixels, modes=(), known_depth=known),))
             rows = np.union1d(rows, wrong)
-        return (yield from self._serve(rows, tuned.MASKS_READY * choice.rate, kept, again=True))
+        return (yield from self._serve(rows, choice.rate, kept, again=True))
 
     def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Ints, Kept]]:
         """Yield depth in patches and march rays again; return those of the patches, and those that coarser

@@ -69,7 +69,7 @@ class Exact(Strategy):
         """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
         captured."""
         if len(groups) > 1:
-            return cheapest_viewpoints(task, groups, around)
+            return _cheapest_viewpoints(task, groups, around)
         single = [each for group in groups if not task.shared and (each := _single_viewpoint(task, group))]
         return tuple(single) or face_viewpoints(task, groups, around)
 
@@ -236,7 +236,7 @@ def _is_available(task: Task, viewpoints: tuple[Viewpoint, ...]) -> bool:
     return task.available([view for viewpoint in viewpoints for view in viewpoint.views])
 
 
-def cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+def _cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
     """Return the viewpoints of groups of pixels with the fewest captured pixels.
 
     Strips where the source can set size and field of view, and, if it is a recording, holds them; else faces.

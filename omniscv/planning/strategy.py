@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, islice
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -112,6 +112,10 @@ class Round:
     stopped: str = ""
     instead: str = ""
 
+    def changed(self, change: Callable[[Viewpoint], Viewpoint]) -> Round:
+        """Return the round with every viewpoint changed."""
+        return replace(self, viewpoints=tuple(map(change, self.viewpoints)))
+
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures of an image in some modes, viewpoint by viewpoint."""
         return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
@@ -136,7 +140,7 @@ Rounds = Generator[Round, Kept | None, None]
 
 def pass_on(
     rounds: Rounds, change: Callable[[Round], Round] = lambda planned: planned
-) -> Generator[Round, Kept | None, Kept | None]:
+) -> Generator[Round, Kept | None, Any]:
     """Yield rounds, changed, and pass on what is sent; return what was sent for the last one."""
     kept: Kept | None = None
     with closing(rounds):
@@ -151,11 +155,6 @@ def _next(rounds: Rounds, kept: Kept | None) -> Round | None:
         return rounds.send(kept)
     except StopIteration:
         return None
-
-
-def change_viewpoints(rounds: Rounds, change: Callable[[Viewpoint], Viewpoint]) -> Rounds:
-    """Yield a strategy's rounds with every viewpoint changed; pass on what is sent."""
-    yield from pass_on(rounds, lambda each: replace(each, viewpoints=tuple(map(change, each.viewpoints))))
 
 
 def drive(rounds: Rounds, capture: Callable[[Round], Kept | None]) -> None:
@@ -371,5 +370,4 @@ def rounds(task: Task) -> Rounds:
             )
         return replace(viewpoint, truth_scale=scale, state=task.state)
 
-    changed = scale > 1 or task.state
-    return change_viewpoints(strategy.rounds(task), finish) if changed else strategy.rounds(task)
+    return pass_on(strategy.rounds(task), lambda each: each.changed(finish))

@@ -26,7 +26,6 @@ FINER = (2.0, 3.0, 4.5, 7.0, 11.0)
 COARSE_QUANTILE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
 DOUBT_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 LEAST_RESOLVED, PATIENCE = 0.15, 2  # of the pixels that patches promise, and how many rounds may miss it
-RESOLVE_LESS = 0.4  # of what patches promise, where the last ones resolved hardly anything
 MOST_ROUNDS = 12
 FINER_FACES = 1.2
 """How much more finely faces sample on the mean than patches of their focal length."""
@@ -51,8 +50,6 @@ DOUBTFUL_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
 EDGES = 0.9
 """Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
 DEPTH_ROUNDS = 4  # of depth alone
-MASKS_READY = 3.0
-"""How much more masks are worth where finer depth has just been captured for them."""
 ROOM_OF_FEW_CENTERS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
 FAR_FROM_AIM = 4.0  # times the aim: of so much doubt little is known
