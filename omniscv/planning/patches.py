@@ -17,7 +17,8 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.arrays import Floats, Ints, Mask
-from omniscv.planning.views import FACE_BORDER_PX, LEAST_HALF, holding_size, looking
+from omniscv.planning.rays import looking
+from omniscv.planning.views import FACE_BORDER_PX, LEAST_HALF, holding_size
 from omniscv.render_options import LARGEST_FACE_PX, Price
 from omniscv.sources.base import Capabilities, View
 

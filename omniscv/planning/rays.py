@@ -16,10 +16,11 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import densities
 from omniscv.planning.densities import Footprints
-from omniscv.planning.views import looking
 
 BYTES_PER_RAY = 128
 """Memory of a pixel, by measurement, while its ray is unprojected, looked up and sampled."""
+_CENTERING_STEPS = 4
+_GRAZING = 0.05  # z of a unit ray: nearer to 0 it is as good as behind the view
 _SAMPLED = 64  # pixels along each axis that are tested for rays in all octants
 
 
@@ -318,3 +319,39 @@ class RayBlock:
         if self._pixels is None:
             return values
         return np.asarray(values[self._pixels - self._rows.start * self._image.camera.width])
+
+
+def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STEPS) -> tuple[Array, Array]:
+    """Return R_w_c of a view with rays in its middle, and the tangents that hold them; infinite if none does.
+
+    Args:
+        rays: (N, 3) unit.
+        toward: (3,) about their middle.
+        axis: (3,) the view's y axis, as near as its middle allows.
+        steps: how often the middle is found again.
+    """
+    half = np.full(2, np.inf)
+    R_w_c = np.eye(3)
+    for _ in range(steps):
+        if np.linalg.norm(toward) < 1e-9:  # rays all around: no direction is their middle
+            break
+        z = toward / np.linalg.norm(toward)
+        x = cross(axis, z)
+        if np.linalg.norm(x) < 1e-9:  # looking along the axis: any row will do
+            x = cross(np.eye(3)[np.argmin(np.abs(z))], z)
+        x /= np.linalg.norm(x)
+        R_w_c = np.stack([x, cross(z, x), z], axis=1)
+        seen = rays @ R_w_c
+        if (seen[:, 2] <= _GRAZING).any():
+            return R_w_c, np.full(2, np.inf)
+        xy = seen[:, :2] / seen[:, 2:]
+        low, high = xy.min(axis=0), xy.max(axis=0)
+        half = np.maximum(-low, high)
+        toward = R_w_c @ np.append((low + high) / 2, 1.0)
+    return R_w_c, half
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross product of two vectors; numpy.cross takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

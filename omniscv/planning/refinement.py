@@ -105,10 +105,6 @@ class Refinement(ABC):
     def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
         """Yield the rounds of patches, and return what was sent for the last one."""
 
-    def steps(self, doubtful: int) -> tuple[float, ...]:
-        """Return how many times finer patches may be than what is in doubt, of so many pixels."""
-        return tuned.FINER
-
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
         requests = [request for round_ in self.rounds() for request in round_.requests(self.task.modes)]
@@ -156,7 +152,7 @@ class Refinement(ABC):
             return STUCK
         focal_px = np.concatenate([doubt.focal_px for doubt in doubts])
         coarse = float(np.quantile(focal_px, tuned.COARSE_QUANTILE))
-        lengths = [finer * coarse for finer in self.steps(len(pixels))]
+        lengths = [finer * coarse for finer in tuned.FINER]
         best: Choice | None = None
         self._limited = False
         for length in lengths:
@@ -183,7 +179,7 @@ class Refinement(ABC):
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
-        modes, left, target, ms, area = self._modes, float(count), tuned.SAFE * self.aim, 0.0, 0.0
+        modes, left, target, ms, area = self._modes, float(count), self.aim, 0.0, 0.0
         batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):

@@ -52,11 +52,6 @@ class SeveralCenters(Refinement):
         self._focal_px = float(self.focal_px[0])  # of coarse views
         self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
 
-    def steps(self, doubtful: int) -> tuple[float, ...]:
-        """Small ones at first: marched rays are known as precisely as depth, and miss patches that are much
-        finer."""
-        return tuned.FINER[:2] if doubtful > tuned.FAR_FROM_AIM * self.aim else tuned.FINER
-
     def _rounds(self) -> Rounds:
         groups = self._groups()
         if isinstance(groups, str):
@@ -120,11 +115,7 @@ class SeveralCenters(Refinement):
         planned = task if task.options.accuracy is not None else replace(task, recorded=None)
         choices: list[Groups] = []
         if task.options.viewpoints is None:
-            centers = task.rays.own_viewpoints.centers
-            middle = centers.mean(axis=0)
-            near = np.abs(centers - middle).max() <= tuned.NEARLY_CENTRAL
-            center_c = middle if near else np.zeros(3)
-            choices.append((RayGroup(center_c, np.flatnonzero(task.rays.valid), task.rays),))
+            choices.append((RayGroup(np.zeros(3), np.flatnonzero(task.rays.valid), task.rays),))
         if task.recorded is not None or not choices:
             choices.append(task.groups(tuned.INITIAL_VIEWPOINTS))
         for groups in choices:

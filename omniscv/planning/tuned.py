@@ -18,7 +18,6 @@ aim takes thousands, and from here on twice the price takes a fifth off the doub
 # Refinement, of every camera.
 ROOM = 0.029
 """Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
-SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
 LOCAL_MS = 550.0
 """Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
 PATCH_PX = 200_000  # of a typical patch
@@ -34,7 +33,6 @@ FINER_FACES = 1.2
 MOST_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
 LEAST_PROMISED = 0.05  # of the aim: rays that a further centre must promise
 HIDDEN_LEFT = 0.95  # of the hidden rays: further centres must leave less
-NEARLY_CENTRAL = 0.05  # metres: the middle of centres so near to it serves them better than the position
 
 INITIAL_VIEWPOINTS = 8
 """Optical centres that are captured first, if the options give none."""
@@ -52,4 +50,3 @@ EDGES = 0.9
 DEPTH_ROUNDS = 4  # of depth alone
 ROOM_OF_FEW_CENTERS = 1.7
 """Doubt of images from few centres, relative to that of one centre."""
-FAR_FROM_AIM = 4.0  # times the aim: of so much doubt little is known

@@ -12,7 +12,7 @@ slow on real servers; what differs is how many views a circle takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +21,9 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.geometry.arrays import Mask
 from omniscv.parallel import blocks
+from omniscv.planning.rays import cross, looking
+from omniscv.planning.strategy import Task
 from omniscv.sources.base import Capabilities, View
-
-if TYPE_CHECKING:
-    from omniscv.planning.strategy import Task
 
 ROTATIONS = tuple(R_w_c for _, R_w_c in cube_rotations())
 """(3, 3) each, camera to world, in the order of a capture."""
@@ -41,8 +40,6 @@ _EVERY = 101
 """One of so many rays is tested first: an image that looks everywhere hits all faces already with these."""
 
 _MOST_VIEWS = 12
-_CENTERING_STEPS = 4
-_GRAZING = 0.05  # z of a unit ray: nearer to 0 it is as good as behind the view
 _ROUNDING = 1e-7
 LEAST_HALF = np.tan(np.radians(0.5))  # engines take narrower views for 1 degree, in silence
 STEEPEST = np.tan(np.radians(62.0))  # farther off a view's axis pixels are stretched more than four times
@@ -244,51 +241,15 @@ def _strip(rays: Array, axis: Array) -> tuple[Array, Array]:
 def _circle(rays: Array) -> tuple[Array, Array]:
     """Return the axis of the circle that rays lie on, and their azimuths about it, from its largest gap."""
     if len(rays) < 3:
-        axis = _cross(rays[0], np.eye(3)[np.argmin(np.abs(rays[0]))])
+        axis = cross(rays[0], np.eye(3)[np.argmin(np.abs(rays[0]))])
     else:
         centered = rays - rays.mean(axis=0)
         axis = np.linalg.eigh(centered.T @ centered)[1][:, 0]
     axis = axis / np.linalg.norm(axis)
-    across = _cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across = cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)
-    azimuth = np.arctan2(rays @ _cross(axis, across), rays @ across)
+    azimuth = np.arctan2(rays @ cross(axis, across), rays @ across)
     ordered = np.sort(azimuth)
     gaps = np.diff(ordered, append=ordered[0] + 2 * np.pi)
     start = ordered[(np.argmax(gaps) + 1) % len(ordered)]
     return axis, (azimuth - start) % (2 * np.pi)
-
-
-def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STEPS) -> tuple[Array, Array]:
-    """Return R_w_c of a view with rays in its middle, and the tangents that hold them; infinite if none does.
-
-    Args:
-        rays: (N, 3) unit.
-        toward: (3,) about their middle.
-        axis: (3,) the view's y axis, as near as its middle allows.
-        steps: how often the middle is found again.
-    """
-    half = np.full(2, np.inf)
-    R_w_c = np.eye(3)
-    for _ in range(steps):
-        if np.linalg.norm(toward) < 1e-9:  # rays all around: no direction is their middle
-            break
-        z = toward / np.linalg.norm(toward)
-        x = _cross(axis, z)
-        if np.linalg.norm(x) < 1e-9:  # looking along the axis: any row will do
-            x = _cross(np.eye(3)[np.argmin(np.abs(z))], z)
-        x /= np.linalg.norm(x)
-        R_w_c = np.stack([x, _cross(z, x), z], axis=1)
-        seen = rays @ R_w_c
-        if (seen[:, 2] <= _GRAZING).any():
-            return R_w_c, np.full(2, np.inf)
-        xy = seen[:, :2] / seen[:, 2:]
-        low, high = xy.min(axis=0), xy.max(axis=0)
-        half = np.maximum(-low, high)
-        toward = R_w_c @ np.append((low + high) / 2, 1.0)
-    return R_w_c, half
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors; numpy.cross takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
