@@ -179,7 +179,7 @@ class Refinement(ABC):
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
-        modes, left, target, ms, area = self._modes, float(count), self.aim, 0.0, 0.0
+        modes, left, target, ms, area = self._modes, float(count), tuned.SAFE * self.aim, 0.0, 0.0
         batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):

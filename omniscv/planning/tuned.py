@@ -18,6 +18,7 @@ aim takes thousands, and from here on twice the price takes a fifth off the doub
 # Refinement, of every camera.
 ROOM = 0.029
 """Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
+SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
 LOCAL_MS = 550.0
 """Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
 PATCH_PX = 200_000  # of a typical patch
