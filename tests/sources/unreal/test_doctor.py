@@ -43,6 +43,11 @@ def visited(*before, change=None, scene="four-wall", **options):
 
 
 MOVING = {"scene": SCENE, "time_step_s": 0.02, "frames_per_s": 2000}
+TICKS = {
+    "scene": SCENE,
+    "time_step_s": 0.0,
+    "frames_per_s": 1.0,
+}  # a request ends a frame, and nothing else does
 
 
 def motion(**options):
@@ -136,6 +141,7 @@ PARTS = {
     "agree six-wall": agree,
     "agree open": agree,
     "motion": lambda connection, camera: MovingWorld(connection, camera).findings(),
+    "ticks": lambda connection, camera: MovingWorld(connection, camera).findings(),
 }
 SCENES = {"agree six-wall": "six-wall", "agree open": "open"}  # of the parts that are not in four-wall
 
@@ -176,7 +182,7 @@ NAMED = [
     ("vanishing@0.3", "agree", "objects where they should be", "is not shown"),
     ("glass=Sofa", "agree", "objects where they should be", "Sofa is not shown"),
     ("sky-dome=100", "agree open", "domes", "SkyDome at 100 m"),
-    ("late-objects=7", "motion", "captures follow a move", "stale ticks: "),
+    ("late-objects=7", "ticks", "captures follow a move", "stale ticks: "),
     ("ignore-pause", "motion", "world pauses", "Ball still moving"),
 ]
 REFUSED = [("refuse-mask", "Captured data is empty"), ("authentication", "Authentication required")]
@@ -199,8 +205,7 @@ def findings(part, *faults):
     scene, options = SCENES.get(part, "four-wall"), {}
     if not part.startswith("agree"):
         options["depth"] = "float32"
-    if part == "motion":
-        options |= MOVING
+    options |= {"motion": MOVING, "ticks": TICKS}.get(part, {})
     with visited(**{"scene": scene, "faults": faults, **options}) as (connection, camera):
         yield PARTS[part](connection, camera)
 
@@ -353,8 +358,7 @@ def test_a_world_that_moves_is_paused_and_left_as_it_was(dialect):
 
 @pytest.mark.parametrize(("late", "verdict"), [(2, "ok"), (5, "bad")])
 def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
-    options = {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
-    finding = motion(**options, faults=[f"late-objects={late}"])["captures follow a move"]
+    finding = motion(**TICKS, faults=[f"late-objects={late}"])["captures follow a move"]
     assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
 
 

@@ -97,11 +97,18 @@ def test_a_restart_while_colours_are_read_leaves_no_objects_out(step, game, monk
     assert not restarts
 
 
+def open_level(server, name):
+    """Open a level and wait for it: it stands in the next frame, before which a batch may be captured."""
+    server.open_level(name)
+    while server.world.scene.name != name:
+        time.sleep(0.001)
+
+
 def test_another_level_behind_the_same_connection_is_refused(game):
     """The game goes on, and so does the connection: only its level is another."""
     with omniscv.open_source(game.server.uri) as source:
         list(source.capture(REQUESTS[:6]))
-        game.server.open_level("six-wall")
+        open_level(game.server, "six-wall")
         with pytest.raises(SceneChangedError):
             list(source.capture(REQUESTS[6:12]))
 
@@ -112,8 +119,6 @@ def test_another_level_in_a_batch_of_one_tick_is_refused():
         omniscv.open_source(server.uri, freeze="batch") as source,
     ):
         list(source.capture(REQUESTS[:6]))
-        server.open_level("six-wall")
-        while server.world.scene.name != "six-wall":  # in its next frame, which a batch may be in, too
-            time.sleep(0.001)
+        open_level(server, "six-wall")
         with pytest.raises(SceneChangedError):
             list(source.capture(REQUESTS[6:12]))
