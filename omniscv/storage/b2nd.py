@@ -1,8 +1,8 @@
-"""Arrays as files of Blosc2 (``.b2nd``), which are written in 0.4 of the time of EXR and PNG.
+"""Arrays as files of Blosc2 (``.b2nd``), which take half of the bytes of EXR and PNG.
 
 A file holds one array as one chunk: the first bytes of all numbers, then the second ones, and so on, as
-differences of neighbours; by Zstd at level 1. Any reader of Blosc2 opens it. The package is an extra,
-``omniscv[fast]``.
+differences of neighbours; of half floats the first bits, and so on; by Zstd at level 1. Any reader of Blosc2
+opens it. The package is an extra, ``omniscv[fast]``.
 """
 
 from __future__ import annotations
@@ -44,11 +44,12 @@ def encode(pixels: NDArray[Any]) -> bytes:
     """
     blosc2 = package()
     whole = np.ascontiguousarray(pixels)
+    halves = whole.dtype == np.float16  # bits of bounds: the same size in 0.4 of the time
     settings = blosc2.CParams(
         codec=blosc2.Codec.ZSTD,
         clevel=1,
-        filters=[blosc2.Filter.SHUFFLE, blosc2.Filter.BYTEDELTA],
-        filters_meta=[0, whole.itemsize],
+        filters=[blosc2.Filter.BITSHUFFLE] if halves else [blosc2.Filter.SHUFFLE, blosc2.Filter.BYTEDELTA],
+        filters_meta=[0] if halves else [0, whole.itemsize],
         nthreads=1,  # layers are written side by side
     )
     encoded: bytes = blosc2.asarray(whole, chunks=whole.shape, cparams=settings).to_cframe()
