@@ -356,7 +356,10 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     for key, frame in list(frames_of(tmp_path / "d").items())[1:]:  # before the first, the server is probed
         names = gone[tuple(np.round(100 * frame.pose.position * (1, -1, 1), 1))]
         shown = np.bincount(whole[key].layer("labels").ravel(), minlength=100)
-        expected = {name for name in names if shown[whole[key].instances[name]] >= 4}
+        # A capture that was repeated, as after a late reply, may show what the first one left out.
+        here = set(frame.layer("labels").flat)
+        ids = {name: whole[key].instances[name] for name in names}
+        expected = {name for name, label in ids.items() if shown[label] >= 4 and label not in here}
         assert expected <= set(frame.watch) <= names
         found, due, marked = found + len(frame.watch), due + len(expected), marked + bool(frame.watch)
     assert found >= due > count / 10
