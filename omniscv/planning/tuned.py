@@ -11,9 +11,9 @@ FEW_CENTERS = 16
 """Optical centres, all of which take about a hundred captures at most: a face cube each."""
 DEFAULT_AIM = 0.03
 """Of ``auto`` for several optical centres."""
-DEFAULT_MOST_CAPTURES = 120
+DEFAULT_MOST_CAPTURES = 100
 """Requests of an image without an accuracy. Furnished rooms need 60 at most; in the courtyard's relief the
-aim takes thousands, and from here on twice the price takes a fifth off the doubt."""
+aim takes thousands, and from here on twice the price takes a sixth off the doubt."""
 
 # Refinement, of every camera.
 ROOM = 0.029
