@@ -23,7 +23,7 @@ from omniscv.render_options import LARGEST_FACE_PX, Price
 from omniscv.sources.base import Capabilities, View
 
 _POINTS = 1000  # rays among which views are chosen
-_CIRCLES = 200  # great circles that are tried
+_CIRCLES = 400  # great circles that are tried
 _NEARLY = 0.97  # of the best ratio: good enough
 _NEAREST, _FARTHEST = np.cos(np.radians((3.0, 70.0)))  # two rays that define one
 _STEPS = 720  # of a circle, at which windows start
