@@ -199,7 +199,8 @@ def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniIma
 
     An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
     seen before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and
-    only an object that is seen then, where nothing was before it at first, was left out.
+    only an object that is seen then, where nothing was before it at first, was left out. As far away as that
+    object may have been what hid it, and is left out now.
 
     Args:
         seen: an image with labels and depth, and the boxes of objects.
@@ -220,8 +221,10 @@ def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniIma
             again = look()
             assert again.labels is not None
             assert again.depth is not None
-            clear = np.where(depth >= (1 - _SAME) * again.depth, again.labels, 0)
-            found |= suspects & {names[label - 1] for label in visible_ids(clear) - {0}}
+            there = {names[label - 1] for label in visible_ids(again.labels) - {0}}
+            still = np.isin(seen.labels, [0, *(seen.instances.get(name, 0) for name in there)])
+            clear = (depth > (1 + _SAME) * again.depth) | ((depth >= (1 - _SAME) * again.depth) & still)
+            found |= suspects & {names[label - 1] for label in visible_ids(again.labels * clear) - {0}}
     return tuple(sorted(found))
 
 

@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from types import SimpleNamespace
 
 import fsspec
 import numpy as np
@@ -14,8 +15,10 @@ from mock_server.dialects.common import Dialect
 from omniscv import make
 from omniscv.dataset.checking import check, info
 from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.job import load
 from omniscv.job.vary import draw, read_value, uniform
+from omniscv.make.frames import left_out
 
 CAMERA = {"model": "equirectangular", "width": 32, "height": 16}
 VARY = {
@@ -369,6 +372,34 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     assert 0 < len(errors) == failed < 10
     assert all(error.startswith("watch: expected ") for error in errors)
     assert any(line.startswith("watch: the world has left objects out of") for line in lines)
+
+
+def test_what_only_a_second_look_leaves_out_does_not_show_what_was_behind_it():
+    """The door's frame is less than a thousandth farther than the door."""
+    room, pose = mock_server.load_scene("four-wall"), omniscv.Pose.from_angles((1.3427, -0.0273, 1.5102))
+    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
+    rays = camera.unproject().directions @ pose.R_w_c.T
+
+    def image(*hidden):
+        hits = room.trace(pose.position, rays.reshape(-1, 3), hidden=frozenset(hidden))
+        layers = {"depth": hits.distance.astype(np.float32), "labels": hits.label.astype(np.uint16)}
+        return SimpleNamespace(
+            camera=camera, pose=pose, **{name: layer.reshape(32, 64) for name, layer in layers.items()}
+        )
+
+    names = sorted(room.objects, key=room.label)
+    boxes = {name: ObjectBox.of(*room.box(name), "scene") for name in names}
+    labels = {name: room.label(name) for name in names}
+
+    def watched(first, again):
+        geometry = SimpleNamespace(boxes=boxes)
+        seen = SimpleNamespace(image=first, labels=first.labels, instances=labels, geometry=geometry)
+        return left_out(seen, names, lambda: again)
+
+    assert room.label("Door_Frame") in image("Door").labels
+    assert watched(image(), image("Door")) == ()
+    assert watched(image("Door_Frame", "Vase"), image("Door")) == ("Vase",)
+    assert watched(image("Door"), image()) == ("Door",)
 
 
 # -- poses that show something ---------------------------------------------------------------------------
