@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from omniscv.parallel import side_by_side
 from omniscv.planning.relief import label_relief
 from omniscv.sources.base import View
 
+_BESIDE = 1
 _ONE_SURFACE = 0.95
 """The cosine of the angle that two pixels' normals may make on one smooth surface, 18 degrees."""
 
@@ -55,31 +57,34 @@ def _take(pixels: Ints, out: Pixels, values: Pixels) -> None:
                 out[i, j] = values[count * pixels[i] + j] if pixels[i] >= 0 else 0
 
 
-def boundaries(faces: Faces) -> Mask:
-    """Return (V, h, w) whether one of a pixel's four neighbours has another value, of V masks."""
+def boundaries(faces: Faces) -> Pixels:
+    """Return (V, h, w) which neighbours of each pixel have another value, of V masks: 1 for one of the four
+    beside it, and 2 to 16 for those above left, above right, below left and below right."""
     return stacked(side_by_side(_boundary, list(faces)))
 
 
 def label_edges(
-    boundaries: Mask, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+    boundaries: Pixels, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
 ) -> Mask:
     """Return (N,) whether rays lie within a pixel of a label boundary: there the label may be the
-    neighbour's.
+    neighbour's. Of the pixels at the corners, only the nearest to a ray counts.
 
     Args:
-        boundaries: (V, h, w) of masks.
+        boundaries: (V, h, w) of masks, see :func:`boundaries`.
         lookup: of N rays.
         views: those of the masks.
         parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
     """
-    if parallax is None:
-        return sample_nearest(boundaries, lookup)
     out = np.empty(len(lookup.x), np.bool_)
+    run(_at_edge, (lookup.nearest(boundaries.shape), lookup.x, lookup.y, out), boundaries.reshape(-1))
+    if parallax is None:
+        return out
 
-    def px_to_boundary(boundary: Mask) -> Floats:
-        if not boundary.any():
+    def px_to_boundary(boundary: Pixels) -> Floats:
+        beside = boundary & np.uint8(_BESIDE)
+        if not beside.any():
             return np.full(boundary.shape, np.inf, np.float32)
-        return np.asarray(cv2.distanceTransform((~boundary).view(np.uint8), cv2.DIST_C, 3))
+        return np.asarray(cv2.distanceTransform(1 - beside, cv2.DIST_C, 3))
 
     edge_px = np.stack(side_by_side(px_to_boundary, list(boundaries)))
     projections = np.array([view.projection for view in views])
@@ -87,21 +92,35 @@ def label_edges(
     return out
 
 
-def _boundary(face: Pixels) -> Mask:
-    """Return (h, w) whether one of a pixel's four neighbours has another value, or labels are relief."""
+@njit(cache=True, nogil=True)
+def _at_edge(pixels: Ints, x: Floats, y: Floats, out: Mask, marks: Pixels) -> None:
+    for i in range(pixels.shape[0]):
+        corner = 2 * (y[i] - np.floor(y[i]) >= 0.5) + (x[i] - np.floor(x[i]) >= 0.5)
+        out[i] = pixels[i] >= 0 and (marks[pixels[i]] & (1 | 2 << corner)) != 0
+
+
+def _boundary(face: Pixels) -> Pixels:
+    """Return (h, w) what :func:`boundaries` returns of a face; where labels are relief, 1."""
     values = face.reshape(*face.shape[:2], -1)
     if face.dtype == np.uint8 and values.shape[2] == 3:  # as one number a pixel: five times as fast
         values = cv2.cvtColor(values, cv2.COLOR_RGB2RGBA).view(np.uint32)
-    across, down = values[:, 1:] != values[:, :-1], values[1:] != values[:-1]
-    if values.shape[2] > 1:
-        across, down = across.any(axis=2, keepdims=True), down.any(axis=2, keepdims=True)
-    beside = np.zeros(face.shape[:2], np.bool_)
-    beside[:, 1:] |= across[..., 0]
-    beside[:, :-1] |= across[..., 0]
-    beside[1:] |= down[..., 0]
-    beside[:-1] |= down[..., 0]
-    relief = label_relief(across[..., 0], down[..., 0], face.shape[:2])
-    return beside if relief is None else beside | relief
+    marks = np.zeros(face.shape[:2], np.uint8)
+
+    def differ(here: Any, there: Any, mark: int, back: int) -> Mask:
+        """Mark pixels that differ from others, and these."""
+        differs = values[here] != values[there]
+        other = differs.any(axis=2) if differs.shape[2] > 1 else differs[..., 0]
+        marks[here] |= other * np.uint8(mark)
+        marks[there] |= other * np.uint8(back)
+        return np.asarray(other)
+
+    first, last, every = slice(None, -1), slice(1, None), slice(None)
+    across = differ((every, first), (every, last), _BESIDE, _BESIDE)
+    down = differ((first, every), (last, every), _BESIDE, _BESIDE)
+    differ((first, first), (last, last), 16, 2)
+    differ((first, last), (last, first), 8, 4)
+    relief = label_relief(across, down, face.shape[:2])
+    return marks if relief is None else marks | relief
 
 
 @njit(cache=True, nogil=True)
@@ -112,13 +131,12 @@ def _near(
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:
-            out[i] = False
             continue
         r, c = nearest_pixel((height, width), x[i], y[i])
         fx, fy = projections[k, 0], projections[k, 1]
         u, v = (x[i] - projections[k, 2]) / fx, (y[i] - projections[k, 3]) / fy
         border = min(min(c, r), min(width - 1 - c, height - 1 - r)) + 1.0  # labels beyond it may differ
-        out[i] = min(edge_px[k, r, c], border) <= parallax[i] * max(fx, fy) * (1.0 + u * u + v * v)
+        out[i] |= min(edge_px[k, r, c], border) <= parallax[i] * max(fx, fy) * (1.0 + u * u + v * v)
 
 
 def sample_directions(faces: Faces, lookup: RayLookup, nearest: bool) -> Floats:

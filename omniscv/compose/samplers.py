@@ -102,7 +102,7 @@ class Sampler:
 
         return SampledDepth(*self._sampled(sample))
 
-    def label_edges(self, boundaries: Mask, parallax: Floats | None) -> Mask:
+    def label_edges(self, boundaries: Pixels, parallax: Floats | None) -> Mask:
         """Return (N,) marks of label boundaries; see :func:`omniscv.compose.nearest.label_edges`."""
 
         def sample(block: _Block) -> Mask:

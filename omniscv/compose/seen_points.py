@@ -72,7 +72,7 @@ class SeenPoints(NamedTuple):
         """(N,) bool, no capture verifies what the ray meets."""
         return self.known.unsure
 
-    def label_edges(self, toward: Sampler, faces: Faces, boundaries: Mask, values: Pixels) -> Mask:
+    def label_edges(self, toward: Sampler, faces: Faces, boundaries: Pixels, values: Pixels) -> Mask:
         """Return (N,) whether labels may be others than those at the points.
 
         Args:

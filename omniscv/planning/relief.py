@@ -1,12 +1,13 @@
 """Relief that is finer than a picture's pixels show: there a surface between the pixels may be anywhere that
 its neighbourhood reaches.
 
-Second differences of inverse depth are 0 on a plane. Three patterns of them, beyond what rounding makes, are
+Second differences of inverse depth are 0 on a plane. Patterns of them, beyond what rounding makes, are
 signs of relief, each seen in whole pictures before anything is sampled:
 
 - their sign changes again and again along a row or a column: bars, teeth, leaves;
 - many pixels stand out alone from their row or column: slits and wires that only some pixels meet;
-- equal steps follow each other: stairs that are sampled at nearly the same phase.
+- equal steps follow each other: stairs that are sampled at nearly the same phase;
+- values of few digits rise and fall by a rounding step or more.
 
 Labels are relief where they change again and again.
 """
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, stored_length
+from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, rounding, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
@@ -33,7 +34,9 @@ _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
 """px within which three steps are a pattern, if the least is so large a part of the largest; and by what part
-the two second differences of a step may differ."""
+the second differences at both ends of a step may differ."""
+_UNEVEN_PX, _UNEVEN = 2, 1 / 8
+"""By how much the distances of three steps differ, and by what part of their sum, if they are of a beat."""
 _NOISE, _GRAZING, _DOUBT = 3.0, 0.4, 1 / 3
 """Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps: those of a rounded
 plane are at most one. And so large a part more on planes at grazing angles, where they are at most two. The
@@ -41,6 +44,12 @@ other one exceeds a third of that."""
 _GROWN_PX, _BEAT_PX = 3, 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
+_EVERY = 200
+"""Changes of labels in a box of 16 x 16 px, from which on every pixel turns."""
+_FEW_DIGITS, _SWINGS, _SWING_PX, _SWING_STEPS = 11, 3, 48, 8.0
+"""Depth of so few significant digits, as in half floats, is relief if it turns back so often within so many
+px, by less than so many rounding steps: a rounded surface goes one way, or turns back once. More steps are an
+edge."""
 _NEAR_PX = 8
 """On every side, the neighbourhood that bounds depth."""
 
@@ -64,13 +73,18 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
         across, down: (h, w - 1) and (h - 1, w), whether neighbouring pixels differ.
         shape: h and w.
     """
-    fired = np.zeros(shape, np.uint8)
-    for changes, into, length in (
-        (across, fired[:, :-1], (WINDOW_PX, 1)),
-        (down, fired[:-1], (1, WINDOW_PX)),
+    fired, beats = np.zeros((2, *shape), np.uint8)
+    for changes, to, length in (
+        (across, (slice(None), slice(-1)), (WINDOW_PX, 1)),
+        (down, (slice(-1), slice(None)), (1, WINDOW_PX)),
     ):
-        into |= _windows(changes.view(np.uint8), length, TURNS)
-    return _grown(fired, _GROWN_PX) if fired.any() else None
+        windows = _windows(changes.view(np.uint8), length, TURNS)
+        fired[to] |= windows
+        if windows.any():
+            beats[to] |= _windows(changes.view(np.uint8), (WINDOW_PX, WINDOW_PX), _EVERY)
+    if not fired.any():
+        return None
+    return _grown(fired, _GROWN_PX) | (_grown(beats, _BEAT_PX) if beats.any() else np.False_)
 
 
 def planar_relief(capture: Capture) -> Floats | None:
@@ -83,7 +97,11 @@ def planar_relief(capture: Capture) -> Floats | None:
     depth, focal = capture.pixels, capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
     alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)
-    counts = _patterns(depth, focal, codecs.precision(capture.encoding), fired, alone, beats)
+    precision = codecs.precision(capture.encoding)
+    counts = _patterns(depth, focal, precision, fired, alone, beats)
+    if precision.digits <= _FEW_DIGITS:
+        fired |= _swings(depth, focal, precision)
+        fired |= _swings(np.ascontiguousarray(depth.T), focal, precision).T
     least = int(_LONE_SHARE * _LONE_BOX_PX[0] * _LONE_BOX_PX[1])
     for of_axis, count, box in zip(alone, counts, (_LONE_BOX_PX, _LONE_BOX_PX[::-1]), strict=True):
         if count >= least:
@@ -151,11 +169,11 @@ def _patterns(
         focal, precision: of the picture.
         fired: (h, w), pixels from the first to the last of many turns, or of three equal steps.
         alone: (2, h, w), pixels that stand out from their row, or their column.
-        beats: (h, w), pixels at the end of many turns, one at each pixel.
+        beats: (h, w), pixels at the end of many turns, one at each pixel, or of three uneven steps.
     """
     height, width = depth.shape
     rows = np.zeros((3, width), np.float32)  # 1/z above, here and below
-    x, y = np.zeros(width, np.float32), np.zeros((2, width), np.float32)
+    x, y = np.zeros(width, np.float32), np.zeros((4, width), np.float32)
     per_unit, computed = np.float32(1.0 / precision.unit_m), np.float32(_NOISE * COMPUTED * 2.0**-24)
     step_m = np.float32(_NOISE * precision.unit_m / np.float64(np.int64(1) << precision.digits))
     turns = np.zeros((2, width), np.uint8)
@@ -170,7 +188,7 @@ def _patterns(
             below[c] = np.float32(1) / max(depth[r + 1, c], np.float32(LEAST_M))
         if r < 1:
             continue
-        last, down = y[r % 2], y[(r + 1) % 2]
+        down, last, second, third = y[r % 4], y[(r - 1) % 4], y[(r - 2) % 4], y[(r - 3) % 4]
         for c in range(1, width - 1):  # vectorized
             bend_across = here[c - 1] + here[c + 1] - np.float32(2) * here[c]
             bend_down = above[c] + below[c] - np.float32(2) * here[c]
@@ -185,17 +203,23 @@ def _patterns(
         turned = 0
         for c in range(1, width - 1):
             clear_across = max(abs(x[c]), abs(x[c - 1])) > np.float32(1)
-            clear_down = max(abs(down[c]), abs(last[c])) > np.float32(1)
+            clear_down = max(abs(last[c]), abs(second[c])) > np.float32(1)
             turns[0, c] = (x[c] * x[c - 1] < np.float32(0)) & clear_across
-            turns[1, c] = (down[c] * last[c] < np.float32(0)) & clear_down
+            turns[1, c] = (last[c] * second[c] < np.float32(0)) & clear_down
             turned += turns[0, c] + turns[1, c]
         number[width] = 0
         for c in range(1, width - 1 if turned else 1):
             for axis in range(2):
                 if turns[axis, c] == 0:
                     continue
-                k, here_at = (width, c) if axis == 0 else (c, r)
-                previous, value = (x[c - 1], x[c]) if axis == 0 else (last[c], down[c])
+                if axis == 0:
+                    k, here_at = width, c
+                    earlier, previous, value, later = x[c - 2], x[c - 1], x[c], x[c + 1]
+                else:
+                    k, here_at = c, r - 1
+                    earlier, previous, value, later = third[c], second[c], last[c], down[c]
+                previous += earlier if earlier * previous > 0.0 else 0.0  # a step may end between two pixels
+                value += later if later * value > 0.0 else 0.0
                 count = number[k]
                 first = here_at
                 if count >= TURNS - 1 and here_at - at[k, (count + 1) % TURNS] < WINDOW_PX:
@@ -213,10 +237,38 @@ def _patterns(
                     alike = least >= _ALIKE * most and a * value > 0.0 and b * value > 0.0
                     if alike and here_at - step_at[k, 0] <= _STEPS:
                         first = min(first, step_at[k, 0])
+                        before, after = step_at[k, 1] - step_at[k, 0], here_at - step_at[k, 1]
+                        if abs(after - before) >= max(_UNEVEN_PX, _UNEVEN * (before + after)):
+                            beats[r, c] = 1
                     step_at[k, 0], step[k, 0] = step_at[k, 1], step[k, 1]
                     step_at[k, 1], step[k, 1] = here_at, value
                 if axis == 0:
                     fired[r, first:c] = 1
                 else:
-                    fired[first:r, c] = 1
+                    fired[first:here_at, c] = 1
     return counts[0], counts[1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _swings(depth: Floats, focal: float, precision: Precision) -> Marks:
+    """Return (h, w) where depth rises and falls along the rows, by few rounding steps."""
+    height, width = depth.shape
+    marks, at = np.zeros(depth.shape, np.uint8), np.zeros(_SWINGS, np.int64)
+    for r in range(height):
+        count, way, before = 0, 0.0, np.inf
+        for c in range(width):
+            length = stored_length(r, c, (height, width), focal, precision)
+            stored = depth[r, c] * length
+            steps = (stored - before) / (2.0 * length * rounding(depth[r, c], length, precision))
+            before = stored
+            if not abs(steps) < _SWING_STEPS:
+                count, way = 0, 0.0
+            elif abs(steps) > 0.5:
+                if steps * way < 0.0:
+                    at[count % _SWINGS] = c
+                    count += 1
+                    first = at[count % _SWINGS]
+                    if count >= _SWINGS and c - first < _SWING_PX:
+                        marks[r, first - 1 : c + 1] = 1
+                way = steps
+    return marks
