@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, rounding, stored_length
+from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
@@ -254,21 +254,30 @@ def _swings(depth: Floats, focal: float, precision: Precision) -> Marks:
     """Return (h, w) where depth rises and falls along the rows, by few rounding steps."""
     height, width = depth.shape
     marks, at = np.zeros(depth.shape, np.uint8), np.zeros(_SWINGS, np.int64)
+    stored, steps = np.zeros((2, width), np.float32)
+    per_unit, per_step = np.float32(1.0 / precision.unit_m), np.float32(1 << (precision.digits - 1))
     for r in range(height):
-        count, way, before = 0, 0.0, np.inf
-        for c in range(width):
-            length = stored_length(r, c, (height, width), focal, precision)
-            stored = depth[r, c] * length
-            steps = (stored - before) / (2.0 * length * rounding(depth[r, c], length, precision))
-            before = stored
-            if not abs(steps) < _SWING_STEPS:
-                count, way = 0, 0.0
-            elif abs(steps) > 0.5:
-                if steps * way < 0.0:
-                    at[count % _SWINGS] = c
-                    count += 1
-                    first = at[count % _SWINGS]
-                    if count >= _SWINGS and c - first < _SWING_PX:
-                        marks[r, first - 1 : c + 1] = 1
-                way = steps
+        for c in range(width):  # vectorized
+            length = np.float32(stored_length(r, c, (height, width), focal, precision))
+            stored[c] = depth[r, c] * length * per_unit
+        moved = 0
+        for c in range(1, width):  # vectorized
+            value = np.float32(stored[c])
+            power = np.int32(value.view(np.int32) & 0x7F800000)
+            steps[c] = (value - stored[c - 1]) * per_step / power.view(np.float32)
+            moved += not abs(steps[c]) <= np.float32(0.5)
+        count, way = 0, np.float32(0)
+        for c in range(1, width if moved > _SWINGS else 1):
+            if abs(steps[c]) <= np.float32(0.5):
+                continue
+            if not abs(steps[c]) < np.float32(_SWING_STEPS):
+                count, way = 0, np.float32(0)
+                continue
+            if steps[c] * way < 0.0:
+                at[count % _SWINGS] = c
+                count += 1
+                first = at[count % _SWINGS]
+                if count >= _SWINGS and c - first < _SWING_PX:
+                    marks[r, first - 1 : c + 1] = 1
+            way = steps[c]
     return marks
