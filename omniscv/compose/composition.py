@@ -1,12 +1,14 @@
 """One image, from the rounds of its plan to its layers."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import light, modalities
+from omniscv.compose.beat import compare
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
@@ -23,8 +25,9 @@ from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, reads_few, stacke
 from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
 from omniscv.planning.relief import depth_relief
 from omniscv.planning.strategies import SAME_M
-from omniscv.planning.strategy import pixels_of
+from omniscv.planning.strategy import FINER, pixels_of
 from omniscv.progress import Progress, Report
+from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Color, ObjectTable, Source, View
 
@@ -61,6 +64,7 @@ class Composition:
         self._make_sampler, self._mend, self._once, self._report = sampler_of, mend, once, report
         track = self._modes if task.options.unseen == "blank" else ()
         self._canvas = _Canvas(task.rays.valid, task.rays.origins is None, track)
+        self._finer = _Canvas(task.rays.valid, task.rays.origins is None)
         self._filter: str = task.options.filter
         self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
@@ -82,6 +86,7 @@ class Composition:
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
+                self._compare(viewpoint, captures)
             if viewpoint.keep:
                 kept.append(captures)
             self._progress += captured_progress(captures)
@@ -122,6 +127,21 @@ class Composition:
         if not blended or viewpoint.toward_w is not None:
             return "bilinear"
         return "area" if self._sampler(viewpoint, viewpoint.views).minifies else "bilinear"
+
+    def _compare(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
+        """Compose captures of another size apart, and compare them with what the image has."""
+        finer = {mode: captures[FINER + mode] for mode in COMPARED if FINER + mode in captures}
+        if not finer:
+            return
+        canvas, known, toward_w = self._canvas, viewpoint.known_depth, viewpoint.toward_w
+        self._canvas = self._finer
+        self._compose(replace(viewpoint, known_depth=None), finer)
+        self._canvas = canvas
+        if known is not None and toward_w is not None and "depth" in finer:
+            # Captured along other directions, and from the centre.
+            nearer = known.distance - np.linalg.norm(toward_w, axis=-1)
+            self._finer.flat["depth"][viewpoint.pixels] += np.where(np.isfinite(nearer), nearer, 0)
+        compare(finer, canvas.flat, self._finer.flat, viewpoint.pixels, self._task.rays.valid.shape)
 
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
@@ -281,8 +301,9 @@ class Composition:
 
     def _offsets_w(self, viewpoint: Viewpoint) -> Array | None:
         """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
-        coincide."""
-        if self._task.rays.origins is None:
+        coincide, and where depth is compared along other directions."""
+        known_ray = viewpoint.toward_w is None or viewpoint.known_depth is not None
+        if self._task.rays.origins is None or not known_ray:
             return None
         offsets_w = self._task.origins_w(viewpoint.pixels) - viewpoint.center_w
         return offsets_w if np.abs(offsets_w).max() > SAME_M else None
@@ -332,7 +353,7 @@ class _Canvas:
     def __init__(self, valid: Mask, central: bool, needed: Collection[str] = ()) -> None:
         self._valid, self._central = valid, central
         self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
-        self._flat: dict[str, NDArray[Any]] = {}
+        self.flat: dict[str, NDArray[Any]] = {}
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
@@ -340,15 +361,15 @@ class _Canvas:
         if name in self._seen:
             self._seen[name][pixels] = True
         if self._central and len(values) == self._valid.size:
-            self._flat[name] = values
+            self.flat[name] = values
         else:
             self.put_part(name, pixels, values)
 
     def put_part(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
         """Set a layer's values (N, ...) at (N,) flat indices."""
-        if name not in self._flat:
-            self._flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
-        self._flat[name][pixels] = values
+        if name not in self.flat:
+            self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
+        self.flat[name][pixels] = values
 
     def put_centers(self, pixels: Ints, centers_w: Array) -> None:
         """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
@@ -360,7 +381,7 @@ class _Canvas:
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the layers, (H, W, ...)."""
         shaped = {}
-        for name, values in self._flat.items():
+        for name, values in self.flat.items():
             shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
             if (outside := modalities.get(name).outside) or self._seen:
                 shaped[name][~self.valid] = outside

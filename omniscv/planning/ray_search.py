@@ -185,7 +185,7 @@ class Search:
             occluded: (N,) whether their own optical centres are.
         """
         center_w, toward_w = self.shells[self.shell_of[rows[0]]].center_w, self.toward_w(rows)
-        return Viewpoint(
+        viewpoint = Viewpoint(
             center_w,
             self._faces.views(center_w, faces_hit(toward_w, np.eye(3))) if views is None else views,
             self.pixels[rows],
@@ -194,6 +194,7 @@ class Search:
             occluded=occluded,
             truth_scale=self._task.options.truth_scale if views is None else 1,
         )
+        return self._task.finished(viewpoint)
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
         """Return (N, 3) from the centre of each of N rays to a point of it, metres, world frame.

@@ -22,6 +22,10 @@ _SAME_CENTER_M = 1e-3
 _SUPPORT_PX = 2.0
 """Between a ray's pixel and the edge of its view, for every filter."""
 
+_BEAT = 1.37
+"""How many times finer views of ``checks: beat`` are: no simple fraction, so that a structure that meets all
+pixels of one picture at nearly the same phase does not do so in the other."""
+
 Position = tuple[float, ...]
 
 
@@ -40,6 +44,12 @@ class Shape(NamedTuple):
     def scaled(self, factor: int) -> "Shape":
         """Return the shape with ``factor`` times as many pixels each way."""
         return self._replace(width=factor * self.width, height=factor * self.height)
+
+    def finer(self) -> "Shape":
+        """Return the shape of views that ``checks: beat`` compares with those of this one; they show at least
+        as much."""
+        width = max(self.width + 1, round(_BEAT * self.width))
+        return self._replace(width=width, height=-(-self.height * width // self.width))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,18 +124,20 @@ class RecordedViews:
             center_w: (3,) the centre.
             six: views of a cube aligned with the world, in the order of ``cube_rotations()``.
             truth_scale: how many times finer ground truth is requested. A cube that is recorded both ways
-                comes first; one that is recorded once is taken for ground truth.
+                comes first; one that is recorded once is taken for ground truth. Before them come those
+                that ``checks: beat`` recorded in a second size.
         """
         (at,) = _positions([center_w])
         requested = Shape.of(six[0])
-        best, most = tuple(six), (False, 0, 0, 0)
+        best, most = tuple(six), (False, False, 0, 0, 0)
         for cube in self._cubes_at(at):
             for shape in cube.coarse_shapes(requested, truth_scale):
                 recorded = cube.faces.get(shape.scaled(truth_scale), {})
                 if not cube.aligned and len(recorded) < len(_AXES):
                     continue
                 twice = truth_scale > 1 and shape in cube.faces
-                rank = shape == requested and cube.aligned, int(twice), len(recorded), shape.width
+                compared = shape.scaled(truth_scale).finer() in cube.faces
+                rank = shape == requested and cube.aligned, compared, int(twice), len(recorded), shape.width
                 if rank > most:
                     most = rank
                     best = tuple(

@@ -79,7 +79,7 @@ class Refinement(ABC):
         self.price = Price(*options.capture_ms)
         self.truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
         self.colors = tuple(mode for mode in task.modes if mode not in self.truth)
-        self._modes = max(1, len(self.truth))  # that a patch is captured in
+        self._modes = max(1, len(self.truth)) * (1 + (options.checks == "beat"))  # captures of a patch
         self.aim = task.aim * task.rays.valid_count
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
@@ -113,7 +113,7 @@ class Refinement(ABC):
         return len(requests) + round(local), pixels + round(local * tuned.PATCH_PX)
 
     def _count(self, planned: Round) -> Round:
-        planned = planned.changed(lambda viewpoint: replace(viewpoint, state=self.task.state))
+        planned = planned.changed(self.task.finished)
         requests = planned.requests(self.task.modes)
         self._requests += len(requests)
         self._pixels += pixels_of(request.view for request in requests)

@@ -128,11 +128,12 @@ class SeveralCenters(Refinement):
         search, task, hidden = self._search, self.task, math.inf
         viewpoints = [search.depth_viewpoint(task.pose.to_world(group.center_c)) for group in groups]
         while viewpoints:
-            later = [r for viewpoint in map(serving_all, viewpoints) for r in viewpoint.requests(task.modes)]
+            serving = Round(tuple(map(serving_all, viewpoints))).changed(task.finished)
+            later = serving.requests(task.modes)
             self.reserved = self.reserved[0] + len(later), self.reserved[1] + pixels_of(r.view for r in later)
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
-                yield Round(tuple(map(serving_all, viewpoints)))
+                yield serving
                 self.expected_ms = self.local_ms(tuned.ROOM_OF_FEW_CENTERS * tuned.ROOM)
                 return False
             search.march([captures["depth"] for captures in kept])
@@ -143,7 +144,7 @@ class SeveralCenters(Refinement):
             if origin_w is None:
                 break
             more = search.depth_viewpoint(origin_w)
-            planned = [*more.requests(task.modes), *serving_all(more).requests(task.modes)]
+            planned = [*more.requests(task.modes), *task.finished(serving_all(more)).requests(task.modes)]
             if self.full(pixels_of(request.view for request in planned), len(planned)) or not (
                 task.recorded is None or task.recorded.hold(more.views_of("depth"))
             ):

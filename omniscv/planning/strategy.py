@@ -15,19 +15,21 @@ import numpy as np
 
 from omniscv import modalities, plugins
 from omniscv.arguments import one_of
-from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.geometry.pose import rotated
 from omniscv.planning import tuned
 from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
-from omniscv.planning.recorded_views import RecordedViews
+from omniscv.planning.recorded_views import RecordedViews, Shape
 from omniscv.progress import Progress
-from omniscv.render_options import RenderOptions
+from omniscv.render_options import COMPARED, RenderOptions
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
+FINER = "finer "
+"""Before the mode of captures that are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,7 @@ class Viewpoint:
             None: not judged.
         truth_scale: set by :func:`omniscv.planning.rounds` for every strategy.
         state: of the world in which captures are made; set as well.
+        compared: whether depth and masks are captured in a second, finer size, too; set as well.
     """
 
     center_w: Array
@@ -65,10 +68,20 @@ class Viewpoint:
     unsure: Mask | None = None
     truth_scale: int = 1
     state: str = ""
+    compared: bool = False
 
     def views_of(self, mode: str) -> tuple[View, ...]:
         """Return the views that are captured in a mode."""
         return self._scaled(self._scale(mode))
+
+    def finer(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures that are compared with those of ground truth; none where nothing is."""
+        if not self.compared:
+            return []
+        names = [modalities.get(mode).name for mode in (modes if self.modes is None else self.modes)]
+        shapes = [(view, Shape.of(view).finer()) for view in self._scaled(self.truth_scale)]
+        views = [replace(view, width=width, height=height) for view, (width, height, _) in shapes]
+        return [Request(view, mode, self.state) for view in views for mode in COMPARED if mode in names]
 
     def requests(self, modes: Sequence[str]) -> list[Request]:
         """Return the captures for an image in some modes.
@@ -89,7 +102,7 @@ class Viewpoint:
             for view in self._scaled(scale)
             for mode in captured
             if self._scale(mode) == scale
-        ]
+        ] + self.finer(modes)
 
     def _scale(self, mode: str) -> int:
         return self.truth_scale if modalities.get(mode).truth else 1
@@ -175,6 +188,8 @@ def captured(
 ) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
     """Capture a round, and yield its viewpoints with their captures by mode, in the views' order.
 
+    Those that are compared are under ``FINER`` and the mode.
+
     Args:
         round_: what to capture.
         source: where captures come from; requests are read ahead as far as it pipelines.
@@ -188,8 +203,10 @@ def captured(
     captures = iter(source.capture(request for requests in missing for request in requests))
     for viewpoint, requests in zip(round_.viewpoints, missing, strict=True):
         by_mode: dict[str, list[Capture]] = {}
-        for capture in islice(captures, len(requests)):
-            by_mode.setdefault(capture.mode, []).append(capture)
+        finer = frozenset(viewpoint.finer(modes))
+        for request, capture in zip(requests, islice(captures, len(requests)), strict=False):
+            mode = (FINER if request in finer else "") + capture.mode
+            by_mode.setdefault(mode, []).append(capture)
         if (count := sum(map(len, by_mode.values()))) < len(requests):
             raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
         yield viewpoint, by_mode
@@ -272,6 +289,23 @@ class Task:
         if self.options.accuracy is not None or self.options.strategy != "auto" or self.rays.one_center:
             return self.options.accuracy
         return tuned.DEFAULT_AIM if self.scattered or len(self.rays.groups()) > tuned.FEW_CENTERS else None
+
+    def finished(self, viewpoint: Viewpoint) -> Viewpoint:
+        """Return a viewpoint in the task's state of the world, compared if the options ask for it.
+
+        Raises:
+            ArgumentError, MissingCaptureError: the source cannot capture what is compared, or has no record.
+        """
+        compared = self.options.checks == "beat" and (len(viewpoint.pixels) > 0 or not viewpoint.keep)
+        finished = replace(viewpoint, state=self.state, compared=compared)
+        finer = [request.view for request in finished.finer(COMPARED)]
+        if finer and not self.capabilities.can_set_size:
+            raise ArgumentError("checks: expected none or light of a source of one size, got beat")
+        recorded = self.recorded if finer else None
+        if recorded is not None and self.available(viewpoint.views) and not recorded.hold(finer):
+            expected = "checks: expected a recording that holds ground truth in a second size for 'beat'"
+            raise MissingCaptureError(f"{expected}, got one size", None, "record with checks=beat")
+        return finished
 
     def border(self, default: int) -> int:
         """Return how much wider views are on every side, px."""
@@ -368,6 +402,6 @@ def rounds(task: Task) -> Rounds:
                 f"truth_scale: expected views of at most {_LARGEST_PX} px, got {scale} x {largest}; "
                 "give a smaller face_size or truth_scale"
             )
-        return replace(viewpoint, truth_scale=scale, state=task.state)
+        return task.finished(replace(viewpoint, truth_scale=scale))
 
     return pass_on(strategy.rounds(task), lambda each: each.changed(finish))

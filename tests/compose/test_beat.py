@@ -1,0 +1,103 @@
+"""``checks: beat``: structures that one size of captures hides are marked, and ordinary rooms hardly more."""
+
+import numpy as np
+import pytest
+from support.judged import Errors
+from support.relief import MODES, Traced, judged, world
+
+import mock_server
+import omniscv
+from omniscv.cameras import create
+from omniscv.cli import run
+from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.geometry import Pose
+from omniscv.sources.base import Capabilities
+from omniscv.sources.recording import RecordedSource
+from omniscv.sources.scene import SceneSource, open_scene
+
+POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20)
+AHEAD = Pose(
+    np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ Pose.from_angles((0, 0, 0), yaw_deg=0.7).R_w_c
+)
+PANORAMA = create("equirectangular", 128, 64)
+BARS = """
+room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
+  walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}]}}
+objects: {{Bars: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
+"""
+PITCH_M = 0.0521  # a pixel of the faces: they show a smooth wall
+
+
+@pytest.mark.parametrize(("kind", "px"), [("fence", 1.0), ("logs", 1.05)])
+def test_a_beat_is_marked(kind, px):
+    scene, camera = world(kind, px, 21, 0.0), create("fisheye-equidistant", 120, 120, fov_deg=70)
+
+    def unmarked(checks):
+        image = omniscv.render(camera, AHEAD, Traced(scene), MODES, face_size=384, checks=checks)
+        return judged(image, scene)[:2]
+
+    assert max(unmarked("none")) > 0.2
+    assert max(unmarked("beat")) <= 0.005
+
+
+@pytest.mark.parametrize("options", [{}, {"accuracy": 0.03}])
+def test_a_beat_is_marked_or_captured_finer(tmp_path, options):
+    at = np.arange(-2.5, 2.5, PITCH_M)
+    bars = (f"{{box: [0.02, {0.6 * PITCH_M:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)
+    path = tmp_path / "bars.yaml"
+    path.write_text(BARS.format(", ".join(bars)))
+    scene, wrong, doubtful = mock_server.load_scene(str(path)), {}, {}
+    with omniscv.open_source(f"scene://{path}") as source:
+        for checks in ("none", "beat"):
+            image = omniscv.render(PANORAMA, POSE, source, MODES, face_size=96, checks=checks, **options)
+            wrong[checks] = Errors(image, scene).uncovered[image.valid].mean()
+            doubtful[checks] = image.doubtful
+    assert wrong["none"] > 0.01
+    assert wrong["beat"] <= 0.001
+    assert doubtful["beat"] <= options.get("accuracy", 1)
+
+
+@pytest.mark.parametrize("scene", ["four-wall", "six-wall", "fence"])
+@pytest.mark.parametrize("camera", [PANORAMA, create("noncentral-panorama", 64, 32, radius=0.3)])
+def test_rooms_are_hardly_marked_more(scene, camera):
+    with omniscv.open_source(f"scene://{scene}") as source:
+        once, twice = (
+            omniscv.render(camera, POSE, source, ("lit", *MODES), checks=checks)
+            for checks in ("none", "beat")
+        )
+    assert twice.doubtful <= once.doubtful + 0.003
+    if camera.central:  # each of two truths twice, the second time with 1.37 times the pixels each way
+        assert twice.effort.captures == once.effort.captures * 5 / 3
+        assert twice.effort.megapixels == pytest.approx(
+            once.effort.megapixels * (1 + 2 / 3 * 1.37**2), rel=0.01
+        )
+
+
+def test_a_recording_replays_what_it_was_made_with(tmp_path):
+    record = ["record", "--source", "scene://six-wall", "--position", "0.13,-0.21,1.47"]
+    for name in ("beat", "none"):
+        out = str(tmp_path / f"{name}.sqlite")
+        assert run([*record, "--set", "face_size=64", "--set", f"checks={name}", "--out", out]) == 0
+    live = omniscv.render(PANORAMA, POSE, open_scene("scene://six-wall"), MODES, face_size=64, checks="beat")
+    with RecordedSource(tmp_path / "beat.sqlite") as source:
+        replayed = omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
+        plain = omniscv.render(PANORAMA, POSE, source, ("lit", *MODES))
+    for layer in ("depth_error", "label_edge"):
+        np.testing.assert_array_equal(replayed[layer], live[layer])
+    assert plain.effort.captures == 18, "the second size is no image's own"
+    with (
+        RecordedSource(tmp_path / "none.sqlite") as source,
+        pytest.raises(
+            MissingCaptureError, match="second size for 'beat', got one size; record with checks=beat"
+        ),
+    ):
+        omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
+
+
+def test_what_cannot_be_compared_is_refused():
+    with pytest.raises(ArgumentError, match="checks: beat expects depth or object_mask in modes, got lit"):
+        omniscv.render(PANORAMA, POSE, open_scene("scene://six-wall"), checks="beat")
+    fixed = Capabilities(frozenset(MODES), can_set_size=False, image_size=(64, 64))
+    source = SceneSource(open_scene("scene://six-wall").scene, fixed)
+    with pytest.raises(ArgumentError, match="checks: expected none or light of a source of one size"):
+        omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
