@@ -75,7 +75,7 @@ class Composition:
 
     def capture(self, round_: Round) -> Kept:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
-        serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
+        task, serving = self._task, [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         self._stopped, self._strategy = round_.stopped or self._stopped, round_.instead or self._strategy
         if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
@@ -83,6 +83,12 @@ class Composition:
         requests = round_.requests(self._modes)
         self._pixels += pixels_of(request.view for request in requests)
         self._progress += Progress(of_captures=len(requests))
+        for viewpoint in serving:
+            finer = [request.view for request in viewpoint.finer(self._modes)]
+            lacking = finer and task.recorded is not None and not task.recorded.hold(finer)
+            if lacking and task.available(viewpoint.views):
+                expected = "checks: expected a recording with ground truth in a second size for 'beat'"
+                raise MissingCaptureError(f"{expected}, got one size", None, "record with checks=beat")
         for viewpoint, captures in captured(round_, self._source, self._modes):
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
