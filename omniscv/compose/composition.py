@@ -172,7 +172,7 @@ class Composition:
                 if row.name == "lit" and self._task.options.seams != "keep":
                     mended = self._mend(of_mode, captures.get("object_mask", ()))
                     relit = sampler.sample(self._filter, mended.relit) > 0
-                    self._canvas.put_part("relit", viewpoint.pixels, relit)
+                    self._canvas.put("relit", viewpoint.pixels, relit)
                     self._seams.append(mended.report)
                     faces = mended.pixels
                 self._put_values(row, viewpoint, sampler, of_mode, faces, parallax, seen)

@@ -304,6 +304,14 @@ def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
     assert "gains explain" in mend([*views(256)], [*darkened], "gains", "srgb").report["refused"]
 
 
+def test_an_image_with_pixels_outside_the_field_of_view_is_mended():
+    camera = omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170)
+    with open_scene("scene://four-wall") as source:
+        image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="gains")
+    assert not image.valid.all()
+    assert not image["relit"][~image.valid].any()
+
+
 def test_what_is_no_cube_stays_and_says_so():
     camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
     with open_scene("scene://four-wall") as source:
