@@ -357,6 +357,16 @@ def pose_of_matrix(value: object) -> Pose:
     return Pose(matrix[:3, 3], rotation_of(matrix[:3, :3]))
 
 
+def matrix_3x4(name: str, R: object, T: object) -> Array:
+    """Return [R | T] of nine numbers and three."""
+    rows, ends = floats(name, R), floats(name.replace("R", "T"), T)
+    if (len(rows), len(ends)) != (9, 3):
+        raise ArgumentError(
+            f"{name}: expected a 3 x 3 matrix and T of three numbers, got {shown(R)}, {shown(T)}"
+        )
+    return np.column_stack([np.reshape(rows, (3, 3)), ends])
+
+
 def rotation_of(rows: ArrayLike) -> Array:
     """Return a rotation matrix: the nearest one, where the file has few digits (0.1 %)."""
     matrix = np.reshape(np.asarray(rows, dtype=np.float64), (3, 3))

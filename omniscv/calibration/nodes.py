@@ -67,7 +67,7 @@ class Node:
         for values in (self.values, *(self.outer if outer else ())):
             found = found or [(path, value) for path in paths.split("|") for value in _at(values, path)]
         self.used |= {plain(path) for path, _ in found}
-        if any(value != found[0][1] for _, value in found):
+        if any(not _agree(value, found[0][1]) for _, value in found):
             both = " and ".join(path for path, _ in found)
             raise ArgumentError(f"{both}: expected one of them, got both with different values")
         if not found and default is MISSING:
@@ -106,7 +106,7 @@ class Node:
         for path, value in self.unread():
             parts = plain(path).split(".")
             acting = [*filter(_GEOMETRY.search, parts), *({plain(path)} & self.modelled)]
-            odd = any(not _is_neutral(value, part) for part in acting) or (
+            odd = any(not is_neutral(value, part) for part in acting) or (
                 re.search(r"[^\w.]\d", path) is not None and any(map(_GEOMETRY.search, parts))
             )
             if (odd or self._misspells(parts[-1])) and not re.search(harmless, plain(path)):
@@ -145,7 +145,15 @@ def leaves(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
             yield f"{before}{key}", value
 
 
-def _is_neutral(value: object, key: str) -> bool:
+def _agree(one: object, other: object) -> bool:
+    """Return whether two values are the same, also of numbers in other brackets."""
+    try:
+        return one == other or floats("", one) == floats("", other)
+    except ArgumentError:
+        return False
+
+
+def is_neutral(value: object, key: str) -> bool:
     """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
     if key.startswith(("fix", "zero")) or (
         re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")

@@ -28,9 +28,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, shown
 from omniscv.calibration.documents import Content
-from omniscv.calibration.forms import Entry, Form, rotation_of
+from omniscv.calibration.forms import Entry, Form, matrix_3x4, rotation_of
 from omniscv.calibration.intrinsics import Numbers
-from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
+from omniscv.calibration.nodes import (
+    Node,
+    Values,
+    canonical,
+    families,
+    floats,
+    is_neutral,
+    marked,
+    plain,
+    whole,
+)
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
 from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
@@ -70,7 +80,8 @@ def model_of(node: Node) -> str:
     Raises:
         ArgumentError: a word for another model.
     """
-    if node.has("xi"):
+    given = floats("distortion_coefficients", node.take(D, []) or [])
+    if node.has("xi") and (len(given) == 4 or not is_neutral(node.take("xi"), "xi")):
         return "opencv-omnidir"
     for word in (canonical(node.take(paths)) for paths in (_WORDS, _LOOSE_WORDS) if node.has(paths)):
         if word == "equidistant":
@@ -85,16 +96,15 @@ def model_of(node: Node) -> str:
     flag = str(node.take(_FLAGS, "")).lower().removesuffix(".0")
     if flag in ("0", "1", "true", "false"):
         return "opencv-fisheye" if flag in ("1", "true") else "opencv"
-    given = floats("distortion_coefficients", node.take(D, []) or [])
     return EITHER if len(given) == 4 and any(given) else "opencv"
 
 
 def _set_stereo(found: dict[str, Node], pose: Mapping[str, Any]) -> None:
     """Give two cameras their poses by R and T of ``cv2.stereoCalibrate``."""
     if len(found) == 2 and pose.get("R") is not None and pose.get("T") is not None:
-        matrix = np.column_stack([np.reshape(floats("R", pose["R"]), (3, 3)), floats("T", pose["T"])])
-        for node, rows in zip(found.values(), (np.eye(4)[:3], matrix), strict=True):
-            node.values = {**node.values, _STEREO: rows.ravel().tolist()}
+        poses = np.eye(4)[:3], matrix_3x4("R", pose["R"], pose["T"])
+        for node, rows in zip(found.values(), poses, strict=True):
+            node.values = {**node.values, _STEREO: rows.tolist()}
 
 
 def _is_matrix(node: Node) -> bool:

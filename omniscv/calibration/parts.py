@@ -9,7 +9,7 @@ import numpy as np
 
 from omniscv.arguments import number, numbers, shown
 from omniscv.calibration.documents import Content, put_once
-from omniscv.calibration.forms import Entry, matrix_of_pose
+from omniscv.calibration.forms import Entry, Form, matrix_3x4, matrix_of_pose
 from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
 from omniscv.errors import ArgumentError
@@ -120,14 +120,13 @@ def kitti(content: Content) -> dict[str, Any]:
         parts, _ = families(node.values, r"(?P<key>[kdsrtp])(?P<name>(?:rect)?\d\d?)(?P<after>)")
         upright = np.eye(4)
         if "r" in parts.get("rect00", {}):
-            upright[:3, :3] = np.reshape(floats("R_rect_00", parts["rect00"]["r"]), (3, 3))
+            upright[:3] = matrix_3x4("R_rect_00", parts["rect00"]["r"], [0.0] * 3)
         for name, lens in parts.items():
             size = lens.get("s")
             if "k" in lens:
                 cameras[name] = {"K": lens["k"], "D": Node(lens).take("D"), "S": size}
                 if "r" in lens:
-                    R, T = np.reshape(floats("R", lens["r"]), (3, 3)), floats("T", Node(lens).take("T"))
-                    cameras[name]["T"] = np.column_stack([R, T]).ravel().tolist()
+                    cameras[name]["T"] = matrix_3x4(f"R_{name}", lens["r"], Node(lens).take("T")).tolist()
             elif "p" in lens:
                 P = np.array(floats(f"P_{name}", lens["p"]))
                 if P.size != 12 or not P[0]:
@@ -360,7 +359,7 @@ def hugin(content: Content) -> dict[str, Any]:
                 raise ArgumentError(f"expected all of a, b, c, d, e, g, t or none, got {shown(line)}")
             for key, value in words.items():
                 if value.startswith("="):
-                    known = images[int(value[1:])] if int(value[1:]) < len(images) else {key: "nan"}
+                    known = {str(i): image for i, image in enumerate(images)}.get(value[1:], {key: "nan"})
                     words[key] = known.get(key, "0")
             images.append(words)
     cameras: dict[str, Any] = {}
@@ -407,13 +406,18 @@ def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) ->
     return values, (width, height)
 
 
-def of_others(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
-    """Say which pixel convention is taken of a file whose keys are ours as well, without our mark."""
-    from omniscv.cameras import names
+class OfOthers(Form):
+    """A form whose keys are ours as well, but for our mark."""
 
-    if node.has("cx") and node.values.get("model", "pinhole") in names():
-        _log.warning(
-            "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at whole "
-            "numbers; add the mark where they are at .5"
-        )
-    return values, (width, height)
+    def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
+        """Return the cameras, and say which pixel convention is taken."""
+        from omniscv.cameras import names
+
+        entries = super().read(content, size)
+        lenses = self.nodes(content).values()
+        if any(lens.has("cx") and lens.values.get("model", "pinhole") in names() for lens in lenses):
+            _log.warning(
+                "no mark 'omniscv': 1 in the file: read as another program's, whose pixel centres are at "
+                "whole numbers; add the mark where they are at .5"
+            )
+        return entries

@@ -83,7 +83,7 @@ _FLAT5, _FLAT8, _FOUR_K = (
     for names, end in (("k1 k2 p1 p2 k3", "?"), ("k1 k2 p1 p2 k3 k4 k5 k6", ""), ("k1 k2 k3 k4", ""))
 )
 _BC = "Brown_Conrady|pinhole|perspective|none|opencv|pinhole_opencv"
-INTRINSICS = Form("intrinsics", "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
+INTRINSICS = parts.OfOthers("intrinsics", "RealSense, Orbbec and other depth cameras: fx, fy, cx or ppx in JSON or YAML",
     f"{_FOCALS} {_CENTERS}", f"""
     {_BC} pinhole {_FOUR} {D}=;{PLAIN}
     < {_BC} pinhole {_FOUR} {_FLAT5}
@@ -92,8 +92,7 @@ INTRINSICS = Form("intrinsics", "RealSense, Orbbec and other depth cameras: fx, 
     Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {D}=k1,k2,k3,k4;0
     < Kannala_Brandt4|fisheye kannala-brandt {_FOUR} {_FOUR_K}
     """,
-    word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}",
-    syntax="json", finish=parts.of_others)
+    word="model|distortion_model|camera_model|distortion_type|model_type|camera_type|distortion.model|distortion.type", size=f"width|{WIDTH} height|{HEIGHT}", syntax="json")
 
 OPEN3D = Form("open3d", "Open3D: PinholeCameraIntrinsic, Azure Kinect's recorder; DepthAI's calibration",
     "intrinsic_matrix width height", f"< - pinhole intrinsic_matrix={_K} {D}?=;{PLAIN} cameraType?=0\n- pinhole intrinsic_matrix=fx,0,0,0,fy,0,cx,cy,1",

@@ -415,6 +415,9 @@ REFUSED = {
     "modified": (CASES["realsense"][0].replace("Brown Conrady", "Modified Brown Conrady"), "coeff|expected 0"),
     "gyroflow": (CASES["gyroflow"][0].replace("stretch\": 1.0", "stretch\": 1.3"), "stretch: expected 1"),
     "hugin": (PTO.format(0, 60, 0.1, 0, 0), "odd powers"),
+    "hugin's link": (PTO.format(0, 60, 0, 0, 0).replace("v60", "v="), "v: expected"),
+    "K1, a rotation vector": (json.dumps({"K1": K, "D1": D5, "K2": K, "D2": D5, "R": [0, 0, 0], "T": [0.1, 0, 0], "image_size": SIZE}), "R: expected a 3 x 3 matrix"),
+    "kitti, two of T": (RECT + f"K_00: {flat(K)}\nR_00: {flat(np.eye(3))}\nT_00: 0 0\nD_00: 0 0 0 0 0\n".replace(",", ""), "R_00: expected a 3 x 3 matrix and T"),
     "metashape": (metashape("frame", f=310, k4=0.1), "k4: expected 0"),
     "distortion beside": ("cam:\n  intrinsics: {fx: 3, fy: 3, cx: 3, cy: 2}\n  distorsion_x: [0.1]\n  size: [6, 4]\n", "distorsion_x: expected"),
     "ncore": ('{"pixeldist_to_angle_poly": [0, 0.01], "resolution": [64, 48], "reference_poly": "PIXELDIST_TO_ANGLE", "principal_point": [31, 23], "max_angle": 1.0, "external_distortion_parameters": {"a": 1}}', "external_distortion"),
@@ -483,8 +486,9 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
     assert calibration.loads(json.dumps(unmarked))["cam0"] == lens
     assert "pixel centres are at .5" in caplog.text
     foreign = {key: unmarked[key] for key in ("model", "width", "height", "fx", "fy", "cx", "cy")}
-    assert calibration.loads(json.dumps(foreign))["cam0"].center.tolist() == [320.0, 240.0]
-    assert "whole numbers" in caplog.text
+    both = calibration.loads(json.dumps({"left": foreign, "right": foreign}))
+    assert both["left"].center.tolist() == [320.0, 240.0]
+    assert caplog.text.count("another program's, whose pixel centres are at whole numbers") == 1
     stereo = {"K1": K, "D1": D5, "K2": K, "D2": D5, "R": np.eye(3).tolist(), "image_size": SIZE}
     assert [pose for _, pose, *_ in read(json.dumps(stereo | {"T": [-120, 0, 0]})).entries.values()] == [
         None
@@ -530,6 +534,9 @@ def test_files_as_people_have_them() -> None:
     }  # KITTI's have no K1
     right = loads_rig(json.dumps(pair | projected)).cameras["cam2"]
     np.testing.assert_allclose(right.pose.position, [0.12, 0, 0])
+    for twice in ({"K": K, "mtx": np.ravel(K).tolist(), "D": D5, "dist": [D5]}, {"K": K, "D": D5, "xi": 0}):
+        pixels, _ = calibration.loads(json.dumps(twice | {"image_size": SIZE}))["cam0"].project(POINTS)
+        np.testing.assert_allclose(pixels, pinhole(POINTS) + 0.5, atol=1e-9)
     nested = json.dumps({f"{side}": {"intrinsics": F, "width": 640, "height": 480} for side in ("a", "b")})
     assert list(calibration.loads(nested)) == ["a", "b"]
 

@@ -502,6 +502,7 @@ def test_a_layout_of_the_user(tmp_path, capsys):
         (MINE.replace("z/{i}", "../z/{i}"), "expected a file in the folder, got '../z/0.png'"),
         (MINE.replace("z/{i}", "zz/{i}"), "depth: expected files zz/{i}.png, got none"),
         (MINE + "colour: x", "unknown key 'colour'"),
+        (MINE.replace("(?P<i>", "(?P<i"), "expected a folder of layout mine, got error"),
     ):
         (tmp_path / "mine.yaml").write_text(wrong)
         assert run(folder, tmp_path / "b.sqlite", "--layout", tmp_path / "mine.yaml") == 2
