@@ -172,8 +172,8 @@ def _from_xml(text: str) -> Any:
     """Return {name of the root: values}, those of OpenCV without its root; attributes are keys, too."""
     from xml.etree import ElementTree
 
-    if "<!" in re.sub(r"<!--.*?(?:-->|\Z)", "", text, flags=re.DOTALL):  # entities can expand to gigabytes
-        raise ArgumentError("expected XML without <!DOCTYPE or <!ENTITY, got one of them")
+    if "<!DOCTYPE" in text:  # its entities can expand to gigabytes
+        raise ArgumentError("expected XML without <!DOCTYPE, got one")
     try:
         root = ElementTree.fromstring(text.lstrip("\ufeff \t\r\n"))
     except ElementTree.ParseError as cause:

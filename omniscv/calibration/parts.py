@@ -406,8 +406,19 @@ def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) ->
     return values, (width, height)
 
 
+_DISTORTION = "distortion_model|distortion_type|distortion.model|distortion.type"
+
+
 class OfOthers(Form):
     """A form whose keys are ours as well, but for our mark."""
+
+    def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
+        """Return a camera; beside the model of its distortion, ``model`` may be the name of a device."""
+        distortion = canonical(node.take(_DISTORTION, None))
+        known = {canonical(word) for row in self.rows for word in row.words} - {"pinhole", "perspective"}
+        if distortion in known - {"none"} and canonical(node.values.get("model")) not in known - {distortion}:
+            node.values = {key: value for key, value in node.values.items() if key != "model"}
+        return super().entry(node, size)
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         """Return the cameras, and say which pixel convention is taken."""

@@ -157,3 +157,7 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
 def test_hostile_text_is_refused(text):
     for format in ("kalibr", "opencv"):
         refused(format, text, "expected|missing key")
+
+
+def test_entities_are_refused_behind_what_looks_like_a_comment():
+    refused("opencv", '<?p <!-- ?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "without <!DOCTYPE")

@@ -411,6 +411,7 @@ REFUSED = {
     "four of one, none of another": (json.dumps({n: {"K": K, "D": D, "image_size": SIZE} for n, D in (("a", []), ("b", KB))}), "--from"),
     "a fisheye of DepthAI": (depthai(KB + [0.0] * 10, 1), "cameraType: expected 0"),
     "nine of DSO": ("310.5 309.25 322.25 238.75 -0.12 0.03 0.001 -0.002 0.004\n640 480\ncrop\n640 480\n", "expected 4 or 5 .* got 9"),
+    "two models": (json.dumps(F | {"model": "fisheye", "distortion_model": "plumb_bob", "coeffs": D5, "width": 640, "height": 480}), "model and distortion_model"),
     "nothing": ("train: images\n", "none of their keys"),
     "modified": (CASES["realsense"][0].replace("Brown Conrady", "Modified Brown Conrady"), "coeff|expected 0"),
     "gyroflow": (CASES["gyroflow"][0].replace("stretch\": 1.0", "stretch\": 1.3"), "stretch: expected 1"),
@@ -534,7 +535,12 @@ def test_files_as_people_have_them() -> None:
     }  # KITTI's have no K1
     right = loads_rig(json.dumps(pair | projected)).cameras["cam2"]
     np.testing.assert_allclose(right.pose.position, [0.12, 0, 0])
-    for twice in ({"K": K, "mtx": np.ravel(K).tolist(), "D": D5, "dist": [D5]}, {"K": K, "D": D5, "xi": 0}):
+    device = F | {"model": "D435", "distortion_model": "plumb_bob", "coeffs": D5}
+    for twice in (
+        device,
+        {"K": K, "mtx": np.ravel(K).tolist(), "D": D5, "dist": [D5]},
+        {"K": K, "D": D5, "xi": 0},
+    ):
         pixels, _ = calibration.loads(json.dumps(twice | {"image_size": SIZE}))["cam0"].project(POINTS)
         np.testing.assert_allclose(pixels, pinhole(POINTS) + 0.5, atol=1e-9)
     nested = json.dumps({f"{side}": {"intrinsics": F, "width": 640, "height": 480} for side in ("a", "b")})
