@@ -92,23 +92,20 @@ def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 def ahead(function: Callable[[T], R], items: Iterable[T], threads: int) -> Iterator[R]:
     """Yield the results of a function in order, while so many threads work on the next items.
 
-    Without threads each result is computed when it is taken.
+    Without threads each result is computed when it is taken. What was begun is finished, even if
+    a later item cannot be had: images before a failure are saved.
     """
     if not threads:
         yield from map(function, items)
         return
     with ThreadPoolExecutor(threads, thread_name_prefix="ahead") as pool:
         pending: deque[Future[R]] = deque()
-        try:
-            for item in items:
-                pending.append(pool.submit(function, item))
-                if len(pending) > threads:
-                    yield pending.popleft().result()
-            while pending:
+        for item in items:
+            pending.append(pool.submit(function, item))
+            if len(pending) > threads:
                 yield pending.popleft().result()
-        finally:
-            for future in pending:
-                future.cancel()
+        while pending:
+            yield pending.popleft().result()
 
 
 @cache

@@ -1,13 +1,14 @@
 """Work on all cores: nested, from several threads, after a fork and in spawned processes."""
 
 import os
+import sys
 import threading
 
 import numpy as np
 import pytest
 from support.processes import sent_by_child
 
-from omniscv.parallel import MIN_PARALLEL_ELEMENTS, blocks, cores, limit, side_by_side
+from omniscv.parallel import MIN_PARALLEL_ELEMENTS, ahead, blocks, cores, limit, side_by_side
 
 pytestmark = pytest.mark.usefixtures("all_cores")
 
@@ -34,6 +35,23 @@ def test_results_come_in_order():
     assert squares() == [n * n for n in range(40)]
     assert side_by_side(str, []) == []
     assert side_by_side(str, [7]) == ["7"]
+
+
+def test_what_was_begun_is_finished_if_the_next_item_cannot_be_had():
+    def items():
+        yield from range(3)
+        raise ValueError("no more")
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # the failure often comes before the last item's thread
+    try:
+        for _ in range(1500):
+            done = list[int]()
+            with pytest.raises(ValueError, match="no more"):
+                list(ahead(done.append, items(), 1))
+            assert done == [0, 1, 2]
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def test_cores_can_be_limited():

@@ -348,7 +348,7 @@ def _replaced(old: object, path: Sequence[str], new: object, name: str) -> Any:
     return changed
 
 
-_OF_WORLDS = ("source", "source_options", "record", "poses", "times", "motions", "split")
+_OF_WORLDS = ("source", "source_options", "record", "poses", "times", "motions", "split", "vary")
 
 
 def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: Path) -> Job:

@@ -198,6 +198,8 @@ class Contents:
     def settings(self, job: Job) -> dict[str, Any]:
         """Return what the manifest holds of a job: all that its frames depend on, but addresses and paths."""
         options = {"modes": list(job.modes), **asdict(job.options), "image_format": job.image_format}
+        vary, *of_worlds = (world.vary and asdict(world.vary) for world in job.each)
+        others = {world.world: of for world, of in zip(job.worlds[1:], of_worlds, strict=False) if of != vary}
         further = {
             "store": None if job.store == "files" else job.store,
             "depth_format": None if job.depth_format == "exr" else job.depth_format,
@@ -206,7 +208,8 @@ class Contents:
             "sensor": None if job.sensor is None else job.sensor.to_dict(),
             "imu": None if job.imu is None else job.imu.to_dict(),
             "worlds": {world.world: world.world_split for world in job.worlds} or None,
-            "vary": None if job.vary is None else asdict(job.vary),
+            "vary": vary,
+            "vary_of_worlds": others or None,
         }
         options |= {key: value for key, value in further.items() if value is not None}
         named = {name: {"cameras": list(cameras)} for name, cameras in self.truth_cameras.items()}

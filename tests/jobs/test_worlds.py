@@ -276,6 +276,24 @@ def test_worlds_have_their_own_poses_splits_names_and_draws(tmp_path):
     assert not check(tmp_path / "d", deep=True)
 
 
+def test_a_world_may_vary_what_the_others_do_not_have(tmp_path):
+    worlds = {name: dict(WORLDS[name]) for name in ("four", "six")}
+    some = {**SOME, **MASKS, "worlds": worlds, "vary": {"objects": {"Vase": {"turn_deg": [0, 90]}}}}
+    with pytest.raises(ArgumentError, match=r"vary\.objects\.Vase: expected objects of the source"):
+        make.make(job(tmp_path / "none", **some))
+    worlds["six"]["vary"] = {"objects": {"Ball": {"turn_deg": [0, 90]}}}
+    make.make(job(tmp_path / "d", **some))
+    names = {
+        frame.place.partition("/")[0]: [*frame.varied["objects"]]
+        for frame in frames_of(tmp_path / "d").values()
+    }
+    assert names == {"four": ["Vase"], "six": ["Ball"]}
+    assert make.make(job(tmp_path / "d", **some), resume=True).written == 0
+    worlds["six"]["vary"] = None
+    with pytest.raises(ArgumentError, match=r"options\.vary_of_worlds\.six"):
+        make.make(job(tmp_path / "d", **some), resume=True)
+
+
 def test_a_world_that_dies_fails_its_frames_only_and_resume_tries_them_again(tmp_path, monkeypatch):
     some = {**SOME, **MASKS, "vary": None}
     make.make(job(tmp_path / "whole", **some))
