@@ -43,7 +43,7 @@ Mask = NDArray[np.bool_]
 Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
 """The types of constructor arguments."""
 FARTHEST = 1e150  # metres: float64 cannot hold the square of more
-_LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
+LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
 _SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
 LARGEST_IMAGE = 1 << 27
 """Pixels, 16384 x 8192: the rays of such an image take 7 GB."""
@@ -139,8 +139,8 @@ class Camera(ABC):
     typical_pitch_deg: ClassVar[float] = 0.0  # 90: a mirror above the camera; -90: a plan
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
-        self.width = whole_number("width", width, "pixels", most=_LARGEST_PX)
-        self.height = whole_number("height", height, "pixels", most=_LARGEST_PX)
+        self.width = whole_number("width", width, "pixels", most=LARGEST_PX)
+        self.height = whole_number("height", height, "pixels", most=LARGEST_PX)
         if self.width * self.height > LARGEST_IMAGE:
             got = f"{self.width} x {self.height}"
             raise ArgumentError(f"size: expected at most {LARGEST_IMAGE} pixels (16384 x 8192), got {got}")

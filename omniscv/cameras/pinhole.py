@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, shown, whole_number
-from omniscv.cameras.base import Array, refuse_focal_and_fov, sin_cos_of_half
+from omniscv.cameras.base import LARGEST_PX, Array, refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.distortion import Distortion
 from omniscv.cameras.radial import FocalLens, Meridian
 from omniscv.cameras.registry import register
@@ -68,7 +68,7 @@ class Pinhole(FocalLens):
             if focal is None:
                 fov_deg = number("fov_deg", 90.0 if fov_deg is None else fov_deg, above=0, below=180)
                 across, along = sin_cos_of_half(fov_deg)
-                focal = whole_number("width", width, "pixels") / 2 * float(along / across)
+                focal = whole_number("width", width, "pixels", most=LARGEST_PX) / 2 * float(along / across)
             focal = number("focal", focal, above=0)
             return focal, focal, None
         if fx is None or fy is None or focal is not None:

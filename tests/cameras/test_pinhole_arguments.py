@@ -35,6 +35,7 @@ REFUSED = [
     ("pinhole", {"center": (1, 2), "cx": 1}, "center: expected center or cx and cy, got both"),
     ("pinhole", {"distortion": [0.1] * 14}, "distortion: expected 4, 5, 8 or 12 numbers .*got 14"),
     ("pinhole", {"distortion": 0.1}, "distortion: expected finite numbers"),
+    ("pinhole", {"width": 10**400}, "width: expected a whole number of pixels <= 1000000"),
     ("pinhole", {"fx": 0, "fy": 1}, "fx: expected a finite number > 0, got 0"),
     ("ftheta", {"polynomial": [0.1, 30]}, r"polynomial: expected \(0, c1, c2, ...\) with c1 > 0, got"),
     ("ftheta", {"polynomial": [0, -30]}, r"polynomial: expected \(0, c1, c2, ...\) with c1 > 0, got"),
@@ -55,4 +56,4 @@ REFUSED = [
 @pytest.mark.parametrize(("name", "arguments", "message"), REFUSED)
 def test_parameters_outside_their_domain_are_refused(name, arguments, message):
     with pytest.raises(ArgumentError, match=f"^{message}"):
-        cameras.create(name, **SIZE, **arguments)
+        cameras.create(name, **SIZE | arguments)

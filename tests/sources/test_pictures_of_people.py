@@ -374,6 +374,11 @@ def test_an_option_that_acts_on_nothing_is_refused(tmp_path, capsys):
     (tmp_path / "heic" / "front.heic").touch()
     assert run(tmp_path / "heic", tmp_path / "a.sqlite") == 2
     assert "cannot read 'front.heic'" in capsys.readouterr().err
+    six(tmp_path / "m", lambda view: np.full((view.height, view.width, 3), 9, np.uint8), "mask.png")
+    for names in (None, {"Sofa": [300, 0, 0]}):
+        (tmp_path / "a.json").write_text(json.dumps(names))
+        assert run(tmp_path / "m", tmp_path / "a.sqlite", "--names", tmp_path / "a.json") == 2
+        assert "a.json: expected names of ids, got" in capsys.readouterr().err
     assert not (tmp_path / "a.sqlite").exists()
 
 

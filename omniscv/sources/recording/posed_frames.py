@@ -354,9 +354,8 @@ def objects_of(file: Path) -> ObjectTable:
             if all(isinstance(name, str) for name in data.values()):
                 data = {name: int(i) for i, name in data.items()}
             if all(isinstance(value, list) for value in data.values()):
-                return ObjectTable(
-                    {text("name", key): (int(r), int(g), int(b)) for key, (r, g, b) in data.items()}
-                )
+                colors = {text("name", key): bytes(rgb) for key, rgb in data.items()}
+                return ObjectTable({name: (r, g, b) for name, (r, g, b) in colors.items()})
             return ObjectTable({}, 0, {text("name", name): int(i) for name, i in data.items()})
-        except (TypeError, ValueError) as cause:
+        except (TypeError, ValueError, AttributeError, OverflowError) as cause:
             raise ArgumentError(f"expected names of ids, got: {shown(str(cause))}") from cause

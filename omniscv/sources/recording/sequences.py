@@ -159,7 +159,7 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
         sequence = (find or _finders()[layout][1])(path, options)
     except ArgumentError:
         raise
-    except (ValueError, LookupError, TypeError, AttributeError, OSError, re.error) as cause:
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, OSError, re.error) as cause:
         got = f"{type(cause).__name__} {shown(str(cause))}"
         raise ArgumentError(f"expected a folder of layout {layout}, got {got}") from cause
     if not sequence.modes:
