@@ -106,7 +106,7 @@ class Node:
         for path, value in self.unread():
             parts = plain(path).split(".")
             acting = [*filter(_GEOMETRY.search, parts), *({plain(path)} & self.modelled)]
-            odd = any(not is_neutral(value, part) for part in acting) or (
+            odd = any(not _is_neutral(value, part) for part in acting) or (
                 re.search(r"[^\w.]\d", path) is not None and any(map(_GEOMETRY.search, parts))
             )
             if (odd or self._misspells(parts[-1])) and not re.search(harmless, plain(path)):
@@ -153,7 +153,7 @@ def _agree(one: object, other: object) -> bool:
         return False
 
 
-def is_neutral(value: object, key: str) -> bool:
+def _is_neutral(value: object, key: str) -> bool:
     """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
     if key.startswith(("fix", "zero")) or (
         re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")

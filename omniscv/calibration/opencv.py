@@ -30,17 +30,7 @@ from omniscv.arguments import number, shown
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_3x4, rotation_of
 from omniscv.calibration.intrinsics import Numbers
-from omniscv.calibration.nodes import (
-    Node,
-    Values,
-    canonical,
-    families,
-    floats,
-    is_neutral,
-    marked,
-    plain,
-    whole,
-)
+from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
 from omniscv.cameras import Camera, create
 from omniscv.errors import ArgumentError
@@ -81,7 +71,7 @@ def model_of(node: Node) -> str:
         ArgumentError: a word for another model.
     """
     given = floats("distortion_coefficients", node.take(D, []) or [])
-    if node.has("xi") and (len(given) == 4 or not is_neutral(node.take("xi"), "xi")):
+    if node.has("xi") and (len(given) == 4 or any(floats("xi", node.take("xi")))):
         return "opencv-omnidir"
     for word in (canonical(node.take(paths)) for paths in (_WORDS, _LOOSE_WORDS) if node.has(paths)):
         if word == "equidistant":

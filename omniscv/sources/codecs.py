@@ -170,10 +170,11 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
-    shape, dtype, *_ = npy_layout(payload)
-    if shape[:2] != (view.height, view.width):
-        raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {dtype} {shape}")
-    return npy_array(payload)
+    array = npy_array(payload)
+    if array.shape[:2] != (view.height, view.width):
+        got = f"{array.dtype} {array.shape}"
+        raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {got}")
+    return array
 
 
 def npy_array(payload: bytes) -> NDArray[Any]:
