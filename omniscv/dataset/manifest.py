@@ -416,17 +416,22 @@ def with_names(names: Mapping[str, int], new: Iterable[str]) -> dict[str, int]:
 
 
 def _extended(current: Manifest, wanted: Manifest, folder: Folder) -> Manifest:
-    """Return the manifest of a resumed dataset; ArgumentError if it was begun with other values."""
+    """Return the manifest of a resumed dataset; ArgumentError if it was begun with other values.
+
+    Exports may be others: no frame depends on them.
+    """
     for name, camera in wanted.cameras.items():
         if current.cameras.get(name, camera) != camera:
             raise _differs(folder, f"its camera {name!r} is {current.cameras[name]!r}")
     if wanted.rules is not None and current.rules != wanted.rules:
         raise _differs(folder, f"it has {'other' if current.rules else 'no'} classes")
     settings = json.loads(json.dumps(wanted.settings))  # as it is read: lists for tuples
-    if settings and (differ := _difference(current.settings, settings)):
+    begun = {**current.settings, **{key: settings[key] for key in ("exports",) if key in settings}}
+    if differ := _difference(begun, settings):
         raise _differs(folder, f"its {differ}")
     names = with_names(current.names, [name for name in wanted.names if name not in current.names])
-    return replace(current, names=names, cameras={**current.cameras, **wanted.cameras})
+    cameras = {**current.cameras, **wanted.cameras}
+    return replace(current, names=names, cameras=cameras, settings=begun)
 
 
 def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str = "") -> str:

@@ -89,6 +89,8 @@ def test_a_dataset_with_frames_is_completed_or_replaced_by_name(made, tmp_path, 
     assert "--resume completes it, --overwrite replaces it, or write elsewhere" in stderr(capsys)
     assert made("modes: [lit, depth]", "--resume") == 2
     assert "its options.modes is ['lit'], in the job ['lit', 'depth']; --overwrite replaces" in stderr(capsys)
+    assert made("modes: [lit]\nexport: [colmap]", "--resume") == 0  # no frame depends on exports
+    assert dataset.check("made", format="colmap", deep=True) == []
     assert made("modes: [lit, nothing]", "--overwrite") == 2
     assert made("truth: {amodal: true}\nmodes: [mask]", "--overwrite") == 2
     assert len(dataset.open("made")) == 2  # a job that is refused removes nothing
