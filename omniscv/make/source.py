@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, shown, within
 from omniscv.cameras import Camera, create
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -82,7 +82,8 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             times = sampled.times if job.times is None else job.times
             job = replace(job, poses=sampled.poses, times=times, sampling=None, faults=faults)
         if job.vary is not None and job.vary.rules:
-            job = replace(job, draws=draws_of(job, still))
+            with within(f"worlds.{job.world}") if job.world else nullcontext():
+                job = replace(job, draws=draws_of(job, still))
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still

@@ -279,7 +279,7 @@ def test_worlds_have_their_own_poses_splits_names_and_draws(tmp_path):
 def test_a_world_may_vary_what_the_others_do_not_have(tmp_path):
     worlds = {name: dict(WORLDS[name]) for name in ("four", "six")}
     some = {**SOME, **MASKS, "worlds": worlds, "vary": {"objects": {"Vase": {"turn_deg": [0, 90]}}}}
-    with pytest.raises(ArgumentError, match=r"vary\.objects\.Vase: expected objects of the source"):
+    with pytest.raises(ArgumentError, match=r"worlds\.six: vary\.objects\.Vase: expected objects"):
         make.make(job(tmp_path / "none", **some))
     worlds["six"]["vary"] = {"objects": {"Ball": {"turn_deg": [0, 90]}}}
     make.make(job(tmp_path / "d", **some))
