@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from omniscv.cameras.base import Array
 
 _CELLS = 1 << 11
+_MOST_STEPS = 100
 
 
 class Increasing:
@@ -80,13 +81,33 @@ def first_positive_root(coefficients: ArrayLike) -> float:
 def increasing_root(value: Callable[..., Array], low: Array, high: Array, *others: Array) -> Array:
     """Return the roots of N functions that rise from negative to positive between ``low`` and ``high``.
 
-    Where rounding hides the change of sign, it is the end next to it.
+    Where rounding hides the change of sign, it is the end next to it. Regula falsi: a step scales the value
+    at the end that it keeps as Anderson and Björck do, so that the next one is not short. Converged roots
+    are set aside when they are the majority, so that a few slow ones cost little.
 
     Args:
         value: of arguments, and of ``others`` of the same functions.
         low, high, others: (N,).
     """
-    from scipy.optimize import elementwise  # slow to load
-
-    root = elementwise.find_root(value, (low, high), args=others).x
-    return np.where(np.isfinite(root), root, np.where(value(low, *others) > 0, low, high))
+    below, above = value(low, *others), value(high, *others)
+    root = np.where(below > 0, low, high)
+    index = np.flatnonzero((below <= 0) & (above >= 0))
+    each = [values[index] for values in (low, high, below, above, *others)]
+    for _ in range(_MOST_STEPS):
+        if not index.size:
+            break
+        low, high, below, above, *others_of = each
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = high - above * ((high - low) / (above - below))
+            x = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+            y = value(x, *others_of)
+            rises = y < 0
+            kept = 1 - y / np.where(rises, below, above)
+        kept = np.where(kept > 0, kept, 0.5)
+        moving = np.abs(x - root[index]) > 4e-16 * x
+        root[index] = x
+        low, high = np.where(rises, x, low), np.where(rises, high, x)
+        each = [low, high, np.where(rises, y, below * kept), np.where(rises, above * kept, y), *others_of]
+        if 2 * np.count_nonzero(moving) <= index.size:
+            index, each = index[moving], [values[moving] for values in each]
+    return root
