@@ -67,14 +67,17 @@ class StraightFaces(SourceWrapper):
         turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
         if turn is None:
             return capture
-        shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))
+        turned = Pose(view.pose.t_w_c, Rotation.from_rotvec(turn).as_matrix() @ R_w_c)
+        shown = replace(view, pose=Pose(np.zeros(3), turned.R_w_c))
         pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
         rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
         uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(pixels.shape).astype(np.float32) - 0.5
         cubic = capture.mode == "lit"
         filter_ = cv2.INTER_CUBIC if cubic else cv2.INTER_NEAREST
         straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)
-        return replace(capture, pixels=straight, payload=None)
+        # Caches tell it from the face as recorded by its request: that of the view it was resampled from.
+        request = replace(capture.request, view=replace(view, pose=turned))
+        return replace(capture, request=request, pixels=straight, payload=None)
 
 
 def proven_turns(cube: Cube) -> dict[int, Array]:

@@ -135,6 +135,8 @@ def _bent(depth: Floats) -> Floats:
 
 def _windows(marks: Marks, length: tuple[int, int], least: int) -> Marks:
     """Return the pixels of all windows that hold so many marks or more."""
+    if not marks.any():  # or none at all, between the pixels of one row
+        return marks
     counts = cv2.boxFilter(marks, cv2.CV_8U, length, normalize=False, borderType=cv2.BORDER_CONSTANT)
     full = (counts >= least).view(np.uint8)
     if not full.any():

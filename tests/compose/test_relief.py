@@ -8,6 +8,7 @@ from support.relief import EDGE_PX, KINDS, World, captured, judge, world
 import mock_server
 import omniscv
 from omniscv.cameras import create
+from omniscv.compose.nearest import boundaries
 from omniscv.geometry import Pose
 from omniscv.planning.depth_shell import depth_shell, distances
 from omniscv.planning.relief import planar_relief
@@ -82,6 +83,12 @@ def test_what_rounding_makes_of_smooth_surfaces_is_no_relief(tilt):
     view = View(Pose(np.zeros(3), np.eye(3)), 90.0, EDGE_PX, EDGE_PX)
     relief = planar_relief(captured(scene, view, half_floats=True)["depth"])
     assert (relief > 0).mean() < 0.003, "along the outlines, floats have as much"
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (3, 1)])
+def test_labels_of_one_row_or_column_have_boundaries(shape):
+    marks = boundaries([np.array([5, 5, 7], np.uint8).reshape(shape)])
+    assert marks.ravel().tolist() == [0, 1, 1]
 
 
 @pytest.mark.soak
