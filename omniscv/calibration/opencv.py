@@ -149,21 +149,14 @@ class OpenCV(Form):
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         """Return the cameras; poses of two by R and T, whose unit is that of the board."""
         entries = super().read(content, size)
-        apart = max(
-            (float(np.linalg.norm(one.pose.position)) for one in entries.values() if one.pose), default=0
-        )
+        apart = max(np.linalg.norm(one.pose.position) if one.pose else 0.0 for one in entries.values())
+        says = "taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart"
         if apart > _FARTHEST_M:
-            _log.warning(
-                "T: expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000 "
-                "if it is in mm",
-                apart,
-            )
-            return {name: entry._replace(pose=None) for name, entry in entries.items()}
+            entries = {name: entry._replace(pose=None) for name, entry in entries.items()}
+            says = "expected metres between two cameras, got %.6g: the poses are left out; divide T by 1000"
+            says += " if it is in mm"
         if apart:
-            _log.warning(
-                "T: taken as metres, as OpenCV's files do not say the unit: the cameras are %.6g m apart",
-                apart,
-            )
+            _log.warning("T: " + says, apart)
         return entries
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
