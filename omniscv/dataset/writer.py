@@ -207,6 +207,8 @@ class Writer:
                 self._depth_format,
             )
             if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
+                if files["lit"].suffix[1:] not in PICTURE_SUFFIXES:
+                    raise ArgumentError(f"media.xmp: expected colours of 8 bits, got {files['lit'].name}")
                 fields = photo_sphere_fields(frame.camera, frame.pose, self._media["north"])
                 files["lit"].write_bytes(with_photo_sphere(files["lit"].read_bytes(), fields))
             for kind, record in records.items():

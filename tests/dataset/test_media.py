@@ -1,6 +1,7 @@
 """Metadata of pictures, read by Pillow and Exiv2; videos, decoded by FFmpeg; and their boxes."""
 
 import io
+from dataclasses import replace
 
 import av
 import cv2
@@ -82,6 +83,12 @@ def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
     assert headings == {"equirectangular": "280", "fisheye-equidistant": None}
     with pytest.raises(ArgumentError, match=r"media\.xmp: expected store .* png or jpg, got files and jxl"):
         dataset.Writer(tmp_path / "other", image_format="jxl", media={"xmp": True})
+    image = images["equirectangular"]
+    light = replace(image, layers={**image.layers, "lit": image["lit"].astype(np.float32)})
+    with dataset.Writer(tmp_path / "light", media={"xmp": True}) as writer:
+        with pytest.raises(ArgumentError, match=r"media\.xmp: expected colours of 8 bits, got light"):
+            writer.add("light", light)
+        writer.add("colour", image)
 
 
 def frames(folder, model="equirectangular", count=5, width=64, height=32):
