@@ -100,6 +100,7 @@ class Cause(NamedTuple):
         query: of the mock server's address; ``{}`` is the strength.
         scene: name, or ``parts`` that the strength makes.
         sound: as ``query``, without the fault.
+        checks: of the images.
     """
 
     name: str
@@ -108,6 +109,7 @@ class Cause(NamedTuple):
     query: str = ""
     scene: str = "four-wall"
     sound: str = ""
+    checks: str = "none"
 
     def pose(self, strength: float | str) -> Pose:
         """Return the camera's pose: in the middle, or so near to a wall that viewpoints lie beyond it."""
@@ -157,6 +159,7 @@ CAUSES = (
     Cause("relief", "px", (8, 4, 2, 1.3), scene="parts"),
     Cause("slit", "px", (1, 0.3, 0.1, 0.03), scene="parts"),
     Cause("beat", "px", (2, 1.3, 1.05, 1), scene="parts"),
+    Cause("checked beat", "px", (2, 1.3, 1.05, 1), scene="parts", checks="beat"),
     Cause("beyond a wall", "cm", (1, 10, 30, 100)),
 )
 
@@ -260,7 +263,8 @@ def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[st
             if base not in sound:
                 sound[base] = _examine(base, cause.sound, width, _POSE)
             query = cause.query.format(strength)
-            rows += _rows(cause, strength, _examine(scene, query, width, pose), sound[base])
+            outcome = _examine(scene, query, width, pose, cause.checks)
+            rows += _rows(cause, strength, outcome, sound[base])
     return rows
 
 
@@ -271,8 +275,8 @@ class _Outcome(NamedTuple):
     findings: frozenset[str]
 
 
-def _examine(scene: str, query: str, width: int, pose: Pose) -> _Outcome:
-    size = {"width": width, "height": width // 2}
+def _examine(scene: str, query: str, width: int, pose: Pose, checks: str = "none") -> _Outcome:
+    size, face_size = {"width": width, "height": width // 2}, round(_FACE * width)
     ring = create("noncentral-panorama", **size, radius=_RADIUS_M)
     fault, _, name = query.removeprefix("fault=").partition("=")
     special = (fault, name) if fault in ("gloss", "glass") else ("", "")
@@ -285,9 +289,8 @@ def _examine(scene: str, query: str, width: int, pose: Pose) -> _Outcome:
             truth[camera.central] = _Truth(exact, camera, pose, special)
         try:
             with open_source(address, exposure="game", **_DEADLINES) as source:
-                image = render(
-                    camera, pose, source, _MODES, face_size=round(_FACE * width), **_RING.get(column, {})
-                )
+                options = {"face_size": face_size, "checks": checks, **_RING.get(column, {})}
+                image = render(camera, pose, source, _MODES, **options)
         except OmniscvError as refusal:
             images[column] = f"{type(refusal).__name__}: {refusal}"
         else:
