@@ -64,6 +64,7 @@ class Refinement(ABC):
         task: the image.
         price: of captures.
         truth, colors: its modes.
+        patched: those of patches; a beat spoils colours, too.
         aim: how many pixels may be doubtful.
         serves: whether all that is captured is composed at once.
         reserved: requests and pixels that budgets must allow later.
@@ -79,7 +80,9 @@ class Refinement(ABC):
         self.price = Price(*options.capture_ms)
         self.truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
         self.colors = tuple(mode for mode in task.modes if mode not in self.truth)
-        self._modes = max(1, len(self.truth)) * (1 + (options.checks == "beat"))  # captures of a patch
+        beats = options.checks == "beat"
+        self.patched = task.modes if beats else self.truth
+        self._modes = max(1, len(self.patched) + beats * len(self.truth))  # captures of a patch
         self.aim = task.aim * task.rays.valid_count
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
@@ -255,7 +258,7 @@ class OneCenter(Refinement):
             self.focal_px[each.pixels] = choice.focal_px
         by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
         viewpoints = (
-            Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.truth) for each in by_size
+            Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.patched) for each in by_size
         )
         return (yield Round(tuple(viewpoints)))
 

@@ -177,13 +177,15 @@ class SeveralCenters(Refinement):
             patch_of = first_view(search.toward_w(mine), views, FACE_BORDER_PX)
             patches = ((mine[patch_of == patch], view) for patch, view in enumerate(views))
             viewpoints += [
-                replace(self._viewpoint(some, view), modes=self.truth) for some, view in patches if len(some)
+                replace(self._viewpoint(some, view), modes=self.patched)
+                for some, view in patches
+                if len(some)
             ]
             if again and len(rest := mine[patch_of < 0]):
-                viewpoints += self._coarse_views(rest, self.truth)
+                viewpoints += self._coarse_views(rest, self.patched)
         worthy, count, area = [], 0, 0
         for viewpoint in viewpoints:
-            requests = viewpoint.requests(self.truth)
+            requests = viewpoint.requests(self.patched)
             pixels = pixels_of(request.view for request in requests)
             worth = rate * len(viewpoint.pixels)
             if self.price.of(len(requests), pixels) <= worth and not self.full(
