@@ -213,8 +213,8 @@ class _Truth:
         color = ((lit < self.least - _LEVELS) | (lit > self.most + _LEVELS)).any(axis=-1)
         with np.errstate(invalid="ignore"):
             beyond = np.abs(image["depth"] - self.hits.distance) - image["depth_error"]
-            unbounded = off & ~(beyond <= _SLACK * self.hits.distance)
-        unmarked = ~image["unsure"] & (unbounded | (label & ~image["label_edge"]))
+            bounded = (beyond <= _SLACK * self.hits.distance) | np.isposinf(image["depth_error"])
+        unmarked = ~image["unsure"] & ((off & ~bounded) | (label & ~image["label_edge"]))
         doubt = image["label_edge"] | image["unsure"] | ~(image["depth_error"] <= _DEPTH * image["depth"])
         unmarked |= color & ~doubt
         valid = image.valid
