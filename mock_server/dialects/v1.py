@@ -320,12 +320,16 @@ class Plugin11(Branch52):
             ),
         ]
         if self.settings.shared_memory != "unlisted":
-            refuse = camera(lambda _: _NO_WINDOWS)
+            refuse = camera(_refuse_sharing)
             rows += [(f"vget {cam}/{mode}_shared", f"{mode} in shared memory", refuse) for mode in MODES]
         return rows
 
     def _list(self) -> str:
         return "\n".join(sorted({command.template for command in self.commands}))
+
+
+def _refuse_sharing(_: Camera) -> str:
+    return _NO_WINDOWS
 
 
 def _bones(_: SceneObject, names: str = "", space: str = "component") -> Reply:
