@@ -265,28 +265,25 @@ class Camera(ABC):
     def __init_subclass__(cls, **options: Any) -> None:
         """Wrap the constructor: it checks and freezes the camera at its end.
 
-        The signature of one that passes ``*size`` and ``**others`` on to its base has those of the base, by
-        name.
+        The signature of one that passes ``**others`` on to its base has those of the base: by name alone, but
+        for the size, unless it passes ``*size`` on, too.
         """
         super().__init_subclass__(**options)
         construct = cls.__init__
         own = inspect.signature(construct).parameters.values()
-        passes = any(parameter.kind is parameter.VAR_POSITIONAL for parameter in own)
+        kinds = {parameter.kind for parameter in own}
 
         @wraps(construct)
         def __init__(self: Camera, *args: Any, **kwargs: Any) -> None:  # noqa: N807
-            if passes and len(args) > 2:
-                raise ArgumentError(
-                    f"{cls.name}: expected width and height, and others by name; got {shown(args)}"
-                )
             with np.errstate(all="ignore"):
                 construct(self, *args, **kwargs)
             if type(self) is cls:
                 self._freeze()
 
-        if passes:
-            base = inspect.signature(super(cls, cls).__init__).parameters.values()
-            every = [each.replace(kind=each.KEYWORD_ONLY) if k > 2 else each for k, each in enumerate(base)]
+        if inspect.Parameter.VAR_KEYWORD in kinds:
+            named = inspect.Parameter.VAR_POSITIONAL not in kinds
+            base = enumerate(inspect.signature(super(cls, cls).__init__).parameters.values())
+            every = [each.replace(kind=each.KEYWORD_ONLY) if named and k > 2 else each for k, each in base]
             every += [each for each in own if each.kind is each.KEYWORD_ONLY]
             __init__.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         cls.__init__ = __init__  # type: ignore[method-assign]

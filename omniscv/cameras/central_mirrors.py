@@ -60,10 +60,10 @@ class CatadioptricParabolic(SphereModel):
     name = "catadioptric-parabolic"
     xi, _one_less_xi_squared = 1.0, 0.0
 
-    def __init__(self, *size: Any, semi_latus_rectum: float = 1.0, **circle: Any) -> None:
+    def __init__(self, width: int, height: int, *, semi_latus_rectum: float = 1.0, **circle: Any) -> None:
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
         self.eta = -self.semi_latus_rectum
-        super().__init__(*size, **circle)
+        super().__init__(width, height, **circle)
 
     @classmethod
     def example(cls, width: int = 512) -> Self:
@@ -86,7 +86,7 @@ class CatadioptricHyperbolic(SphereModel):
     typical: ClassVar = {"semi_latus_rectum": 0.4}
 
     def __init__(
-        self, *size: Any, distance: float = 1.0, semi_latus_rectum: float = 0.5, **circle: Any
+        self, width: int, height: int, *, distance: float = 1.0, semi_latus_rectum: float = 0.5, **circle: Any
     ) -> None:
         self.distance = number("distance", distance, above=0)
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
@@ -96,7 +96,7 @@ class CatadioptricHyperbolic(SphereModel):
         # d / 2a = (D + 2p) / d, because D^2 - (2p)^2 = d^2; t^2 = (d / 2a)^2 - 1.
         edge = np.sqrt(2 * self.semi_latus_rectum * (root + self.semi_latus_rectum)) / self.distance
         self._edge = float(np.nextafter(edge, 0))
-        super().__init__(*size, **circle)
+        super().__init__(width, height, **circle)
 
 
 @register

@@ -75,14 +75,16 @@ class NoncentralSphericalMirror(NoncentralMirror):
     name = "noncentral-spherical-mirror"
     typical: ClassVar = {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}
 
-    def __init__(self, *size: Any, mirror_radius: float, distance: float, **circle: Any) -> None:
+    def __init__(
+        self, width: int, height: int, *, mirror_radius: float, distance: float, **circle: Any
+    ) -> None:
         self.mirror_radius = number("mirror_radius", mirror_radius, above=0, most=FARTHEST)
         self.distance = number("distance", distance, least=1 / FARTHEST, most=FARTHEST)
         self._z_s = self.distance + self.mirror_radius
         # Z^2 - 1 as a product: exact for a camera close to the ball.
         beyond = np.sqrt(self.distance * (self.distance + 2 * self.mirror_radius))
         self._edge = float(self.mirror_radius / beyond)
-        super().__init__(*size, **circle)
+        super().__init__(width, height, **circle)
 
     def _meridian(self, t: Array) -> Meridian:
         ratio, part = self._z_s / self.mirror_radius, t / self._edge
@@ -163,7 +165,9 @@ class NoncentralConicalMirror(NoncentralMirror):
 
     def __init__(
         self,
-        *size: Any,
+        width: int,
+        height: int,
+        *,
         half_angle_deg: float,
         distance: float,
         mirror_radius: float | None = None,
@@ -179,7 +183,7 @@ class NoncentralConicalMirror(NoncentralMirror):
             self._edge = float(np.nextafter(sin / cos, 0))
         else:
             self._edge = float(rim * sin / (self.distance * sin + rim * cos))
-        super().__init__(*size, **circle)
+        super().__init__(width, height, **circle)
 
     def _meridian(self, t: Array) -> Meridian:
         r = np.where(t > 0, t, np.nan)
