@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple, Self, TypeVar
 
-from isal import isal_zlib
+from zlib_ng import zlib_ng
 
 from omniscv import modalities
 from omniscv.arguments import shown, text
@@ -43,7 +43,7 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
     texts = (
         value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass") for value in values
     )
-    return isal_zlib.crc32(b"".join([b"%d:%b" % (len(text), text) for text in texts]))
+    return zlib_ng.crc32(b"".join([b"%d:%b" % (len(text), text) for text in texts]))
 
 
 class Row(NamedTuple):
@@ -81,7 +81,7 @@ class Row(NamedTuple):
         request = capture.request
         views = view_to_json(request.view), view_to_json(capture.view)
         texts = key_of(request), capture.mode, *views, encoding, provenance
-        return cls(0, *texts, isal_zlib.crc32(payload), 0, payload, request.state)
+        return cls(0, *texts, zlib_ng.crc32(payload), 0, payload, request.state)
 
     def in_recording(self, number: int, recording: str) -> Self:
         """Return the row with its number in the recording of an id, and its checksum there."""
@@ -102,7 +102,7 @@ class Row(NamedTuple):
 
     def check_payload(self) -> None:
         """Raise DamagedRecordingError if the payload is not as recorded."""
-        crc = isal_zlib.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
+        crc = zlib_ng.crc32(self.payload) if isinstance(self.payload, bytes) else "no bytes"
         with self._named():
             if crc != self.payload_checksum:
                 raise ArgumentError(f"expected checksum {shown(self.payload_checksum)}, got {crc}")
