@@ -1,7 +1,7 @@
 """OpenEXR, written fast: scan lines, compressed by ZIP, which every reader has.
 
 A file is a header of attributes, the offsets of its blocks, and blocks of 16 rows. Of each block the even
-bytes come first, then the odd ones, and each as its difference to the one before. Writing them takes a third
+bytes come first, then the odd ones, and each as its difference to the one before. Writing them takes half
 of the time that OpenImageIO takes, because zlib-ng deflates faster.
 """
 
@@ -19,7 +19,7 @@ _START = struct.pack("<II", 20000630, 2)
 _TYPES = {"uint32": 0, "float16": 1, "float32": 2}
 _ZIP, _ROWS = 3, 16
 _LEVEL = 2
-"""By measurement: within 4 % of the least time of all levels, and the fewest bytes but for the slow ones."""
+"""By measurement: level 1 takes six tenths of the time, but a frame is a quarter larger."""
 
 
 def encode(
