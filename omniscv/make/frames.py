@@ -199,8 +199,9 @@ def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniIma
 
     An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
     seen before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and
-    only an object that is seen then, where nothing was before it at first, was left out. As far away as that
-    object may have been what hid it, and is left out now.
+    only an object that is seen then, where nothing was before it at first, was left out. Where
+    the two are equally far away, what the image showed must still be there: else it hid the object, and is
+    itself left out of the second captures.
 
     Args:
         seen: an image with labels and depth, and the boxes of objects.
