@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,11 @@ from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.failures import wrong_depth
 from omniscv.chart.truth import traced
+from omniscv.compose.cache import SharedCaptures
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
 from omniscv.progress import Steps, counted
 from omniscv.render_options import PRICE, Price
-from omniscv.sources.base import Capture, Request, Source, SourceWrapper
 from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
@@ -108,17 +108,20 @@ def measure(
     truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
     rows: list[Row] = []
     for name, camera, series, options in counted(ways, progress):
-        source, started = _Counting(SceneSource(scene, cached_views=1)), time.perf_counter()
-        image = render(camera, _POSE, source, _MODES, **options)
-        compose_s = time.perf_counter() - started - source.seconds
+        source = SharedCaptures(SceneSource(scene, cached_views=1), {}, all_=True)
+        render(camera, _POSE, source, _MODES, **options)
+        started = time.perf_counter()
+        image = render(camera, _POSE, source, _MODES, **options)  # of captures that are held
+        compose_s = time.perf_counter() - started
+        captures, pixels = image.effort.captures, image.effort.megapixels * 1e6
         off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
         wrong = float(off[image.valid].mean())
         prices = {ms: Price(ms, MS_MEGAPIXEL) for ms in LATENCIES_MS}
-        seconds_at = {ms: price.of(source.requests, source.pixels) / 1e3 for ms, price in prices.items()}
+        seconds_at = {ms: price.of(captures, pixels) / 1e3 for ms, price in prices.items()}
         rows.append(
             Row(
-                name, series, options.get("viewpoints"), options.get("face_size"), source.requests,
-                source.pixels / 1e6, seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong,
+                name, series, options.get("viewpoints"), options.get("face_size"), captures,
+                image.effort.megapixels, seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong,
                 compose_s, options.get("accuracy"),
             )
         )  # fmt: skip
@@ -135,26 +138,6 @@ def _ways(camera: Camera, width: int, asked: Sequence[float]) -> Iterator[tuple[
     for aim in asked:
         if camera.central or aim >= _LEAST_NONCENTRAL:
             yield ASKED, {"accuracy": aim}
-
-
-class _Counting(SourceWrapper):
-    """Counts requests and pixels, and measures the time of the captures."""
-
-    def __init__(self, source: Source) -> None:
-        super().__init__(source)
-        self.requests, self.pixels, self.seconds = 0, 0, 0.0
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        captures = self._source.capture(requests)
-        while True:
-            started = time.perf_counter()
-            capture = next(captures, None)
-            self.seconds += time.perf_counter() - started
-            if capture is None:
-                return
-            self.requests += 1
-            self.pixels += capture.view.width * capture.view.height
-            yield capture
 
 
 def write(rows: Sequence[Row], out: Path) -> list[Path]:

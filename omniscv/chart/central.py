@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from importlib.util import find_spec
@@ -18,11 +18,12 @@ from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.truth import traced_mean
+from omniscv.compose.cache import SharedCaptures
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.planning import Filter, RenderOptions
 from omniscv.progress import Steps, counted
-from omniscv.sources.base import Capabilities, Capture, Request, Source, SourceWrapper, View
+from omniscv.sources.base import Capabilities, Request, View
 from omniscv.sources.scene import SceneSource, open_scene
 
 FILTERS: tuple[Filter, ...] = ("nearest", "bilinear", "bicubic", "area")
@@ -65,20 +66,6 @@ class Row:
     rms: float
 
 
-class _CachedCaptures(SourceWrapper):
-    """Captures that cost nothing: each is made once."""
-
-    def __init__(self, source: Source) -> None:
-        super().__init__(source)
-        self._captures: dict[Request, Capture] = {}
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for request in requests:
-            if request not in self._captures:
-                (self._captures[request],) = self._source.capture([request])
-            yield self._captures[request]
-
-
 def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
     """Measure every way in the four-wall room.
 
@@ -91,7 +78,7 @@ def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
     ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}
     for edge in (round(width / 4 * scale) for scale in SCALES):
         fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(edge, edge), fov_deg=90.0)
-        source = _CachedCaptures(SceneSource(scene, fixed, cached_views=1))
+        source = SharedCaptures(SceneSource(scene, fixed, cached_views=1), {}, all_=True)
         for filter in FILTERS:
             options = RenderOptions("cube", face_size=edge, filter=filter)
             ways[filter, edge, "kept"] = _ours(Renderer(source), camera, options, new=False)

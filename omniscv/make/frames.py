@@ -119,9 +119,7 @@ class FrameMaker:
 
         def look(source: Source) -> None:
             moved = self._job.changes and self._shapes
-            world.update(
-                geometry=source.geometry() if moved else self._geometry, object_poses=source.object_poses()
-            )
+            world.update(geometry=source.geometry() if moved else self._geometry, object_poses=source.poses())
 
         with self._capture_lock, self._failures.leaving_out(frames, self._job.world):
             report = meter.part()

@@ -108,7 +108,7 @@ def draws_of(job: Job, source: Source) -> Draws:
                 raise ArgumentError(f"vary.{kind}.{name}: {got}")
     near = [name for name, settings in vary.objects.items() if settings.get("clearance")]
     boxes = source.geometry().boxes if near else {}
-    at_rest = source.rest_poses(list(boxes)) if near else {}
+    at_rest = source.poses(list(boxes)) if near else {}
     pivots = {name: pose.position for name, pose in at_rest.items()}
     draws = Draws(vary, job.world, {kind: source.variable(kind) for kind in vary.rules}, boxes, pivots)
     if both := sorted(draws.settings().get("objects", {}).keys() & job.motions.keys()):

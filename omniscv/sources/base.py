@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, NoReturn, Self, TypeVar, cast
@@ -135,19 +135,17 @@ class Source(ABC):
         """Return what is known of the shapes in the scene; empty for sources of pictures only."""
         return SceneGeometry()
 
-    def object_poses(self) -> Mapping[str, Pose]:
-        """Return the known poses of moving objects at this source's instant: ``R_w_o`` and position."""
-        return self.instant.poses
+    def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
+        """Return the poses of objects at this source's instant, ``R_w_o`` and position; of those that are
+        known. Without names, of those that are known to move.
+        """
+        return self.instant.poses if objects is None else {}
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
         how many numbers each has.
         """
         return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
-
-    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
-        """Return the poses of objects as they are now, ``R_w_o`` and position; of those that are known."""
-        return {}
 
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene in which objects are hidden.
@@ -251,8 +249,7 @@ class SourceWrapper(Source):
     geometry = _forwarded(Source.geometry)
     cover = _forwarded(Source.cover)
     variable = _forwarded(Source.variable)
-    object_poses = _forwarded(Source.object_poses)
-    rest_poses = _forwarded(Source.rest_poses)
+    poses = _forwarded(Source.poses)
     recorded_views = _forwarded(Source.recorded_views)
     recorded_in = _forwarded(Source.recorded_in)
     command = _forwarded(Source.command)
@@ -303,10 +300,12 @@ class ProcessBound(SourceWrapper):
     Args:
         source: closed with this.
         address: of the source, for messages.
+        host: what was started for the source alone, such as a game; closed after it.
     """
 
-    def __init__(self, source: Source, address: str) -> None:
+    def __init__(self, source: Source, address: str, host: ExitStack | None = None) -> None:
         self._opened, self._address, self._process = source, address, os.getpid()
+        self._host = host or ExitStack()
 
     def __repr__(self) -> str:
         return repr(self._opened)
@@ -323,7 +322,8 @@ class ProcessBound(SourceWrapper):
 
     def close(self) -> None:
         if self._process == os.getpid():
-            super().close()
+            with self._host:
+                super().close()
 
     def __reduce__(self) -> NoReturn:
         raise not_picklable(self._address)

@@ -84,7 +84,7 @@ class SceneSource(Source):
         known_objects(named, scene.objects, f"scene {scene.name}")
         try:
             self.scene = scene if instant.time is None else scene.at(instant.time)
-            drawn, undrawn = instant.placed(self.rest_poses)
+            drawn, undrawn = instant.placed(self.poses)
             self._moved = {**instant.poses, **drawn}
             if static := sorted(self._moved.keys() & scene.static):
                 raise ValueError(f"expected objects that can be moved, got {static[0]}, which is static")
@@ -135,12 +135,10 @@ class SceneSource(Source):
         boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
         return SceneGeometry(MappingProxyType(boxes), room_of(scene))
 
-    def object_poses(self) -> dict[str, Pose]:
-        """Return the poses of objects that move by themselves, and of those that the instant moves."""
-        return self.rest_poses({*self.scene.moving, *self._moved})
-
-    def rest_poses(self, objects: Collection[str]) -> dict[str, Pose]:
-        poses = {name: self.scene.pose(name) for name in sorted(objects)}
+    def poses(self, objects: Collection[str] | None = None) -> dict[str, Pose]:
+        """As :meth:`Source.poses`: of objects that move by themselves, and that the instant moves."""
+        names = {*self.scene.moving, *self._moved} if objects is None else objects
+        poses = {name: self.scene.pose(name) for name in sorted(names)}
         return {name: Pose(position, R_w_o) for name, (R_w_o, position) in poses.items()}
 
     def without(self, objects: Iterable[str]) -> SceneSource:

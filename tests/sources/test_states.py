@@ -47,7 +47,7 @@ def recorded(scene, tmp_path):
 
 
 def poses_of(source):
-    return {name: pose.to_dict() for name, pose in source.object_poses().items()}
+    return {name: pose.to_dict() for name, pose in source.poses().items()}
 
 
 def record(scene, path, instants):

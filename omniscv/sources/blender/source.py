@@ -134,16 +134,14 @@ class BlenderSource(Source):
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
         return SceneGeometry(MappingProxyType(dict(sorted(self._measured().boxes.items()))))
 
-    def object_poses(self) -> Mapping[str, Pose]:
-        """Return the poses of objects that the instant moves."""
-        return self._moved
-
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         scene = self._blender.scene
         known = {"lights": scene.lights, "materials": scene.materials}
         return known[kind] if kind in known else super().variable(kind)
 
-    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+    def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
+        if objects is None:
+            return self._moved
         known = self._measured()
         axes = {name: box.R_w_b for name, box in known.boxes.items()}
         return {name: Pose(known.places[name], axes[name]) for name in objects if name in axes}
@@ -164,7 +162,7 @@ class BlenderSource(Source):
         self._check_open()
         named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
         known_objects(named, self._objects.ids, self._blender.name)
-        drawn, undrawn = instant.placed(self.rest_poses)
+        drawn, undrawn = instant.placed(self.poses)
         hidden = self._hidden.union(instant.hidden, undrawn)
         return SourceView(
             copy_with(self, _hidden=hidden, _instant=instant, _moved={**instant.poses, **drawn})

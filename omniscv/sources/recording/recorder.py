@@ -184,7 +184,7 @@ class Recording(SourceWrapper):
         moved = {name: box for name, box in boxes.items() if box.to_dict() != still.get(name)}
         instant = self.instant if self.instant.state == state else None
         set_poses = instant.poses if instant else {}
-        read_poses = self._source.object_poses().items()
+        read_poses = self._source.poses().items()
         poses = {name: pose for name, pose in read_poses if name not in set_poses}
         requested = None if self._requested is None else self._requested.state
         return WorldState(instant, moved, None if requested == state else requested, poses)

@@ -256,9 +256,9 @@ class RecordedSource(Source):
     def instant(self) -> Instant:
         return self._world_state.instant or Instant()
 
-    def object_poses(self) -> Mapping[str, Pose]:
-        """As recorded with the state's first capture."""
-        return self._world_state.object_poses()
+    def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
+        """Of objects that move, as recorded with the state's first capture."""
+        return self._world_state.object_poses() if objects is None else {}
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """What was varied when it was recorded."""

@@ -18,7 +18,7 @@ from typing import IO
 
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, DeadlineError, ServerConnectionError, SourceError
-from omniscv.sources.base import Source, SourceWrapper
+from omniscv.sources.base import Source
 from omniscv.storage.local import last_line, locked, whole_file
 
 Connect = Callable[..., Source]
@@ -32,32 +32,22 @@ _WATCHER = Path(__file__).with_name("watcher.py")
 _GRACE_S = 10.0  # how long a game may take to end after SIGTERM, before SIGKILL
 
 
-class HostedSource(SourceWrapper):
-    """A source and its server, a game or a mock server, which is stopped when the source is closed."""
-
-    def __init__(self, source: Source, host: ExitStack) -> None:
-        super().__init__(source)
-        self._host = host
-
-    def close(self) -> None:
-        with self._host:
-            super().close()
-
-
 def launch(
     path: Path,
     connect: Connect,
+    host: ExitStack,
     *,
     port: int | None = None,
     size: tuple[int, int] = (640, 480),
     fov_deg: float = 90.0,
     startup_timeout_s: float = 180.0,
 ) -> Source:
-    """Start a game for one source alone; closing the source stops it.
+    """Start a game for one source alone.
 
     Args:
         path: the game's executable, or the launcher in the folder of the package.
         connect: opens an endpoint as a source.
+        host: stops the game, and puts its settings back, when it is closed.
         port: where the plugin listens; None takes a free one.
         size: width and height of its images, px: in force where a dialect cannot set them.
         fov_deg: horizontal field of view, likewise.
@@ -75,18 +65,16 @@ def launch(
     path = path.absolute()
     if not path.is_file() or not os.access(path, os.X_OK):
         raise ArgumentError(f"{path}: expected a game that can be run, but there is none")
-    with ExitStack() as host:
-        with ExitStack() as settings:
-            for folder in settings_folders(path):
-                # Without input, because a click in the window would break the stream:
-                text = (
-                    f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
-                    "EnableInput=False\nEnableRightEye=False\n"
-                )
-                settings.enter_context(temporary_settings(folder, text, startup_timeout_s))
-            watcher, output = host.enter_context(_running(path))
-            source = _reachable(path, watcher, output, port, startup_timeout_s, connect)
-        return HostedSource(source, host.pop_all())
+    with ExitStack() as settings:
+        for folder in settings_folders(path):
+            # Without input, because a click in the window would break the stream:
+            text = (
+                f"[UnrealCV.Core]\nPort={port}\nWidth={size[0]}\nHeight={size[1]}\nFOV={fov_deg:f}\n"
+                "EnableInput=False\nEnableRightEye=False\n"
+            )
+            settings.enter_context(temporary_settings(folder, text, startup_timeout_s))
+        watcher, output = host.enter_context(_running(path))
+        return _reachable(path, watcher, output, port, startup_timeout_s, connect)
 
 
 def settings_folders(path: Path) -> list[Path]:

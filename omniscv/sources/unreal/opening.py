@@ -5,21 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 from urllib.parse import parse_qsl, urlsplit
 
 from omniscv.arguments import one_of, shown, whole_number
 from omniscv.errors import ArgumentError
-from omniscv.geometry.instant import Instant
-from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capabilities, ProcessBound, Source
 from omniscv.sources.registry import Opener, advice_on, read_size, split_address
-from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.driver import CameraOptions
-from omniscv.sources.unreal.launcher import Connect, HostedSource, launch
+from omniscv.sources.unreal.launcher import Connect, launch
 from omniscv.sources.unreal.protocol import MODERN
 from omniscv.sources.unreal.source import connect
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
@@ -37,8 +33,11 @@ MOST_WARMUP = 1000  # frames after each move
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 
 
-def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
-    """Return the opener for a function that opens an address, given how to connect to an endpoint."""
+def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener:
+    """Return the opener for a function that opens an address, given how to connect to an endpoint.
+
+    What it starts for the source, it leaves to an exit stack, which is closed with the source.
+    """
 
     def opener(
         address: str,
@@ -53,57 +52,38 @@ def _opener(open_address: Callable[[str, Connect], Source]) -> Opener:
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
         bias = None if exposure is None else exposure_bias("exposure", exposure)
 
-        def connect_to(endpoint: Endpoint, camera: str = "") -> Source:
+        def connect_to(endpoint: Endpoint, camera: str = "", scene: Scene | None = None) -> Source:
             if camera and bias not in (None, "game"):
                 raise ArgumentError("exposure: expected it without a camera of the level, whose own it keeps")
             frames = whole_number("warmup", warmup, least=0, most=MOST_WARMUP)
             options = CameraOptions(fix_exposure, bias, camera, frames)
-            return connect(Connection(endpoint, timeout_s, patience_s, retries), options, how)
+            return connect(Connection(endpoint, timeout_s, patience_s, retries), options, how, scene)
 
-        return ProcessBound(open_address(address, connect_to), address)
+        with ExitStack() as host:
+            source = open_address(address, connect_to, host)
+            return ProcessBound(source, address, host.pop_all())
 
     return opener
 
 
 @_opener
-def open_unreal(address: str, connect: Connect) -> Source:
+def open_unreal(address: str, connect: Connect, host: ExitStack) -> Source:
     """Open ``unreal://host:port`` or ``unreal+unix:///path``; ``?camera=N`` takes a camera of the level."""
     return connect(_endpoint(address), _camera(address))
 
 
 @_opener
-def open_launched(address: str, connect: Connect) -> Source:
+def open_launched(address: str, connect: Connect, host: ExitStack) -> Source:
     """Start a packaged game, and open it: ``launch:PATH?port=9001``, with options of :func:`launch`."""
     path, options = split_address(address, _LAUNCH_OPTIONS)
-    return launch(Path(path), connect, **options)
+    return launch(Path(path), connect, host, **options)
 
 
 @_opener
-def open_mock(address: str, connect: Connect) -> Source:
+def open_mock(address: str, connect: Connect, host: ExitStack) -> Source:
     """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
-    with ExitStack() as host:
-        server = host.enter_context(_mock(address))
-        return MockSource(connect((server.host, server.port)), host.pop_all(), server.scene)
-
-
-class MockSource(HostedSource):
-    """The mock server that was started for this source. Boxes come over the wire, the room from its scene."""
-
-    def __init__(self, source: Source, host: ExitStack, scene: Scene) -> None:
-        super().__init__(source, host)
-        self._scene = scene
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """Those of the server; the world moves where its scene has objects that do."""
-        known: Capabilities = super().capabilities
-        return replace(known, moves=True) if self._scene.moving else known
-
-    def geometry(self) -> SceneGeometry:
-        return replace(super().geometry(), room=room_of(self._scene))
-
-    def at(self, instant: Instant) -> Source:
-        return MockSource(super().at(instant), ExitStack(), self._scene)  # with the room, too
+    server = host.enter_context(_mock(address))
+    return connect((server.host, server.port), scene=server.scene)
 
 
 def _mock_capabilities(address: str) -> Capabilities | None:

@@ -1,5 +1,7 @@
 """The live source: captures from a UE4/UE5 editor or packaged game, whatever the dialect of its plugin."""
 
+from __future__ import annotations
+
 import contextlib
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -7,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import accumulate, groupby
 from types import MappingProxyType
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from omniscv.errors import SceneChangedError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
@@ -24,6 +26,7 @@ from omniscv.sources.base import (
     View,
     closed_error,
 )
+from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal, object_poses
@@ -33,6 +36,9 @@ from omniscv.sources.unreal.objects import boxes, colors, object_table
 from omniscv.sources.unreal.protocol import EXPOSURE_METHOD, checked
 from omniscv.sources.unreal.world import UnrealWorld
 from omniscv.sources.world import Freeze, SharedExposure, World
+
+if TYPE_CHECKING:
+    from mock_server import Scene
 
 T = TypeVar("T")
 
@@ -51,11 +57,18 @@ class UnrealSource(Source):
     one that shows another scene than at first raise a SourceError.
     """
 
-    def __init__(self, connection: Connection, driver: CameraDriver, freeze: Freeze | None = None) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        driver: CameraDriver,
+        freeze: Freeze | None = None,
+        scene: Scene | None = None,
+    ) -> None:
         self._connection, self._driver = connection, driver
+        self._room = None if scene is None else room_of(scene)
         self._journal = Journal(connection.address)
         self._world = UnrealWorld(driver, self._journal, freeze or "auto")
-        self._moves = freeze is not None
+        self._moves = freeze is not None or (scene is not None and bool(scene.moving))
         self._driver.one_tick = self._world.freeze == "batch"
         self._attached: Client | None = None
         self._client()
@@ -81,10 +94,13 @@ class UnrealSource(Source):
         return self._driver.cover(view)
 
     def geometry(self) -> SceneGeometry:
-        """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them."""
+        """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them.
+
+        The room is that of the mock server's scene.
+        """
         with self._journal.turn():
             known = self._steady(lambda: boxes(self._connection, list(colors(self._connection))))
-            return SceneGeometry(MappingProxyType(known))
+            return SceneGeometry(MappingProxyType(known), self._room)
 
     def without(self, objects: Iterable[str]) -> Source:
         """As :meth:`Source.without`; the game shows the objects again when either source is closed."""
@@ -102,10 +118,9 @@ class UnrealSource(Source):
         with self._journal.turn():
             return self._changed(lambda: self._world.set_instant(instant))
 
-    def object_poses(self) -> Mapping[str, Pose]:
-        return {**self.instant.poses, **self._journal.named("drawn")}
-
-    def rest_poses(self, objects: Collection[str]) -> Mapping[str, Pose]:
+    def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
+        if objects is None:
+            return {**self.instant.poses, **self._journal.named("drawn")}
         with self._journal.turn():
             return object_poses(self._connection, objects)
 
@@ -248,15 +263,20 @@ def _pixels(request: Request) -> int:
 
 
 def connect(
-    connection: Connection, options: CameraOptions = SPAWNED, freeze: Freeze | None = None
+    connection: Connection,
+    options: CameraOptions = SPAWNED,
+    freeze: Freeze | None = None,
+    scene: Scene | None = None,
 ) -> UnrealSource:
     """Return a server as a source, whatever its dialect; the connection is closed with it.
+
+    ``scene`` is the mock server's: its room is known, and whether it has objects that move by themselves.
 
     The connection that asks for the dialect is the one that is used: some servers serve only one (protocol
     reference, section 1.2).
     """
     try:
-        return UnrealSource(connection, open_driver(connection, options), freeze)
+        return UnrealSource(connection, open_driver(connection, options), freeze, scene)
     except BaseException:
         connection.close()
         raise

@@ -244,7 +244,7 @@ def test_draws_place_objects_and_set_lights_and_materials(scenes):
             box = moved.geometry().boxes["Crate"]
             np.testing.assert_allclose(box.center_w, (3.5, 0, 1), atol=1e-6)
             np.testing.assert_allclose(box.R_w_b, np.eye(3), atol=1e-6)
-            pose = moved.object_poses()["Crate"]
+            pose = moved.poses()["Crate"]
             np.testing.assert_allclose(pose.position, (3.5, 0, 1), atol=1e-6)
             (depth,) = moved.capture([Request(ahead(center=(0, 0, 1)), "depth", moved.state)])
             np.testing.assert_allclose(depth.pixels[7:9, 7:9], 3, atol=1e-5)
