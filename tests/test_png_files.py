@@ -18,9 +18,10 @@ from support.cases import cases
 
 from omniscv.errors import BadReplyError
 from omniscv.geometry import Pose
+from omniscv.pictures import MAX_PIXELS
+from omniscv.pictures import png as png_files
 from omniscv.sources import View
-from omniscv.sources.codecs import MAX_PIXELS, decode, picture_size
-from omniscv.storage import png as png_files
+from omniscv.sources.codecs import decode, picture_size
 
 CHANNELS = {0: 1, 2: 3, 4: 2, 6: 4}
 """By colour type."""

@@ -1,6 +1,6 @@
 """The files of an image.
 
-STEM.lit.png (or .jxl, .jpg)   colour
+STEM.lit.png (or .jpg)         colour
 STEM.object_mask.png           mask colours
 STEM.labels.png                16-bit labels
 STEM.depth.exr (.tiff, .npy)   float32 metres along the ray
@@ -21,7 +21,7 @@ are 0 and 255 there, too.
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
@@ -34,17 +34,14 @@ from numpy.typing import NDArray
 from omniscv import modalities, plugins
 from omniscv.arguments import one_of, shown
 from omniscv.arguments import stem as start_of_name
-from omniscv.compose.reading import ARRAY
 from omniscv.compose.rounding import as_halves
-from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.errors import ArgumentError
 from omniscv.parallel import side_by_side
+from omniscv.pictures import b2nd, forms
+from omniscv.pictures.forms import ARRAY, FORMS, Form, Writer, form_of
 from omniscv.sources.base import ObjectTable
-from omniscv.storage import b2nd, exr, png
-from omniscv.storage.bounded import MOST_JSON_BYTES, library_error, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
-
-Writer = Callable[[Path, NDArray[Any], modalities.Modality], None]
-"""``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
 
 OBJECTS = "objects.json"
 DEPTH_FORMATS = ("exr", "tiff", "npy")
@@ -52,22 +49,16 @@ DEPTH_FORMATS = ("exr", "tiff", "npy")
 STORES = ("files", "fast")
 """How layers are stored: pictures that other programs read, or arrays for omniscv, torch and Blosc2."""
 
-_NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
-_LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
-_JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
-_REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
-"""x and y of red, green, blue and white of floating-point colours."""
-
 
 def register(suffix: str, writer: Writer) -> None:
     """Register a function that writes files of a suffix, which then is an ``image_format`` of images."""
-    _writers[suffix] = writer
+    FORMS[suffix] = FORMS.get(suffix, Form())._replace(write=writer)
 
 
 def formats() -> tuple[str, ...]:
     """Return the values of ``image_format``."""
     plugins.load()
-    return tuple(_writers)
+    return tuple(suffix for suffix, form in FORMS.items() if form.write and suffix != ARRAY)
 
 
 def check_format(image_format: str, store: str = "files", depth_format: str = "exr") -> None:
@@ -79,7 +70,9 @@ def check_format(image_format: str, store: str = "files", depth_format: str = "e
     if one_of("store", store, STORES) == "fast":
         b2nd.package()
     if image_format not in formats():
-        raise ArgumentError(f"image_format: expected one of {', '.join(formats())}; got {image_format!r}")
+        advice = "; png is lossless, too" if image_format == "jxl" else ""
+        expected = f"image_format: expected one of {', '.join(formats())}"
+        raise ArgumentError(f"{expected}; got {image_format!r}{advice}")
 
 
 def write(
@@ -212,97 +205,10 @@ def _suffix(
 
 def write_picture(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> Path:
     """Write one layer (H, W) or (H, W, C) in the form of the path's suffix, and return the path."""
+    halves = row.file == "bound" and form_of(path).halves
     with whole_file(path) as part:
-        writer = _array if path.suffix == f".{ARRAY}" else _writers[path.suffix.removeprefix(".")]
-        writer(part, pixels, row)
+        forms.write_picture(part, as_halves(pixels) if halves else pixels, row)
     return path
-
-
-def _png(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    try:
-        whole = pixels.astype(np.uint8) * 255 if pixels.dtype == np.bool_ else pixels
-        encoded = png.encode(whole, srgb=modalities.SRGB.items() <= row.attributes.items())
-    except ArgumentError as cause:
-        raise OmniscvError(f"{path.name}: {cause}") from cause
-    path.write_bytes(encoded)
-
-
-def _array(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    stored = pixels.view(np.uint8) * np.uint8(255) if row.mark else pixels
-    path.write_bytes(b2nd.encode(as_halves(pixels) if row.file == "bound" else stored))
-
-
-def _jpeg(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    import cv2
-
-    # Not by OpenImageIO: its library for JPEG ends the process where the disk is full.
-    grey = pixels.ndim == 2
-    fits = (grey or pixels.shape[2:] == (3,)) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
-    if pixels.dtype != np.uint8 or not fits:
-        expected = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
-        raise OmniscvError(f"{path.name}: {expected}; got {pixels.dtype} of shape {pixels.shape}; choose png")
-    swapped = pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-    path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
-
-
-def _exr(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    stored = as_halves(pixels) if row.file == "bound" else pixels
-    if stored.dtype == np.uint8:
-        stored = (stored / np.float32(255)).astype(np.float16)
-    names = row.channel_names if len(row.channel_names) == np.atleast_3d(stored).shape[2] else ()
-    attributes: dict[str, Any] = {**row.attributes, **({"comments": row.doc} if row.doc else {})}
-    if row.name == "lit":
-        attributes["chromaticities"] = _REC_709
-    try:
-        path.write_bytes(exr.encode(stored, names, attributes))
-    except ArgumentError as cause:
-        raise OmniscvError(f"{path.name}: {cause}") from cause
-
-
-def _openimageio(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    import OpenImageIO
-
-    planes = pixels if pixels.ndim == 3 else pixels[..., None]
-    height, width, channels = planes.shape
-    spec = OpenImageIO.ImageSpec(width, height, channels, planes.dtype.name.removesuffix("32"))
-    if len(row.channel_names) == channels:
-        spec.channelnames = row.channel_names
-    spec.attribute("DateTime", _NO_CLOCK)
-    for name, value in row.attributes.items():
-        spec.attribute(name, value)
-    if row.doc:
-        spec.attribute("ImageDescription", row.doc)
-    if path.suffix == ".tiff":
-        spec.attribute("tiff:Predictor", 1)  # that of floats is known to few readers
-    if path.suffix == ".jxl":
-        spec.attribute("compression", "lossless")
-        spec.attribute("jpegxl:effort", 1)
-        spec.attribute("jpegxl:distance", 0.0)
-    output = OpenImageIO.ImageOutput.create(str(path))
-    if output is None:
-        raise OmniscvError(f"{path.name}: expected to write it, got: {library_error(OpenImageIO)}")
-    written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(planes))
-    closed = output.close()
-    _check_space(path)
-    if not (written and closed):
-        raise OmniscvError(f"{path.name}: expected to write it, got: {library_error(output)}")
-
-
-def _npy(path: Path, pixels: NDArray[Any], row: modalities.Modality) -> None:
-    with path.open("wb") as file:
-        np.save(file, pixels.view(np.uint8) * np.uint8(255) if row.mark else pixels, allow_pickle=False)
-
-
-def _check_space(path: Path) -> None:
-    """Raise OSError where a file cannot grow: then its last bytes may be missing.
-
-    The library for JPEG XL writes its last buffer when they close a file, and reports no error then.
-    """
-    with path.open("ab") as file:
-        size = file.tell()
-        file.write(bytes(_LAST_BUFFER))
-        file.flush()
-        file.truncate(size)
 
 
 def write_json(path: Path, data: object, indent: int | None = 2) -> Path:
@@ -327,13 +233,3 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-_writers: dict[str, Writer] = {
-    "png": _png,
-    "jxl": _openimageio,
-    "jpg": _jpeg,
-    "exr": _exr,
-    "tiff": _openimageio,
-    "npy": _npy,
-}

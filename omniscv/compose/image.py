@@ -190,7 +190,7 @@ class OmniImage:
         Args:
             out: the folder; made if it is not there.
             stem: start of the file names.
-            image_format: ``png``, ``jxl`` (lossless) or ``jpg``, for lit.
+            image_format: ``png`` or ``jpg``, for lit.
             store: ``files``, pictures that other programs read; ``fast``, arrays of Blosc2.
             depth_format: ``exr``, ``tiff`` or ``npy``, for depth, its bounds and normals.
 

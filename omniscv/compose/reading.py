@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +13,12 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.arguments import within
 from omniscv.errors import ArgumentError, BadReplyError
-from omniscv.sources import codecs
-from omniscv.storage import b2nd, png
-from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, read_bytes
-
-ARRAY = "b2nd"
-"""The suffix of layers in the store ``fast``."""
-
-_FORMS = {"jpg": "jpeg", "jxl": "jpegxl", "exr": "openexr", "tiff": "tiff"}
-"""Names of OpenImageIO, which would read any other form under these suffixes, too."""
-
-_SPARE_BYTES = 1 << 20
+from omniscv.modalities import Modality
+from omniscv.pictures.forms import Opened, open_picture
 
 
 def read(path: Path, name: str) -> NDArray[Any]:
-    """Return a layer from a file that :func:`write` wrote, as it was in memory.
+    """Return a layer from a file that :func:`omniscv.compose.files.write` wrote, as it was in memory.
 
     Args:
         path: the file.
@@ -35,16 +28,12 @@ def read(path: Path, name: str) -> NDArray[Any]:
         ArgumentError: the file cannot be read, or is no such layer.
     """
     row = modalities.get(name)
-    with within(path):
-        pixels = _readers.get(path.suffix, _other_pixels)(path, row)
-        if row.mark:
-            pixels = pixels > 0
-        if row.file == "bound":
-            pixels = pixels.astype(np.float32)
-        if not row.fits(pixels):
-            got = f"{pixels.dtype} of shape {pixels.shape}"
-            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {name}, got {got}")
-    return pixels
+    with within(path), _opened(path, row) as picture:
+        pixels = picture.pixels().reshape(picture.height, picture.width, -1)
+    pixels = pixels if row.channels else pixels[..., 0]
+    if row.mark:
+        return pixels > 0
+    return pixels.astype(np.float32) if row.file == "bound" else pixels
 
 
 def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
@@ -52,108 +41,22 @@ def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
 
     Only its header is read.
     """
-    row = modalities.get(name)
-    if path.suffix == ".png":
-        header = _png_header(path, row)
-        width, height = header.width, header.height
-    elif path.suffix == f".{ARRAY}":
-        height, width = _opened_array(path, row).shape[:2]
-    elif path.suffix == ".npy":
-        height, width = _npy_shape(path, row)[:2]
-    else:
-        spec = _opened(path, row).spec()
-        width, height = spec.width, spec.height
-    if size != (width, height):
-        wanted = f"expected {size[0]}x{size[1]} px, as its camera has"
-        raise ArgumentError(f"{wanted}, got {width}x{height}")
+    with _opened(path, modalities.get(name)) as picture:
+        if size != (picture.width, picture.height):
+            wanted = f"expected {size[0]}x{size[1]} px, as its camera has"
+            raise ArgumentError(f"{wanted}, got {picture.width}x{picture.height}")
 
 
-def _png_header(path: Path, row: modalities.Modality) -> png.Header:
-    """Return the header of a layer's PNG. Not by OpenImageIO: its library prints what is wrong with a PNG."""
+@contextmanager
+def _opened(path: Path, row: Modality) -> Iterator[Opened]:
+    """Yield the open picture of a layer, whose channels and type fit it."""
     try:
-        with path.open("rb") as file:
-            header = png.header(file.read(png.HEADER_BYTES))
+        picture = open_picture(path)
+        dtypes = ("uint8",) if row.mark else row.dtypes
+        dtypes = ("float16", "float32") if row.file == "bound" else dtypes
+        if picture.channels != (row.channels or 1) or picture.dtype not in dtypes:
+            got = f"{picture.dtype} of shape {(picture.height, picture.width, picture.channels)}"
+            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
+        yield picture
     except (OSError, BadReplyError) as fault:
         raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
-    _check_kind(row, header.channels, f"uint{header.bits}", header.width, header.height)
-    return header
-
-
-def _png_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    header = _png_header(path, row)
-    try:
-        payload = read_bytes(
-            path, _SPARE_BYTES + header.channels * header.bits * header.width * header.height // 4
-        )
-        pixels = png.decode(payload, header.bits)
-    except BadReplyError as fault:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault
-    return pixels if row.channels else pixels[..., 0]
-
-
-def _array_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    return _opened_array(path, row).pixels()
-
-
-def _opened_array(path: Path, row: modalities.Modality) -> b2nd.Stored:
-    """Return a layer's array, which fits its row and is not decompressed yet."""
-    array = b2nd.opened(read_bytes(path, MOST_PICTURE_BYTES))
-    dtypes = ("uint8",) if row.mark else ("float16",) if row.file == "bound" else row.dtypes
-    channels = (row.channels,) if row.channels else ()
-    if len(array.shape) != 2 + len(channels) or array.shape[2:] != channels or array.dtype not in dtypes:
-        got = f"{array.dtype} of shape {array.shape}"
-        raise ArgumentError(f"expected {' or '.join(dtypes)} pixels of {row.name}, got {got}")
-    return array
-
-
-def _npy_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    _npy_shape(path, row)
-    try:
-        return codecs.npy_array(read_bytes(path, MOST_PICTURE_BYTES))
-    except BadReplyError as fault:
-        raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
-
-
-def _npy_shape(path: Path, row: modalities.Modality) -> tuple[int, ...]:
-    """Return the shape in the header of a layer's NPY, which fits its row."""
-    try:
-        with path.open("rb") as file:
-            shape, dtype, *_ = codecs.npy_layout(file.read(_SPARE_BYTES))
-    except (OSError, BadReplyError) as fault:
-        raise ArgumentError(f"expected an array of {row.name}, got: {fault}") from fault
-    _check_kind(row, shape[2] if len(shape) == 3 else 1, dtype.name, shape[1], shape[0])
-    return shape
-
-
-def _other_pixels(path: Path, row: modalities.Modality) -> NDArray[Any]:
-    import OpenImageIO
-
-    pixels: NDArray[Any] | None = _opened(path, row).read_image("unknown")
-    if pixels is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
-    return pixels if row.channels else pixels[..., 0]
-
-
-def _opened(path: Path, row: modalities.Modality) -> Any:
-    """Return the open picture of a layer, of which only the header was read: no pixels take memory yet."""
-    import OpenImageIO
-
-    source = OpenImageIO.ImageInput.open(str(path))
-    if source is None:
-        raise ArgumentError(f"expected a picture of {row.name}, got: {library_error(OpenImageIO)}")
-    suffix, spec = path.suffix.removeprefix("."), source.spec()
-    if (form := source.format_name()) != _FORMS.get(suffix, form):
-        raise ArgumentError(f"expected {suffix.upper()}, as its name says, got {form}")
-    channels = spec.nchannels if spec.depth == 1 else 0
-    _check_kind(row, channels, str(spec.format), spec.width, spec.height)
-    return source
-
-
-def _check_kind(row: modalities.Modality, channels: int, dtype: str, width: int, height: int) -> None:
-    if channels != (row.channels or 1):
-        got = f"{dtype} of shape {(height, width, channels)}"
-        raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
-
-
-_readers = {".png": _png_pixels, ".npy": _npy_pixels, f".{ARRAY}": _array_pixels}
-"""By suffix; OpenImageIO reads the others."""

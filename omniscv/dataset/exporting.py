@@ -89,9 +89,12 @@ _MODULES = {
     **{"coco": "coco", "omni3d": "coco", "cfl": "layouts", "horizonnet": "layouts"},
     **{"depth_png": "numbers", "normals_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
     **dict.fromkeys(("colmap", "euroc", "flow", "hf", "kalibr", "nerfstudio", "ply", "poses", "rosbag2")),
-    **dict.fromkeys(("structured3d", "tum_mono", "webdataset", "yolo")),
+    **dict.fromkeys(("tum_mono", "webdataset", "yolo")),
 }
 """The formats of this package, and the modules that register them; None: that of the format's name."""
+
+_GONE = {"structured3d": "horizonnet or cfl for layouts, depth_png and coco for the rest"}
+"""Formats of earlier versions, and what to use instead."""
 
 _FORMATS: dict[str, Format] = {}
 
@@ -125,6 +128,8 @@ def get(name: str) -> Format:
         ArgumentError: no format has that name.
     """
     known = {format.replace("-", "_"): format for format in names()}
+    if (instead := _GONE.get(name)) and name not in known:
+        raise ArgumentError(f"format: expected a format that is written, got {name}; use {instead}")
     one_of("format", name.replace("-", "_"), known)
     name = known[name.replace("-", "_")]
     if name not in _FORMATS:

@@ -14,10 +14,10 @@ from omniscv.arguments import within
 from omniscv.cameras import Camera, from_dict
 from omniscv.compose.files import write_layers, write_picture
 from omniscv.compose.pictures import uint8_colors
-from omniscv.compose.reading import ARRAY
 from omniscv.frame import IMAGE, Frame, FrameFiles
 from omniscv.frame.files import relative
 from omniscv.modalities import Modality
+from omniscv.pictures.forms import ARRAY
 from omniscv.records import mapping
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import whole_file

@@ -18,9 +18,9 @@ from omniscv.compose.vignette import POOLED, pooled_vignette
 from omniscv.diagnostics import Finding
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, cube_rotations
+from omniscv.pictures import png
 from omniscv.planning import RecordedViews
 from omniscv.sources.base import Request, Source
-from omniscv.storage import png
 from omniscv.storage.local import whole_file
 
 _STEP = 2.0  # levels across an edge that show

@@ -20,8 +20,9 @@ from typing import Any
 from omniscv import modalities, plugins
 from omniscv.arguments import shown, text, whole_number, within
 from omniscv.compose.files import formats
-from omniscv.compose.reading import ARRAY, check_header
+from omniscv.compose.reading import check_header
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError
+from omniscv.pictures.forms import ARRAY
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular
 

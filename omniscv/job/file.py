@@ -196,7 +196,7 @@ class _Keys:
     rig: Any = checked(_rig, default=None, help="cameras that move together, or the name of a rig's file")
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
     out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
-    image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
+    image_format: str = checked(text, default="png", help="file format of lit: png or jpg")
     depth_format: str = checked(
         text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
     )

@@ -26,7 +26,7 @@ from omniscv.cameras.radial import Lens
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats, Mask
 from omniscv.light import light_of_codes
-from omniscv.storage import png
+from omniscv.pictures import png
 from omniscv.storage.bounded import library_error
 from omniscv.storage.local import whole_file, write_text
 

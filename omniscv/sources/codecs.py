@@ -4,12 +4,10 @@ The encodings are registered at the end of this file; docs/capture-folders.md sa
 other packages register others.
 """
 
-import io
-import math
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +17,14 @@ from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
 from omniscv.geometry.surfaces import Precision
 from omniscv.geometry.unreal_frame import direction_from_unreal
+from omniscv.pictures import MAX_PIXELS, npy, png
 from omniscv.sources.base import Capture, View
-from omniscv.storage import png
 
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
 
-MAX_PIXELS = 1 << 27
-"""The most pixels that are decoded, 16384 x 8192: a byte of PNG can stand for a thousand."""
-
 NEAR_MIDDLE, BOUNDED = "npy 0.005 px", "npy bounded"
 
-_NPY = b"\x93NUMPY"
-_NPY_HEADER_MOST = 1000  # bytes; NumPy writes 118
-_NPY_HEADER = re.compile(
-    rb"\{'descr': '([<>|=](?:f[248]|[iu][1248]|b1))', 'fortran_order': (False|True), "
-    rb"'shape': \((\d{1,9}(?:, \d{1,9}){1,2}),?\),? *\}\s*"
-)
-"""The header as NumPy writes it. NumPy's own reader evaluates Python literals, and crashes on some."""
 _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
 _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
 
@@ -111,9 +99,7 @@ def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
     """Return bytes and encoding of pixels, lossless: PNG for three channels of uint8, else NPY."""
     if pixels.dtype == np.uint8 and pixels.shape[2:] == (3,):
         return png.encode(pixels), "png"
-    buffer = io.BytesIO()
-    np.save(buffer, np.ascontiguousarray(pixels), allow_pickle=False)
-    return buffer.getvalue(), "npy"
+    return npy.encode(pixels), "npy"
 
 
 def payload_of(capture: Capture) -> tuple[bytes, str]:
@@ -139,8 +125,8 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
 
 def picture_size(payload: bytes) -> tuple[int, int]:
     """Return width and height in the header of a PNG or NPY; BadReplyError for other bytes or sizes."""
-    if payload.startswith(_NPY):
-        (height, width, *_), *_ = npy_layout(payload)
+    if payload.startswith(npy.SIGNATURE):
+        (height, width, *_), *_ = npy.layout(payload)
     else:
         width, height, *_ = png.header(payload)
     if not 0 < width * height <= MAX_PIXELS:
@@ -170,20 +156,11 @@ def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
-    array = npy_array(payload)
+    array = npy.decode(payload)
     if array.shape[:2] != (view.height, view.width):
         got = f"{array.dtype} {array.shape}"
         raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {got}")
     return array
-
-
-def npy_array(payload: bytes) -> NDArray[Any]:
-    """Return the payload as a read-only array; it is never unpickled."""
-    shape, dtype, start, order = npy_layout(payload)
-    size = math.prod(shape) * dtype.itemsize
-    if len(payload) - start != size:
-        raise BadReplyError(f"expected {size} bytes of pixels, got {len(payload) - start}")
-    return np.frombuffer(payload, dtype=dtype, offset=start).reshape(shape, order=order)
 
 
 def check_depth(array: NDArray[Any]) -> None:
@@ -222,25 +199,6 @@ def _bounded(payload: bytes, mode: str, view: View) -> NDArray[Any]:
         raise BadReplyError(f"expected float32 depth and its error, got {array.dtype} of shape {array.shape}")
     check_depth(array[..., 0])
     return np.ascontiguousarray(array[..., 0])
-
-
-def npy_layout(payload: bytes) -> tuple[tuple[int, ...], np.dtype[Any], int, Literal["C", "F"]]:
-    """Return shape, dtype, the offset of the pixels, of which none need be there, and their order.
-
-    Raises:
-        BadReplyError: no NPY of numbers.
-    """
-    if not payload.startswith(_NPY):
-        got = f"{len(payload)} bytes that start with {bytes(payload[:24])!r}"
-        raise BadReplyError(f"expected NPY, got {got}")
-    start = 10 if payload[6:7] == b"\x01" else 12  # behind the length of the header
-    end = start + int.from_bytes(payload[8:start], "little")
-    header = payload[start : min(end, start + _NPY_HEADER_MOST + 1)]
-    match = _NPY_HEADER.fullmatch(header) if len(header) <= _NPY_HEADER_MOST else None
-    if match is None:
-        raise BadReplyError(f"expected NPY of numbers, got the header {shown(header[:120])}")
-    order: Literal["C", "F"] = "F" if match[2] == b"True" else "C"
-    return tuple(map(int, match[3].split(b", "))), np.dtype(match[1].decode()), end, order
 
 
 def _png(payload: bytes, view: View, bits: int, channels: tuple[int, ...]) -> NDArray[Any]:

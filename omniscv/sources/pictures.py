@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,23 +15,18 @@ from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.modalities import Transfer
+from omniscv.pictures import foreign
+from omniscv.pictures.forms import Pixels
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
-from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 
 NAMES = tuple(name for name, _ in cube_rotations())
-Pixels = NDArray[Any]
-SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".exr", ".hdr", ".tif", ".tiff", ".npy")
-"""Of the pictures that :func:`read_picture` reads."""
 PACKED = {"carla": "png carla", "tartanair": "png float32"}
 """Depth in all bits of a PNG's colours, planar metres, and the codec that decodes it."""
 
 PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _MOST_M = 1e7  # Blender writes 1e10 for no surface
-_MOST_PARTS, _MOST_LIGHT = 64, 1e12
-_JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
-_GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
-_FORMATS = ("uint8", "uint16", "half", "float", "double")
-_LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
+_MOST_LIGHT = 1e12
 
 
 class PictureSource(Source):
@@ -174,7 +168,7 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
     """Return a picture that anybody may have made, checked: no other function opens one. Alpha is ignored.
 
     Args:
-        file: see :data:`SUFFIXES`.
+        file: of a form of :data:`omniscv.pictures.foreign.SUFFIXES`.
         kind: ``lit``, ``depth`` or ``object_mask``.
         form: of depth.
         clip: take negative and NaN light as 0.
@@ -186,7 +180,9 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
         if kind == "normals":
             raise ArgumentError("expected colours, depth or masks, got normals, whose frame is not known")
         form = form or DepthForm()
-        pixels, payload = _decoded(file, kind, form)
+        if kind == "depth" and form.encoding:
+            return _packed_depth(file, form.encoding)
+        pixels, payload = foreign.read(file, kind)
         if kind == "depth":
             return _depth(pixels, payload, form)
         if kind == "lit":
@@ -213,12 +209,21 @@ def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     return Picture(colors, payload, encoding, clipped=clipped)
 
 
+def _packed_depth(file: Path, encoding: str) -> Picture:
+    from omniscv.sources import codecs
+
+    payload = read_bytes(file, MOST_PICTURE_BYTES)
+    try:
+        view = View(Pose.from_angles((0, 0, 0)), 90, *codecs.picture_size(payload))
+        return Picture(codecs.decode(payload, encoding, "depth", view), payload, encoding)
+    except BadReplyError as cause:
+        raise ArgumentError(str(cause)) from cause
+
+
 def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
     from omniscv.sources.codecs import encodings
 
     stored, whole, per_m = pixels[..., 0], pixels.dtype.kind != "f", form.per_m or 1.0
-    if form.encoding:
-        return Picture(stored, payload, form.encoding)
     if (pixels != pixels[..., :1]).any() or stored.dtype == np.uint8:
         got = f"{pixels.dtype} colours, which are no metres"
         raise ArgumentError(f"expected floats or 16 bits a pixel, got {got}")
@@ -245,122 +250,3 @@ def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pix
         got = f"{pixels.dtype} of {pixels.min()} to {pixels.max()}"
         raise ArgumentError(f"expected {expected} of 0 to {limit}, got {got}")
     return pixels.astype(dtype, copy=False)
-
-
-def _decoded(file: Path, kind: str, form: DepthForm) -> tuple[Pixels, bytes]:
-    """Return pixels (H, W, 1 or 3), and the bytes of a file that a codec of recordings decodes to them."""
-    from omniscv.sources import codecs
-    from omniscv.storage import png
-
-    with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
-        head = opened.read(png.HEADER_BYTES)
-        known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
-        payload = head + opened.read() if known else b""
-    if head.startswith(_JPEG):
-        if payload.rfind(_END) < payload.rfind(_SCAN):
-            raise ArgumentError("expected a whole picture, got a JPEG without its end")
-        payload = b""
-    try:
-        if file.suffix.lower() == ".npy":
-            return _npy(payload), b""
-        if kind == "depth" and form.encoding:
-            view = View(Pose.from_angles((0, 0, 0)), 90, *codecs.picture_size(payload or head))
-            return codecs.decode(payload, form.encoding, kind, view)[..., None], payload
-        if payload:
-            width, height, channels, bits, interlaced = png.header(payload)
-            _check_size(width, height)
-            if bits < 8 and channels == 1 and kind != "lit":
-                raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
-            if bits >= 8 and not interlaced and b"eXIf" not in payload:
-                pixels = png.decode(payload, bits)
-                is_kept = channels != 2 or kind == "lit"  # no codec of ids or depth decodes grey with alpha
-                return pixels[..., : 3 if channels >= 3 else 1], payload if is_kept else b""
-            png.check(payload)
-    except BadReplyError as cause:
-        raise ArgumentError(str(cause)) from cause
-    return _by_openimageio(file, kind, b"VP8 " in head), b""
-
-
-def _check_size(width: int, height: int) -> None:
-    from omniscv.sources.codecs import MAX_PIXELS  # imports numba
-
-    if not 0 < width * height <= MAX_PIXELS:
-        raise ArgumentError(f"expected 1 to {MAX_PIXELS} pixels, got {width} x {height}")
-
-
-def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
-    """Return the pixels of the one part, and of its channels, that the kind needs."""
-    import OpenImageIO
-
-    config = OpenImageIO.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)  # colours are not multiplied by alpha
-    source = OpenImageIO.ImageInput.open(str(file), config)
-    if source is None:
-        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
-    with closing(source):
-        parts, name = [source.spec()], source.format_name()
-        while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
-            parts.append(source.spec())
-        by_part = enumerate(_channels(spec.channelnames, kind) for spec in parts)
-        fitting = {i: channels for i, channels in by_part if channels}
-        if len(fitting) != 1:
-            names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
-            wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
-            raise ArgumentError(f"expected {wanted}, got {len(fitting)} among {shown(names)}")
-        ((part, channels),) = fitting.items()
-        _check_size(parts[part].width, parts[part].height)
-        _check_spec(parts[part], name, kind, lossy)
-        source.geterror()
-        form = str(parts[part].format) if str(parts[part].format) in ("uint8", "uint16") else "float"
-        pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
-        if pixels is None or source.has_error:  # half a JPEG has pixels
-            raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        return np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
-
-
-def _channels(given: Sequence[str], kind: str) -> tuple[int, ...]:
-    """Return the channels that hold colours, grey or depth; none where there are several such, or no such."""
-    names = [name.lower() for name in given]
-    depth = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
-    if kind == "depth" and (len(depth) == 1 or len(names) == 1):
-        return (depth[0] if depth else 0,)
-    layers = [name[:-1] for name in names if name == "r" or name.endswith(".r")]
-    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names}]
-    if len(layers) == 1 or "" in layers:
-        return tuple(names.index(f"{'' if '' in layers else layers[0]}{color}") for color in "rgb")
-    return (0,) if not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY else ()
-
-
-def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
-    """Raise ArgumentError for what would come in otherwise than its maker sees it."""
-    window = spec.x, spec.y, spec.width, spec.height
-    display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
-    is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
-    bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
-    is_odd = str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64)
-    lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
-    cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
-    for is_wrong, expected, got in (
-        (is_cropped, f"pixels in all of the display window {display}", window),
-        (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
-        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
-        (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
-        (is_odd, "8 or 16 bits, or floats", f"{bits} bits"),
-        (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),
-    ):
-        if is_wrong:
-            raise ArgumentError(f"expected {expected}, got {got}")
-
-
-def _npy(payload: bytes) -> Pixels:
-    """Return the array of a NPY file."""
-    from omniscv.sources.codecs import npy_array
-
-    array = npy_array(payload)
-    if array.dtype.kind not in "iuf" or array.shape[2:] not in ((), (1,), (3,), (4,)):
-        raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {array.dtype} of shape {array.shape}")
-    _check_size(array.shape[1], array.shape[0])
-    pixels = array.reshape(*array.shape[:2], -1)[..., :3]
-    pixels = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
-    with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
-        return pixels.astype(np.float32) if array.dtype.kind == "f" else pixels

@@ -19,7 +19,7 @@ YAML = [
     "{<<: {a: 1}}", "|", "?", "-", "@", "`", "%", "'", '"', "[", "{", "#", '"\\x1b[31m[/b]"', '"[/b]"',
     '"\\u202e\\u200b"', '"a\\0b"', '"\\ud83d"', '"\\n\\r"', "é", "😀", "٣", "²", "..", ".", "/", "../up",
     "a/b", "~root", "auto", "lit", "depth", "[lit, lit]", "[lit, [depth]]", "cube", "exact", "pinhole",
-    "equirectangular", "png", "jxl", "mock://", "mock://moon", "mock://four-wall?size=0x0",
+    "equirectangular", "png", "jpg", "mock://", "mock://moon", "mock://four-wall?size=0x0",
     "mock://four-wall?size=1000000x1000000", "mock://four-wall?latency_ms=inf", "mock://four-wall?fault=x",
     "scene://", "scene://moon", "scene://four-wall?lit=x", "launch:", "unreal://[::1", "unreal://:x",
     "unreal://a:99999999", "unreal+unix://", "http://x", "x:y", "localhost:9000", "4294967296",

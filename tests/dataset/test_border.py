@@ -14,7 +14,7 @@ from omniscv.frame import FileEntry
 from omniscv.frame.forms import checked
 from omniscv.job import load
 from omniscv.make import make
-from omniscv.storage import png
+from omniscv.pictures import png
 from omniscv.viewing.look import look
 
 

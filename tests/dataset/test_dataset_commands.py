@@ -126,7 +126,6 @@ REFUSED = {
     "kalibr": ("equirectangular", "cylindrical", "noncentral-conical-mirror"),
     "nerfstudio": ("noncentral-panorama", "scaramuzza", "cylindrical", "catadioptric-parabolic"),
     "poses": ("noncentral-panorama",),
-    "structured3d": ("pinhole",),
 }
 CARRIED = {
     "cfl": cameras.names(),

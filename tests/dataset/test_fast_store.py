@@ -18,7 +18,7 @@ from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry
 from omniscv.job import load
 from omniscv.make import make
-from omniscv.storage import b2nd
+from omniscv.pictures import b2nd
 
 PICTURES = (".png", ".exr")
 

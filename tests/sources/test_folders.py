@@ -12,9 +12,9 @@ from support.recordings import contents
 import omniscv
 from omniscv.errors import ArgumentError, RecordingNotWritableError
 from omniscv.geometry import Pose
+from omniscv.pictures import png
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.store import Store
-from omniscv.storage import png
 
 
 def test_there_and_back_loses_nothing(recorded, tmp_path):

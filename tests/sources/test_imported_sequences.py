@@ -18,10 +18,10 @@ from omniscv import cli
 from omniscv.chart.truth import traced
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Pose
+from omniscv.pictures import png
 from omniscv.sources import View, codecs
 from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.store import Store
-from omniscv.storage import png
 
 EDGE = 64
 RIGS = [

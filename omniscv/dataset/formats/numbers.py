@@ -2,7 +2,7 @@
 
 ``depth_png`` writes ``depth/STEM.png``, and ``depth/depth.json``, which describes the numbers.
 
-The option ``scale`` names one of ``PRESETS``; ``mm`` is that of Structured3D and nerfstudio, too.
+The option ``scale`` names one of ``PRESETS``; ``mm`` is that of nerfstudio, too.
 Planar depth is measured along the camera's axis, and exists for pinhole cameras only. Depth that the numbers
 cannot hold becomes the preset's none; nothing is clamped. ``depth.json`` counts by frame what became none:
 ``beyond`` the numbers, ``infinite``, and ``outside`` the field of view. Half a step is rounded to even.

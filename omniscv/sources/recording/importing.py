@@ -16,6 +16,7 @@ from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.instant import turn_about_z
+from omniscv.pictures import foreign
 from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
 from omniscv.sources.recording import sequences
@@ -30,7 +31,6 @@ from omniscv.sources.recording.posed_frames import (
     pictures_in,
     read_as,
 )
-from omniscv.storage.bounded import open_regular
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
@@ -183,12 +183,7 @@ class _Masks:
 
 def _environment(picture: Path) -> str:
     """Return the layout that an EXR says it has; auto if it says none."""
-    import OpenImageIO
-
-    open_regular(picture).close()
-    opened = OpenImageIO.ImageInput.open(str(picture))
-    word = opened.spec().get_string_attribute("textureformat") if opened else ""
-    return _ENVIRONMENTS.get(word, "auto")
+    return _ENVIRONMENTS.get(foreign.environment(picture), "auto")
 
 
 def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, list[str]]:

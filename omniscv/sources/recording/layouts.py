@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, cube_rotations
-from omniscv.sources.pictures import Pixels
+from omniscv.pictures.forms import Pixels
 
 LETTERS = "FRBLUD"
 _SAMPLES = 128  # of an edge

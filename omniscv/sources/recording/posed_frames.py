@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, one_of, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.pictures import foreign
+from omniscv.pictures.forms import Pixels
 from omniscv.records import checked, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, Lens, ObjectTable, Request, View
-from omniscv.sources.pictures import DepthForm, Picture, Pixels, read_picture
+from omniscv.sources.pictures import DepthForm, Picture, read_picture
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
@@ -327,7 +329,7 @@ def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]
 def pictures_in(path: Path) -> list[Path]:
     """Return the pictures in a folder, sorted, or the one that the path is."""
     files = sorted(path.rglob("[!.]*")) if path.is_dir() else [path]  # macOS writes ._NAME beside NAME
-    found = [file for file in files if file.suffix.lower() in pictures.SUFFIXES]
+    found = [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
     if not found:
         others = ", ".join(shown(file.name) for file in files[:8])
         got = f"none; cannot read {others}" if others else "none"

@@ -24,6 +24,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_files import read_trajectory
+from omniscv.pictures import foreign
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources import pictures
 from omniscv.sources.base import ObjectTable
@@ -354,7 +355,7 @@ def _nerfstudio(folder: Path, options: Options) -> Sequence:
             lit = _inside(folder, values["file_path"])
             depth = values.get("depth_file_path") or values.get("depth_path")
             paths = {
-                "lit": lit if lit.suffix.lower() in pictures.SUFFIXES else lit.with_name(lit.name + ".png")
+                "lit": lit if lit.suffix.lower() in foreign.SUFFIXES else lit.with_name(lit.name + ".png")
             }
             paths |= {"depth": _inside(folder, depth)} if depth else {}
             lens = _nerfstudio_lens(values, paths["lit"])

@@ -7,6 +7,7 @@ opens it. The package is an extra, ``omniscv[fast]``.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,23 +18,14 @@ from omniscv.errors import ArgumentError, OmniscvError
 
 
 class Stored(NamedTuple):
-    """An array that is not decompressed yet: its shape, the name of its dtype, and its reader."""
+    """An array that is not decompressed yet.
+
+    ``pixels()`` takes memory for its shape, and raises ArgumentError where its bytes are damaged.
+    """
 
     shape: tuple[int, ...]
     dtype: str
-    reader: Any
-
-    def pixels(self) -> NDArray[Any]:
-        """Return the array; memory is taken for its shape, which the caller has checked.
-
-        Raises:
-            ArgumentError: its bytes are damaged.
-        """
-        try:
-            pixels: NDArray[Any] = self.reader[:]
-        except (RuntimeError, ValueError, MemoryError) as cause:
-            raise ArgumentError(f"expected an array of Blosc2, got: {shown(str(cause))}") from cause
-        return pixels
+    pixels: Callable[[], NDArray[Any]]
 
 
 def encode(pixels: NDArray[Any]) -> bytes:
@@ -74,7 +66,14 @@ def opened(data: bytes) -> Stored:
     if tuple(reader.chunks) != shape or any(b > s for b, s in zip(reader.blocks, shape, strict=True)):
         got = f"{reader.chunks} in blocks of {reader.blocks}"
         raise ArgumentError(f"expected an array of {shape} in one chunk, got chunks of {got}")
-    return Stored(shape, dtype.name, reader)
+
+    def pixels() -> NDArray[Any]:
+        try:
+            return np.asarray(reader[:])
+        except (RuntimeError, ValueError, MemoryError) as cause:
+            raise ArgumentError(f"expected an array of Blosc2, got: {shown(str(cause))}") from cause
+
+    return Stored(shape, dtype.name, pixels)
 
 
 def package() -> Any:

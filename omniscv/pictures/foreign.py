@@ -1,0 +1,149 @@
+"""Pictures that anybody may have made, read with care: what would come in otherwise is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.pictures import MAX_PIXELS, npy, png
+from omniscv.pictures.forms import ARRAY, FORMS, Pixels
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
+
+SUFFIXES = tuple(f".{suffix}" for suffix in FORMS if suffix != ARRAY)
+"""Of the pictures that :func:`read` reads."""
+
+_MOST_PARTS = 64
+_JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
+_GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
+_FORMATS = ("uint8", "uint16", "half", "float", "double")
+_LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
+
+
+def environment(file: Path) -> str:
+    """Return the word by which an EXR says which faces it holds, or that it is a panorama; empty without."""
+    import OpenImageIO
+
+    open_regular(file).close()
+    opened = OpenImageIO.ImageInput.open(str(file))
+    return str(opened.spec().get_string_attribute("textureformat")) if opened else ""
+
+
+def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
+    """Return pixels (H, W, 1 or 3), and the file's bytes where it is a PNG that holds exactly them.
+
+    Args:
+        file: see :data:`SUFFIXES`. Alpha is ignored.
+        kind: ``lit``, ``depth`` or ``object_mask``: its channels are taken.
+
+    Raises:
+        ArgumentError: no regular file, damaged, too large, or not of a form that the kind can have.
+    """
+    with open_regular(file, most=MOST_PICTURE_BYTES) as opened:
+        head = opened.read(png.HEADER_BYTES)
+        known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
+        payload = head + opened.read() if known else b""
+    if head.startswith(_JPEG) and payload.rfind(_END) < payload.rfind(_SCAN):
+        raise ArgumentError("expected a whole picture, got a JPEG without its end")
+    try:
+        if file.suffix.lower() == ".npy":
+            return _npy(payload), b""
+        if head.startswith(png.SIGNATURE):
+            width, height, channels, bits, interlaced = png.header(payload)
+            _check_size(width, height)
+            if bits < 8 and channels == 1 and kind != "lit":
+                raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
+            if bits >= 8 and not interlaced and b"eXIf" not in payload:
+                pixels = png.decode(payload, bits)
+                is_kept = channels != 2 or kind == "lit"  # no codec of ids or depth decodes grey with alpha
+                return pixels[..., : 3 if channels >= 3 else 1], payload if is_kept else b""
+            png.check(payload)
+    except BadReplyError as cause:
+        raise ArgumentError(str(cause)) from cause
+    return _by_openimageio(file, kind, b"VP8 " in head), b""
+
+
+def _check_size(width: int, height: int) -> None:
+    if not 0 < width * height <= MAX_PIXELS:
+        raise ArgumentError(f"expected 1 to {MAX_PIXELS} pixels, got {width} x {height}")
+
+
+def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
+    """Return the pixels of the one part, and of its channels, that the kind needs."""
+    import OpenImageIO
+
+    config = OpenImageIO.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)  # colours are not multiplied by alpha
+    source = OpenImageIO.ImageInput.open(str(file), config)
+    if source is None:
+        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
+    with closing(source):
+        parts, name = [source.spec()], source.format_name()
+        while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
+            parts.append(source.spec())
+        by_part = enumerate(_channels(spec.channelnames, kind) for spec in parts)
+        fitting = {i: channels for i, channels in by_part if channels}
+        if len(fitting) != 1:
+            names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
+            wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
+            raise ArgumentError(f"expected {wanted}, got {len(fitting)} among {shown(names)}")
+        ((part, channels),) = fitting.items()
+        _check_size(parts[part].width, parts[part].height)
+        _check_spec(parts[part], name, kind, lossy)
+        source.geterror()
+        form = str(parts[part].format) if str(parts[part].format) in ("uint8", "uint16") else "float"
+        pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
+        if pixels is None or source.has_error:  # half a JPEG has pixels
+            raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
+        return np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
+
+
+def _channels(given: Sequence[str], kind: str) -> tuple[int, ...]:
+    """Return the channels that hold colours, grey or depth; none where there are several such, or no such."""
+    names = [name.lower() for name in given]
+    depth = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
+    if kind == "depth" and (len(depth) == 1 or len(names) == 1):
+        return (depth[0] if depth else 0,)
+    layers = [name[:-1] for name in names if name == "r" or name.endswith(".r")]
+    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names}]
+    if len(layers) == 1 or "" in layers:
+        return tuple(names.index(f"{'' if '' in layers else layers[0]}{color}") for color in "rgb")
+    return (0,) if not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY else ()
+
+
+def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
+    """Raise ArgumentError for what would come in otherwise than its maker sees it."""
+    window = spec.x, spec.y, spec.width, spec.height
+    display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
+    is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
+    bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
+    is_odd = str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64)
+    lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
+    cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
+    for is_wrong, expected, got in (
+        (is_cropped, f"pixels in all of the display window {display}", window),
+        (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
+        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
+        (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
+        (is_odd, "8 or 16 bits, or floats", f"{bits} bits"),
+        (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),
+    ):
+        if is_wrong:
+            raise ArgumentError(f"expected {expected}, got {got}")
+
+
+def _npy(payload: bytes) -> Pixels:
+    """Return the array of a NPY file."""
+    array = npy.decode(payload)
+    if array.dtype.kind not in "iuf" or array.shape[2:] not in ((), (1,), (3,), (4,)):
+        raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {array.dtype} of shape {array.shape}")
+    _check_size(array.shape[1], array.shape[0])
+    pixels = array.reshape(*array.shape[:2], -1)[..., :3]
+    pixels = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
+    with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
+        return pixels.astype(np.float32) if array.dtype.kind == "f" else pixels

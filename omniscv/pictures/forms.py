@@ -1,0 +1,219 @@
+"""The forms of picture files, a row for each suffix: how a file is opened and written, and what it loses.
+
+Files are opened strictly: each has the form that its suffix says. :mod:`omniscv.pictures.foreign` reads
+pictures that anybody may have made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import ArgumentError, BadReplyError, OmniscvError
+from omniscv.modalities import SRGB, Modality
+from omniscv.pictures import b2nd, exr, npy, png
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular, read_bytes
+
+ARRAY = "b2nd"
+"""The suffix of layers in the store ``fast``."""
+
+_NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
+_LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
+_JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
+_REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+"""x and y of red, green, blue and white of floating-point colours."""
+_DTYPES = {"half": "float16", "float": "float32", "double": "float64"}
+"""By OpenImageIO's names; those of whole numbers are NumPy's."""
+
+Pixels = NDArray[Any]
+Writer = Callable[[Path, Pixels, Modality], None]
+"""``writer(path, pixels, row)`` writes a layer (H, W) or (H, W, C) to a file."""
+
+
+class Opened(NamedTuple):
+    """A file of which only the header was read; ``pixels()`` reads (H, W) or (H, W, channels)."""
+
+    width: int
+    height: int
+    channels: int
+    dtype: str
+    pixels: Callable[[], Pixels]
+
+
+class Form(NamedTuple):
+    """Files of a suffix.
+
+    Attributes:
+        write: None: only read.
+        open: raises BadReplyError or ArgumentError for another file. None: by OpenImageIO.
+        library: OpenImageIO's name of the form; it would open any other under this suffix, too.
+        halves: whether bounds are half floats, else float32.
+        lossy: whether pixels come back otherwise.
+    """
+
+    write: Writer | None = None
+    open: Callable[[Path], Opened] | None = None
+    library: str = ""
+    halves: bool = False
+    lossy: bool = False
+
+
+def form_of(path: Path) -> Form:
+    """Return the row of a file's suffix; one for OpenImageIO, if none has it."""
+    return FORMS.get(path.suffix.lower().removeprefix("."), Form())
+
+
+def open_picture(path: Path) -> Opened:
+    """Return a file of the form of its suffix; only its header is read.
+
+    Raises:
+        BadReplyError, ArgumentError: another file.
+        OmniscvError: the package of its form is missing.
+    """
+    form = form_of(path)
+    return form.open(path) if form.open else _by_library(path, form.library)
+
+
+def write_picture(path: Path, pixels: Pixels, row: Modality) -> None:
+    """Write a layer to a file in the form of its suffix; marks are 0 and 255.
+
+    Raises:
+        OmniscvError: pixels that the form does not have, or a file that cannot be written.
+    """
+    write = form_of(path).write
+    assert write is not None, path
+    try:
+        write(path, pixels.view(np.uint8) * np.uint8(255) if pixels.dtype == np.bool_ else pixels, row)
+    except ArgumentError as cause:
+        raise OmniscvError(f"{path.name}: {cause}") from cause
+
+
+def _head(path: Path, size: int) -> bytes:
+    with open_regular(path) as file:
+        return file.read(size)
+
+
+def _open_png(path: Path) -> Opened:
+    header = png.header(_head(path, png.HEADER_BYTES))
+
+    def pixels() -> Pixels:
+        return png.decode(read_bytes(path, MOST_PICTURE_BYTES), header.bits)
+
+    return Opened(*header[:3], f"uint{header.bits}", pixels)
+
+
+def _open_npy(path: Path) -> Opened:
+    shape, dtype, *_ = npy.layout(_head(path, npy.HEADER_BYTES))
+    return _array(shape, dtype.name, lambda: npy.decode(read_bytes(path, MOST_PICTURE_BYTES)))
+
+
+def _open_array(path: Path) -> Opened:
+    return _array(*b2nd.opened(read_bytes(path, MOST_PICTURE_BYTES)))
+
+
+def _array(shape: tuple[int, ...], dtype: str, pixels: Callable[[], Pixels]) -> Opened:
+    if len(shape) not in (2, 3):
+        raise ArgumentError(f"expected an array (H, W) or (H, W, C), got shape {shape}")
+    return Opened(shape[1], shape[0], (*shape, 1)[2], dtype, pixels)
+
+
+def _by_library(path: Path, library: str) -> Opened:
+    import OpenImageIO
+
+    open_regular(path).close()
+    source = OpenImageIO.ImageInput.open(str(path))
+    if source is None:
+        raise BadReplyError(library_error(OpenImageIO))
+    if library and (got := source.format_name()) != library:
+        raise ArgumentError(f"expected {path.suffix[1:].upper()}, as its name says, got {got}")
+
+    def pixels() -> Pixels:
+        read: Pixels | None = source.read_image("unknown")
+        if read is None:
+            raise BadReplyError(library_error(source))
+        return read
+
+    spec = source.spec()
+    channels = spec.nchannels if spec.depth == 1 else 0
+    return Opened(spec.width, spec.height, channels, _DTYPES.get(str(spec.format), str(spec.format)), pixels)
+
+
+def _write_png(path: Path, pixels: Pixels, row: Modality) -> None:
+    path.write_bytes(png.encode(pixels, srgb=SRGB.items() <= row.attributes.items()))
+
+
+def _write_jpeg(path: Path, pixels: Pixels, row: Modality) -> None:
+    import cv2
+
+    # Not by OpenImageIO: its library for JPEG ends the process where the disk is full.
+    grey = pixels.ndim == 2
+    fits = (grey or pixels.shape[2:] == (3,)) and pixels.size > 0 and max(pixels.shape) <= _JPEG_LARGEST_PX
+    if pixels.dtype != np.uint8 or not fits:
+        expected = f"expected uint8 pixels for JPEG, grey or RGB, {_JPEG_LARGEST_PX} a side at most"
+        raise ArgumentError(f"{expected}; got {pixels.dtype} of shape {pixels.shape}; choose png")
+    swapped = pixels if grey else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    path.write_bytes(cv2.imencode(".jpg", swapped, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
+
+
+def _write_exr(path: Path, pixels: Pixels, row: Modality) -> None:
+    stored = (pixels / np.float32(255)).astype(np.float16) if pixels.dtype == np.uint8 else pixels
+    names = row.channel_names if len(row.channel_names) == np.atleast_3d(stored).shape[2] else ()
+    attributes: dict[str, Any] = {**row.attributes, **({"comments": row.doc} if row.doc else {})}
+    if row.name == "lit":
+        attributes["chromaticities"] = _REC_709
+    path.write_bytes(exr.encode(stored, names, attributes))
+
+
+def _write_tiff(path: Path, pixels: Pixels, row: Modality) -> None:
+    import OpenImageIO
+
+    planes = pixels if pixels.ndim == 3 else pixels[..., None]
+    height, width, channels = planes.shape
+    spec = OpenImageIO.ImageSpec(width, height, channels, planes.dtype.name.removesuffix("32"))
+    if len(row.channel_names) == channels:
+        spec.channelnames = row.channel_names
+    predictor = {"tiff:Predictor": 1}  # that of floats is known to few readers
+    texts = {"DateTime": _NO_CLOCK, **row.attributes, **({"ImageDescription": row.doc} if row.doc else {})}
+    for name, value in (texts | predictor).items():
+        spec.attribute(name, value)
+    output = OpenImageIO.ImageOutput.create(str(path))
+    if output is None:
+        raise ArgumentError(f"expected to write it, got: {library_error(OpenImageIO)}")
+    written = output.open(str(path), spec) and output.write_image(np.ascontiguousarray(planes))
+    closed = output.close()
+    with path.open("ab") as file:  # raises OSError where the disk is full, which the library may not say
+        size = file.tell()
+        file.write(bytes(_LAST_BUFFER))
+        file.flush()
+        file.truncate(size)
+    if not (written and closed):
+        raise ArgumentError(f"expected to write it, got: {library_error(output)}")
+
+
+def _write_npy(path: Path, pixels: Pixels, row: Modality) -> None:
+    path.write_bytes(npy.encode(pixels))
+
+
+def _write_array(path: Path, pixels: Pixels, row: Modality) -> None:
+    path.write_bytes(b2nd.encode(pixels))
+
+
+FORMS: dict[str, Form] = {
+    "png": Form(_write_png, _open_png),
+    "jpg": Form(_write_jpeg, library="jpeg", lossy=True),
+    "exr": Form(_write_exr, library="openexr", halves=True),
+    "tiff": Form(_write_tiff, library="tiff"),
+    "npy": Form(_write_npy, _open_npy),
+    ARRAY: Form(_write_array, _open_array, halves=True),
+    "jpeg": Form(library="jpeg", lossy=True),
+    "tif": Form(library="tiff"),
+    "webp": Form(library="webp", lossy=True),
+    "bmp": Form(library="bmp"),
+    "tga": Form(library="targa"),
+    "hdr": Form(library="hdr"),
+}
+"""By suffix, without its dot."""
