@@ -1,4 +1,4 @@
-"""The forms of picture files, a row for each suffix: how a file is opened and written, and what it loses.
+"""The forms of picture files, a row for each suffix: how a file is opened and written.
 
 Files are opened strictly: each has the form that its suffix says. :mod:`omniscv.pictures.foreign` reads
 pictures that anybody may have made.
@@ -52,14 +52,12 @@ class Form(NamedTuple):
         open: raises BadReplyError or ArgumentError for another file. None: by OpenImageIO.
         library: OpenImageIO's name of the form; it would open any other under this suffix, too.
         halves: whether bounds are half floats, else float32.
-        lossy: whether pixels come back otherwise.
     """
 
     write: Writer | None = None
     open: Callable[[Path], Opened] | None = None
     library: str = ""
     halves: bool = False
-    lossy: bool = False
 
 
 def form_of(path: Path) -> Form:
@@ -204,14 +202,14 @@ def _write_array(path: Path, pixels: Pixels, row: Modality) -> None:
 
 FORMS: dict[str, Form] = {
     "png": Form(_write_png, _open_png),
-    "jpg": Form(_write_jpeg, library="jpeg", lossy=True),
+    "jpg": Form(_write_jpeg, library="jpeg"),
     "exr": Form(_write_exr, library="openexr", halves=True),
     "tiff": Form(_write_tiff, library="tiff"),
     "npy": Form(_write_npy, _open_npy),
     ARRAY: Form(_write_array, _open_array, halves=True),
-    "jpeg": Form(library="jpeg", lossy=True),
+    "jpeg": Form(library="jpeg"),
     "tif": Form(library="tiff"),
-    "webp": Form(library="webp", lossy=True),
+    "webp": Form(library="webp"),
     "bmp": Form(library="bmp"),
     "tga": Form(library="targa"),
     "hdr": Form(library="hdr"),
