@@ -6,13 +6,12 @@ from omniscv.dataset.manifest import open
 from omniscv.dataset.writer import Writer
 from omniscv.frame import Frame
 from omniscv.truth import registry as truths
-from omniscv.truth.registry import Observation, Truth
+from omniscv.truth.registry import Truth
 from omniscv.truth.registry import register as register_truth
 
 __all__ = [
     "Format",
     "Frame",
-    "Observation",
     "Truth",
     "Writer",
     "check",

@@ -1,7 +1,7 @@
-"""The forms of the records that the truths of this package write, checked when a file of records is read.
+"""The records that the truths of this package write: what each holds, declared once.
 
-Readers index records without asking whether a key is there: what another program has written, or changed,
-must have the form that its truth gives it. Records of truths that other packages register have any form.
+Truths write them, and files of records are checked when they are read: readers index records without asking
+whether a key is there. Records of truths that other packages register have any form.
 """
 
 from __future__ import annotations
@@ -71,92 +71,68 @@ def _check_pixels(layout: Mapping[str, Any], camera: Camera) -> None:
         raise ArgumentError(f"layout: expected pixels in the image, got {got}")
 
 
-def _form(keys: Mapping[str, Reader]) -> Reader:
-    """Return a reader of mappings by the readers of their keys.
+def _form(**keys: Reader) -> Reader:
+    """Return a reader of mappings by the readers of their keys; further keys may have any value.
 
-    A key with a question mark may be missing. Further keys may have any value.
+    A key may be missing if its reader is ``_Maybe``; one of Python's words ends with ``_``.
     """
 
     def read(name: str, value: object) -> dict[str, Any]:
         record = mapping(name, value)
-        for marked, reader in keys.items():
-            key = marked.removesuffix("?")
+        for word, reader in keys.items():
+            key = word.removesuffix("_")
             if key in record:
                 reader(f"{name}.{key}", record[key])
-            elif key == marked:
+            elif not isinstance(reader, _Maybe):
                 raise ArgumentError(f"{name}: missing key {key!r}")
         return record
 
     return read
 
 
-def _objects(keys: Mapping[str, Reader]) -> Reader:
-    """Return a reader of lists of records of objects."""
-    return listed(_form({"instance_id": whole_number, "name": text, **keys}))
+class _Maybe(partial[Any]):
+    """A reader of a key that may be missing."""
 
 
-def _list(name: str, value: object) -> object:
-    """Any list, whose items are checked elsewhere."""
-    return listed(lambda _, item: item)(name, value)
-
-
-_BOX = partial(numbers, shape=(4,))
-_COUNT, _SHARE = partial(whole_number, least=0), partial(number, least=0, most=1)
-_ANGLES = ("lon", "lat", "fov_h", "fov_v", "rot")
+def _objects(**keys: Reader) -> Reader:
+    """Return a reader of lists of records of objects, each with its instance id and name."""
+    return listed(_form(instance_id=whole_number, name=text, **keys))
 
 
 def _spherical_box(name: str, value: object) -> dict[str, Any]:
-    record = mapping(name, value, (*_ANGLES, "kind"))
+    mapping(name, value, (*_ANGLES, "kind"))
     angles = dict.fromkeys(_ANGLES, partial(number, least=-360, most=360))
-    return dict(_form({**angles, "kind": partial(one_of, words=("perspective", "lonlat"))})(name, record))
+    record: dict[str, Any] = _form(**angles, kind=_words("perspective", "lonlat"))(name, value)
+    return record
 
 
-_OF_OBJECTS = {"boxes", "bfov", "boxes3d", "amodal"}
+def _words(*words: str) -> Reader:
+    return partial(one_of, words=words)
+
+
+_LIST = listed(lambda _, item: item)  # whose items are checked elsewhere
+_PIXEL, _BOX = partial(numbers, shape=(2,)), partial(numbers, shape=(4,))
+_COUNT, _SHARE = partial(whole_number, least=0), partial(number, least=0, most=1)
+_ANGLES = ("lon", "lat", "fov_h", "fov_v", "rot")  # degrees
+_CLASS = _Maybe(optional(text))  # None: no class
 _TRUTHS: dict[str, Reader] = {
     "poses": named(nested(Pose)),
-    "boxes": _objects(
-        {
-            "bbox": _BOX,
-            "class?": optional(text),
-            "area?": _COUNT,
-            "bbox_wrap?": _BOX,
-            "crosses_seam?": flag,
-            "distance?": optional(number),
-            "truncated?": _SHARE,
-        }
-    ),
-    "bfov": _objects({"bfov": _spherical_box, "rbfov": _spherical_box}),
-    "boxes3d": _objects(
-        {
-            "center_camera": position_reader,
-            "size": position_reader,
-            "truncated": _SHARE,
-            "R_camera_box": rotation_reader,
-            "source": partial(one_of, words=get_args(BoxSource)),
-            "class?": optional(text),
-            "partial?": flag,
-        }
-    ),
-    "amodal": _objects(
-        {
-            "px_all": _COUNT,
-            "visib_fract": _SHARE,
-            "bbox": _BOX,
-            "segmentation?": _form({"size": _list, "counts": text}),
-        }
-    ),
-}
-_CORNER: dict[str, Reader] = {
-    "kind": partial(one_of, words=("floor", "ceiling")),
-    "world": position_reader,
-    "in_image": flag,
-    "visible_room": flag,
-    "visible": optional(flag),
-    "pixel": optional(partial(numbers, shape=(2,))),
-}
-_EDGE: dict[str, Reader] = {
-    "kind": partial(one_of, words=("floor", "ceiling", "vertical")),
-    "planes": listed(text),
-    "pieces": listed(_form({"pixels": _list, "visible_room": flag, "visible": optional(flag)})),
-}
-_LAYOUT = _form({"version": whole_number, "corners": listed(_form(_CORNER)), "edges": listed(_form(_EDGE))})
+    # px; ``bbox_wrap`` may cross the right border. ``distance``: metres to the nearest pixel, None: infinite.
+    "boxes": _objects(class_=_CLASS, area=_Maybe(_COUNT), bbox=_BOX, bbox_wrap=_Maybe(_BOX),
+                      crosses_seam=_Maybe(flag), distance=_Maybe(optional(number)), truncated=_Maybe(_SHARE)),
+    "bfov": _objects(bfov=_spherical_box, rbfov=_spherical_box),
+    # metres; ``size`` along the box's axes. ``truncated``: the share of its surface outside the image.
+    "boxes3d": _objects(class_=_CLASS, center_camera=position_reader, R_camera_box=rotation_reader,
+                        size=position_reader, truncated=_SHARE, source=_words(*get_args(BoxSource)),
+                        partial=_Maybe(flag)),
+    # Of the object without what occludes it; ``visib_fract`` of its pixels are seen.
+    "amodal": _objects(px_all=_COUNT, visib_fract=_SHARE, bbox=_BOX,
+                       segmentation=_Maybe(_form(size=_LIST, counts=text))),
+}  # fmt: skip
+_OF_OBJECTS = _TRUTHS.keys() - {"poses"}
+_VISIBLE: dict[str, Reader] = {"visible_room": flag, "visible": optional(flag)}
+_CORNER = _form(kind=_words("floor", "ceiling"), world=position_reader, in_image=flag, pixel=optional(_PIXEL),
+                **_VISIBLE)  # fmt: skip
+_EDGE = _form(kind=_words("floor", "ceiling", "vertical"), planes=listed(text),
+              pieces=listed(_form(pixels=_LIST, **_VISIBLE)))  # fmt: skip
+_LAYOUT = _form(version=whole_number, corners=listed(_CORNER), edges=listed(_EDGE))

@@ -4,7 +4,7 @@
 it:
 
 1. ``omniscv.make.moments`` plans it: key, camera, pose, time; for datasets place, split, scene and state.
-2. A truth is derived of it, an image and the world: :class:`omniscv.dataset.Observation`.
+2. Truths are derived of it while it has its image and the world in memory: ``image``, ``geometry``, ...
 3. ``omniscv.dataset.Writer`` writes its files: ``files`` are then :class:`FrameFiles`, with sizes and
 checksums.
 4. Its line in ``frames.jsonl`` is :meth:`Frame.to_dict`; ``omniscv.dataset.manifest.Manifest`` reads it back.
@@ -31,10 +31,13 @@ from omniscv.frame import forms
 from omniscv.frame.classes import ClassTable
 from omniscv.frame.files import FileEntry, FrameFiles
 from omniscv.geometry import Pose
+from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 if TYPE_CHECKING:
+    from omniscv.compose.image import OmniImage
+    from omniscv.compose.renderer import Renderer
     from omniscv.sensor.imu import ImuTrack
 
 
@@ -59,6 +62,10 @@ class Frame:
         watch: objects that the world has left out of the image (:mod:`omniscv.make.frames`).
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
+        image: in memory, until its files are written; ``labels`` are instance ids of the dataset.
+        geometry, object_poses: with the image: the shapes that the source knows, and by name the poses of
+            objects.
+        renderer: of the source, to capture more; None offline.
     """
 
     key: str
@@ -77,28 +84,40 @@ class Frame:
     watch: tuple[str, ...] = ()
     blank: tuple[str, ...] = ()
     imu: ImuTrack | None = None
+    image: OmniImage | None = None
+    geometry: SceneGeometry = field(default_factory=SceneGeometry)
+    object_poses: Mapping[str, Pose] = field(default_factory=dict)
+    renderer: Renderer | None = None
 
     def __repr__(self) -> str:
         split = f", {self.split}" if self.split else ""
         return f"<Frame {self.key}: {self.camera_name}{split}: {', '.join(self.files)}>"
 
     def layer(self, name: str) -> NDArray[Any]:
-        """Return a layer as it was in memory: dtype and shape as :mod:`omniscv.modalities` has it.
+        """Return a layer as it is, or was, in memory: dtype and shape as :mod:`omniscv.modalities` has it.
 
         Raises:
             ArgumentError: the frame has no such layer, or the file of an image in no dataset is damaged.
             DatasetError: the file is missing, or no such layer.
         """
+        if self.image is not None and name in self.image.layers:
+            return self.image[name]
         if name in self.blank:
             return np.zeros((self.camera.height, self.camera.width), np.bool_)
         if name not in self.files:
-            kinds = ", ".join(self.files) or "none"
+            kinds = ", ".join(self.image.layers if self.image is not None else self.files) or "none"
             raise ArgumentError(
                 f"{self.key}: expected a frame with {name}, it has {kinds}; make it with {name}"
             )
         path = self.files[name]
         with self._damage():
             return read(path, name)
+
+    def rendered(self) -> OmniImage:
+        """Return the image in memory; ArgumentError where there is none, or its files have been written."""
+        if self.image is None:
+            raise ArgumentError(f"{self.key}: expected a frame with its image in memory, got none")
+        return self.image
 
     def layers(self, *names: str) -> dict[str, NDArray[Any]]:
         """Return the layers of these names that the frame has, as :meth:`layer` does."""
@@ -115,8 +134,11 @@ class Frame:
         return self.records("layout") if "layout" in self.files else {}
 
     def with_files(self, folder: Folder, entries: Mapping[str, FileEntry]) -> Frame:
-        """Return the frame with files in the folder of a dataset."""
-        return replace(self, files=FrameFiles(entries, (self.camera.width, self.camera.height), folder))
+        """Return the frame with files in the folder of a dataset, and without an image in memory."""
+        files = FrameFiles(entries, (self.camera.width, self.camera.height), folder)
+        return replace(
+            self, files=files, image=None, geometry=SceneGeometry(), object_poses={}, renderer=None
+        )
 
     def records(self, kind: str) -> Any:
         """Return the content of a file of records, such as STEM.truth.json.

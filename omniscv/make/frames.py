@@ -30,10 +30,10 @@ from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
 from omniscv.truth import registry as truths
 from omniscv.truth.object_boxes import surface_w, visible_ids
-from omniscv.truth.registry import Observation, Record, file_contents
+from omniscv.truth.registry import file_contents
 
-Composed = tuple[Observation, Instant]
-"""A frame's image with the world that it shows, before it has the dataset's ids, and its instant."""
+Composed = tuple[Frame, Instant]
+"""A frame with its image and the world that it shows, before it has the dataset's ids, and its instant."""
 
 
 class Failures:
@@ -125,56 +125,56 @@ class FrameMaker:
             report = meter.part()
             images = list(images_of(self._renderer, moment, self._job, only=only, progress=report, look=look))
             seen = zip(frames, images, strict=True)
-            return [(Observation(frame, image, **world), moment.instant) for frame, image in seen]
+            return [(replace(frame, image=image, **world), moment.instant) for frame, image in seen]
         return []  # they were left out
 
     def _save(self, composed: Composed) -> None:
         """Derive the truths of a frame, and write it."""
-        observation, instant = composed
-        with self._failures.leaving_out([observation.frame], self._job.world):
-            frame, image = self._writer.with_ids(observation.frame, observation.image)
+        frame, instant = composed
+        with self._failures.leaving_out([frame], self._job.world):
+            frame, image = self._writer.with_ids(frame, frame.rendered())
             for line in warnings_of(frame.key, image):
                 self._warn(line)
-            observation = replace(observation, frame=frame, image=image)
+            frame = replace(frame, image=image)
             if self._job.recipe.watch:
-                frame = replace(frame, watch=self._left_out(observation, instant))
-            records: dict[str, Record] = {}
+                frame = replace(frame, watch=self._left_out(frame, instant))
+            records: dict[str, Any] = {}
             if self._capturing:
                 with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
-                    records = self._records(replace(observation, renderer=renderer), self._capturing)
-            records |= self._records(observation, self._contents.truth.keys() - self._capturing)
+                    records = self._records(replace(frame, renderer=renderer), self._capturing)
+            records |= self._records(frame, self._contents.truth.keys() - self._capturing)
             contents = file_contents(records)
             if frame.varied:
                 contents["truth"] = {**contents.get("truth", {}), "varied": frame.varied}
             self._writer.write(frame, image, contents)
 
-    def _left_out(self, observation: Observation, instant: Instant) -> tuple[str, ...]:
+    def _left_out(self, frame: Frame, instant: Instant) -> tuple[str, ...]:
         """Return the objects that the world has left out of an image; SourceError if that is a failure."""
-        image, options = observation.image, self._job.options
+        image, options = frame.rendered(), self._job.options
 
         def look() -> OmniImage:
             with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
                 return renderer.render(image.camera, image.pose, ("object_mask", "depth"), options)
 
-        names = left_out(observation, self._renderer.source.objects().names(), look)
+        names = left_out(frame, self._renderer.source.objects().names(), look)
         if names and self._job.recipe.watch == "fail":
-            raise SourceError(f"watch: expected {', '.join(names)} in {observation.frame.key}, got none")
+            raise SourceError(f"watch: expected {', '.join(names)} in {frame.key}, got none")
         return names
 
-    def _records(self, observation: Observation, names: Collection[str]) -> dict[str, Record]:
+    def _records(self, frame: Frame, names: Collection[str]) -> dict[str, Any]:
         """Return the records of truths that an image can have, in the job's order.
 
         A truth that fails is left out, once with a line for each camera, unless the job names its cameras.
         """
-        records: dict[str, Record] = {}
-        camera = observation.frame.camera_name
+        records: dict[str, Any] = {}
+        camera = frame.camera_name
         for name, options in self._contents.truth.items():
             cameras = self._contents.truth_cameras.get(name)
             if name not in names or (cameras is not None and camera not in cameras):
                 continue
             try:
-                with within(f"{observation.frame.key}: truth.{name}"):
-                    records[name] = truths.get(name).apply(observation, options)
+                with within(f"{frame.key}: truth.{name}"):
+                    records[name] = truths.get(name).apply(frame, options)
             except ArgumentError as cause:
                 if cameras is not None:
                     raise
@@ -192,7 +192,7 @@ _SAME = 1e-3  # of its distance: by how much depth may differ from capture to ca
 _LOOKS = 3  # an object may be left out of the second captures, too
 
 
-def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniImage]) -> tuple[str, ...]:
+def left_out(seen: Frame, names: Sequence[str], look: Callable[[], OmniImage]) -> tuple[str, ...]:
     """Return the names of objects that an image should show, but a live world has left out, as games do.
 
     An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
@@ -202,18 +202,16 @@ def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniIma
     itself left out of the second captures.
 
     Args:
-        seen: an image with labels and depth, and the boxes of objects.
+        seen: with labels and depth in memory, and the boxes of objects.
         names: of the labels 1, 2, 3, ... of the source.
         look: returns the image of new captures, with labels of the source and depth.
     """
-    depth = seen.image.depth
-    assert seen.labels is not None
-    assert depth is not None
-    shown, found = visible_ids(seen.labels), set[str]()
+    depth, labels = seen.layer("depth"), seen.layer("labels")
+    shown, found = visible_ids(labels), set[str]()
     suspects = {
         name
         for name, box in seen.geometry.boxes.items()
-        if seen.instances.get(name, 0) not in shown and _unhidden(seen.image, box)
+        if seen.instances.get(name, 0) not in shown and _unhidden(seen.rendered(), box)
     }
     for _ in range(_LOOKS):
         if suspects - found:
@@ -221,7 +219,7 @@ def left_out(seen: Observation, names: Sequence[str], look: Callable[[], OmniIma
             assert again.labels is not None
             assert again.depth is not None
             there = {names[label - 1] for label in visible_ids(again.labels) - {0}}
-            still = np.isin(seen.labels, [0, *(seen.instances.get(name, 0) for name in there)])
+            still = np.isin(labels, [0, *(seen.instances.get(name, 0) for name in there)])
             clear = (depth > (1 + _SAME) * again.depth) | ((depth >= (1 - _SAME) * again.depth) & still)
             found |= suspects & {names[label - 1] for label in visible_ids(again.labels * clear) - {0}}
     return tuple(sorted(found))

@@ -27,12 +27,13 @@ from omniscv.arguments import numbers, shown
 from omniscv.cameras import Camera, create
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.records import checked, nested, record
 from omniscv.render_options import LayoutKey, LayoutSource, Tolerance, layout_source
-from omniscv.truth.registry import Observation, Truth, register
+from omniscv.truth.registry import Truth, register
 from omniscv.truth.room_in_image import Flags, Samples, resolved, sample_edges, seen_in_depth, seen_in_room
 from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
 
@@ -204,7 +205,7 @@ class LayoutOptions:
         return self.source or self.layout.source
 
 
-def _derive(observation: Observation, options: LayoutOptions) -> dict[str, Any]:
+def _derive(frame: Frame, options: LayoutOptions) -> dict[str, Any]:
     """Return the record of the room's layout in an image.
 
     A room that the source does not know is fitted to the image. Where the image does not show every wall, it
@@ -213,37 +214,37 @@ def _derive(observation: Observation, options: LayoutOptions) -> dict[str, Any]:
     Raises:
         ArgumentError: no room is known, and none fits.
     """
-    image = observation.image
-    room = _room(observation, options.chosen_source)
+    image = frame.rendered()
+    room = _room(frame, options.chosen_source)
     return project_layout(room, image.camera, image.pose, image.depth, tolerance=options.tolerance)
 
 
-def _room(observation: Observation, source: LayoutSource | None) -> RoomLayout:
-    if source != "fitted" and (source == "scene" or observation.geometry.room is not None):
-        return layout(observation.geometry)
-    image = observation.image
+def _room(frame: Frame, source: LayoutSource | None) -> RoomLayout:
+    if source != "fitted" and (source == "scene" or frame.geometry.room is not None):
+        return layout(frame.geometry)
+    image = frame.rendered()
     try:
-        picture = Picture(image.camera, image.pose, image.layers, observation.instances)
-        return layout([picture], observation.classes)
+        picture = Picture(image.camera, image.pose, image.layers, frame.instances)
+        return layout([picture], frame.classes)
     except ArgumentError as hidden:
-        empty = _panorama_without_furniture(observation)
+        empty = _panorama_without_furniture(frame)
         if empty is None:
             raise hidden from None
-        return layout([empty], observation.classes)
+        return layout([empty], frame.classes)
 
 
-def _panorama_without_furniture(observation: Observation) -> OmniImage | None:
+def _panorama_without_furniture(frame: Frame) -> OmniImage | None:
     """A panorama at the image's position of the room alone; None if the source cannot hide objects."""
-    if observation.renderer is None:
+    if frame.renderer is None:
         return None
-    source = observation.renderer.source
-    furniture = [name for name in source.objects().names() if not is_room(name, observation.classes)]
+    source = frame.renderer.source
+    furniture = [name for name in source.objects().names() if not is_room(name, frame.classes)]
     try:
         empty = source.without(furniture)
     except ArgumentError:
         return None
     with empty:
-        return observation.renderer.of(empty).render(create(*_PANORAMA), observation.image.pose, _FIT_MODES)
+        return frame.renderer.of(empty).render(create(*_PANORAMA), frame.rendered().pose, _FIT_MODES)
 
 
 def _captures(geometry: SceneGeometry, options: LayoutOptions) -> bool:

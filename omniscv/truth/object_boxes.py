@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from omniscv.cameras import Camera
+from omniscv.frame import Frame
 from omniscv.frame.classes import ClassTable
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import NoOptions
-from omniscv.truth.registry import Observation, Truth, register
+from omniscv.truth.registry import Truth, register
 
 Labels = NDArray[np.uint16]
 Names = Mapping[str, int] | Sequence[str]
@@ -48,10 +49,8 @@ def boxes(
         depth: (H, W) metres along the ray, +inf for no surface, 0 outside the field of view.
 
     Returns:
-        Plain values: ``instance_id``, ``name``, ``class`` (None without), ``area`` (px), ``bbox``. With
-        ``wrap``, ``bbox_wrap``, the smallest box that may cross the right border (``x + width > W``), and
-        ``crosses_seam``. With ``depth``, ``distance``, metres to the nearest pixel of the object, None if it
-        is infinite.
+        Plain values, see :mod:`omniscv.frame.forms`; with ``wrap``, the smallest box that may cross the right
+        border (``x + width > W``), too; with ``depth``, ``distance``.
     """
     name_of = {instance: name for name, instance in ids(names).items()}
     areas = np.bincount(labels.ravel())
@@ -129,10 +128,8 @@ def boxes3d(
         classes: of names.
 
     Returns:
-        Plain values, metres: ``instance_id``, ``name``, ``class`` (None without), ``center_world``, ``size``
-        along the box's axes, ``R_world_box``, ``center_camera``, ``R_camera_box``, ``distance`` of the centre
-        from the camera's position, ``truncated``, and ``source``: see :class:`ObjectBox`. A box around points
-        that were seen has ``partial``: true.
+        Plain values, see :mod:`omniscv.frame.forms`; also ``center_world``, ``R_world_box``, and ``distance``
+        of the centre from the camera's position. A box around points that were seen has ``partial``: true.
     """
     known = sorted((instance, name) for name, instance in ids(names).items() if name in boxes)
     shares = truncated([boxes[name] for _, name in known], camera, pose)
@@ -204,13 +201,13 @@ _SURFACE = _unit_surface()
 # -- the truths -----------------------------------------------------------------------------------------
 
 
-def _derive_boxes(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+def _derive_boxes(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`boxes`, with ``truncated`` where a box in space is known."""
-    image, known = observation.image, observation.geometry.boxes
+    image, known = frame.rendered(), frame.geometry.boxes
     records = boxes(
-        observation.require_labels(),
-        observation.instances,
-        observation.classes,
+        frame.layer("labels"),
+        frame.instances,
+        frame.classes,
         wrap=image.camera.wraps,
         depth=image.depth,
     )
@@ -221,21 +218,21 @@ def _derive_boxes(observation: Observation, options: NoOptions) -> list[dict[str
     return records
 
 
-def _derive_boxes3d(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+def _derive_boxes3d(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`boxes3d` of the objects that are seen.
 
     Boxes are those that the source knows; else they are around visible points, where the image has depth.
     """
-    image, known = observation.image, observation.geometry.boxes
-    visible = visible_ids(observation.require_labels())
-    names = {name: instance for name, instance in observation.instances.items() if instance in visible}
+    image, known = frame.rendered(), frame.geometry.boxes
+    visible = visible_ids(frame.layer("labels"))
+    names = {name: instance for name, instance in frame.instances.items() if instance in visible}
     unknown = {name: instance for name, instance in names.items() if name not in known}
-    around = _boxes_from_depth(observation, unknown) if unknown and image.depth is not None else {}
-    return boxes3d({**known, **around}, image.camera, image.pose, names, observation.classes)
+    around = _boxes_from_depth(frame, unknown) if unknown and image.depth is not None else {}
+    return boxes3d({**known, **around}, image.camera, image.pose, names, frame.classes)
 
 
-def _boxes_from_depth(observation: Observation, names: Mapping[str, int]) -> dict[str, ObjectBox]:
-    image = observation.image
+def _boxes_from_depth(frame: Frame, names: Mapping[str, int]) -> dict[str, ObjectBox]:
+    image = frame.rendered()
     depth = np.asarray(image.depth, dtype=np.float64)
     usable = np.isfinite(depth) & (depth > 0)
     for name in ("label_edge", "unsure"):
@@ -243,7 +240,7 @@ def _boxes_from_depth(observation: Observation, names: Mapping[str, int]) -> dic
             usable &= ~image.layers[name]
     directions_w = image.camera.unproject().directions @ image.pose.R_w_c.T
     points_w = image.centers_w + np.where(usable, depth, 0.0)[..., None] * directions_w
-    return boxes_around_points(points_w, observation.require_labels(), usable, names)
+    return boxes_around_points(points_w, frame.layer("labels"), usable, names)
 
 
 register(Truth("boxes", _derive_boxes, needs=("object_mask",), options=NoOptions))

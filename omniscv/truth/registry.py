@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from omniscv import plugins
 from omniscv.arguments import one_of
-from omniscv.compose.image import OmniImage
-from omniscv.compose.renderer import Renderer
-from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.frame.classes import ClassTable
-from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import NoOptions, WithOptions
 from omniscv.sources.base import Source
@@ -26,58 +18,14 @@ SHARED_FILE = "truth.json"
 """Suffix of the file that holds the records of several truths, each under its name."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """An image in memory, and what is known of its scene.
-
-    Attributes:
-        frame: without files; with the instances and classes of the dataset.
-        image: with the camera, the pose and the layers; ``labels`` are instance ids of the dataset.
-        geometry: the shapes that the source knows.
-        renderer: of the source, to capture more; None offline.
-        object_poses: by name, of the objects whose poses are known.
-    """
-
-    frame: Frame
-    image: OmniImage
-    geometry: SceneGeometry
-    renderer: Renderer | None = None
-    object_poses: Mapping[str, Pose] = field(default_factory=dict)
-
-    @property
-    def instances(self) -> Mapping[str, int]:
-        """Object name to instance id."""
-        return self.frame.instances
-
-    @property
-    def classes(self) -> ClassTable | None:
-        """The classes of the dataset; None without."""
-        return self.frame.classes
-
-    @property
-    def labels(self) -> NDArray[np.uint16] | None:
-        """(H, W) instance ids of the dataset; None without object masks."""
-        return self.image.labels
-
-    def require_labels(self) -> NDArray[np.uint16]:
-        """Return the labels; ArgumentError where there are none."""
-        if self.labels is None:
-            raise ArgumentError("expected an image with labels, got none; render with object_mask")
-        return self.labels
-
-
-Record = Mapping[str, Any] | list[Any]
-"""What a truth derives: plain JSON values."""
-
-
 @dataclass(frozen=True)
 class Truth(WithOptions):
     """A truth that a job's ``truth:`` may name.
 
     Attributes:
         name: the key under ``truth:``, and of the record in its file.
-        derive: function of an observation and the options; returns the record. None of a truth between
-            frames.
+        derive: function of a frame with its image in memory, and the options; returns plain JSON values.
+            None of a truth between frames.
         needs: the modalities that the image must have.
         file: suffix of the file that holds the record. Where it is not ``truth.json``, the record is the
             whole file.
@@ -92,7 +40,7 @@ class Truth(WithOptions):
     """
 
     name: str
-    derive: Callable[[Observation, Any], Record] | None
+    derive: Callable[[Frame, Any], Any] | None
     needs: tuple[str, ...] = ()
     file: str = SHARED_FILE
     keys: tuple[str, ...] = ()
@@ -106,14 +54,14 @@ class Truth(WithOptions):
         """The kind of the file that holds the record, as :class:`omniscv.dataset.Frame` names it."""
         return self.file.partition(".")[0]
 
-    def apply(self, observation: Observation, options: Mapping[str, Any]) -> Record:
-        """Return the record of an image.
+    def apply(self, frame: Frame, options: Mapping[str, Any]) -> Any:
+        """Return the record of a frame's image.
 
         Raises:
             OmniscvError: wrong options, or as ``derive`` raises.
         """
         assert self.derive is not None, f"{self.name} lies between frames"
-        return self.derive(observation, self.read_options(options))
+        return self.derive(frame, self.read_options(options))
 
     def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
         """Return whether ``derive`` may use the renderer."""
@@ -122,7 +70,7 @@ class Truth(WithOptions):
         )
 
 
-def file_contents(records: Mapping[str, Record]) -> dict[str, Any]:
+def file_contents(records: Mapping[str, Any]) -> dict[str, Any]:
     """Return by kind the content of ``STEM.KIND.json``, from the records of an image by name."""
     contents: dict[str, Any] = {}
     for name, of_truth in records.items():
@@ -173,9 +121,9 @@ def get(name: str) -> Truth:
     return _TRUTHS[name]
 
 
-def _object_poses(observation: Observation, options: NoOptions) -> dict[str, Any]:
+def _object_poses(frame: Frame, options: NoOptions) -> dict[str, Any]:
     """Return by name the position (metres) and rotation of objects, world frame."""
-    return {name: pose.to_dict() for name, pose in sorted(observation.object_poses.items())}
+    return {name: pose.to_dict() for name, pose in sorted(frame.object_poses.items())}
 
 
 register(Truth("poses", _object_poses, options=NoOptions))

@@ -14,9 +14,10 @@ from scipy.spatial import ConvexHull, QhullError
 from omniscv.cameras import Rays
 from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.records import NoOptions
-from omniscv.truth.registry import Observation, Truth, register
+from omniscv.truth.registry import Truth, register
 from omniscv.truth.spherical import SphericalBox, lon_lat
 
 Labels = NDArray[np.uint16]
@@ -226,16 +227,16 @@ def _lonlat(directions: Array) -> SphericalBox:
 # -- the truth ------------------------------------------------------------------------------------------
 
 
-def _derive(observation: Observation, options: NoOptions) -> list[dict[str, Any]]:
+def _derive(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return by object ``instance_id``, ``name``, ``bfov`` and, rotated, ``rbfov``, as records of
     :class:`omniscv.truth.spherical.SphericalBox`."""
-    camera = observation.image.camera
-    name_of = {instance: name for name, instance in observation.instances.items()}
+    camera = frame.rendered().camera
+    name_of = {instance: name for name, instance in frame.instances.items()}
 
     def directions(rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Array:
         return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
 
-    boxes = bfovs(observation.require_labels(), directions, camera.wraps)
+    boxes = bfovs(frame.layer("labels"), directions, camera.wraps)
     return [
         {
             "instance_id": instance,

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from omniscv.arguments import one_of
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
+from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import checked, record
 from omniscv.sources.base import Source
 from omniscv.truth import rle
 from omniscv.truth.object_boxes import Labels, boxes, visible_ids
-from omniscv.truth.registry import Observation, Truth, register
+from omniscv.truth.registry import Truth, register
 
 LabelsOf = Callable[[tuple[str, ...]], Labels]
 """Return (H, W) ids of an image in which only these objects are shown."""
@@ -51,9 +52,8 @@ def amodal(
         masks: whether records have masks.
 
     Returns:
-        Plain values, in the order of ids: ``instance_id``, ``name``, ``px_all``, ``px_visib``,
-        ``visib_fract`` (their ratio), ``bbox`` and, with ``wrap``, ``bbox_wrap`` of the whole object; with
-        ``masks`` its mask as ``segmentation``, run-length encoded as in COCO.
+        Plain values in the order of ids, see :mod:`omniscv.frame.forms`; with ``wrap``, ``bbox_wrap``; with
+        ``masks``, ``segmentation``, run-length encoded as in COCO.
     """
     visible = np.bincount(labels.ravel(), minlength=1 << 16)
     records = []
@@ -131,43 +131,43 @@ class AmodalOptions:
     kind: Kind = checked(one_of, words=get_args(Kind), default="boxes", help="boxes, or masks too")
 
 
-def _derive(observation: Observation, options: AmodalOptions) -> list[dict[str, Any]]:
+def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`amodal` of objects that are neither the room's surfaces nor stuff.
 
     Raises:
         ArgumentError: offline, or a source that cannot hide objects.
     """
-    renderer = observation.renderer
+    renderer = frame.renderer
     if renderer is None:
         raise ArgumentError("expected a source that can hide objects, got none; make the dataset with it")
-    image = observation.image
+    image = frame.rendered()
     center_w, radius = centers_ball(np.asarray(image.centers_w))
-    groups = groups_apart(_things(observation), observation.geometry.boxes, center_w, radius)
-    labels, names = observation.require_labels(), observation.instances
-    labels_of = partial(_labels_alone, observation, renderer)
+    groups = groups_apart(_things(frame), frame.geometry.boxes, center_w, radius)
+    labels, names = frame.layer("labels"), frame.instances
+    labels_of = partial(_labels_alone, frame, renderer)
     return amodal(labels, names, groups, labels_of, wrap=image.camera.wraps, masks=options.kind == "masks")
 
 
-def _things(observation: Observation) -> list[str]:
+def _things(frame: Frame) -> list[str]:
     """The objects that are visible, or may be in the image behind others.
 
     Only an analytic scene lists boxes of its own objects alone; those of an engine may be far away.
     """
-    visible, room = visible_ids(observation.require_labels()), observation.geometry.room
+    visible, room = visible_ids(frame.layer("labels")), frame.geometry.room
     surfaces = () if room is None else room.surfaces
     things = []
-    for name, instance in sorted(observation.instances.items()):
-        box = observation.geometry.boxes.get(name)
-        semantic = None if observation.classes is None else observation.classes.of(name)
+    for name, instance in sorted(frame.instances.items()):
+        box = frame.geometry.boxes.get(name)
+        semantic = None if frame.classes is None else frame.classes.of(name)
         stuff = name in surfaces or (semantic is not None and semantic.stuff)
         if not stuff and (instance in visible or (box is not None and box.source == "scene")):
             things.append(name)
     return things
 
 
-def _labels_alone(observation: Observation, renderer: Renderer, names: Iterable[str]) -> Labels:
+def _labels_alone(frame: Frame, renderer: Renderer, names: Iterable[str]) -> Labels:
     """(H, W) ids of the image with only these objects shown."""
-    image, instances = observation.image, observation.instances
+    image, instances = frame.rendered(), frame.instances
     others = set(renderer.source.objects().names()) - set(names)
     with renderer.source.without(sorted(others)) as source:
         alone = renderer.of(source).render(image.camera, image.pose, ("object_mask",), image.options)

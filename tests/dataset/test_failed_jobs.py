@@ -125,8 +125,8 @@ def test_a_truth_that_a_camera_cannot_carry_is_left_out_unless_it_is_named(made,
 def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys):
     faults = {"ahead"}
 
-    def derive(observation, options):
-        if observation.frame.key in faults:
+    def derive(frame, options):
+        if frame.key in faults:
             raise DatasetError("expected a calm sea")
         return {}
 

@@ -411,7 +411,8 @@ def test_what_only_a_second_look_leaves_out_does_not_show_what_was_behind_it():
 
     def watched(first, again):
         geometry = SimpleNamespace(boxes=boxes)
-        seen = SimpleNamespace(image=first, labels=first.labels, instances=labels, geometry=geometry)
+        seen = SimpleNamespace(rendered=lambda: first, layer=first.__getattribute__, instances=labels)
+        seen.geometry = geometry
         return left_out(seen, names, lambda: again)
 
     assert room.label("Door_Frame") in image("Door").labels

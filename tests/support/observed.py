@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import omniscv
-from omniscv.dataset import Observation, truths
+from omniscv.dataset import truths
 from omniscv.frame import Frame
 
 MODES = ("lit", "object_mask", "depth")
@@ -16,17 +16,17 @@ def observed(source, camera, pose, modes=MODES, classes=None, renderer=None, **o
     image = renderer.render(camera, pose, modes, omniscv.RenderOptions(**options))
     instances = {name: 100 + image.objects.label(name) for name in image.objects.names()}
     labels = image.labels + (image.labels > 0) * image.labels.dtype.type(100)
-    frame = Frame("frame", "camera", camera, pose, instances=instances, classes=classes)
     image = replace(image, layers={**image.layers, "labels": labels})
-    return Observation(frame, image, source.geometry(), renderer)
+    known = {"image": image, "geometry": source.geometry(), "renderer": renderer}
+    return Frame("frame", "camera", camera, pose, instances=instances, classes=classes, **known)
 
 
-def framed(observation, folder, wanted=(), key="frame", split="", **options):
+def framed(seen, folder, wanted=(), key="frame", split="", **options):
     """A frame on disk with its colours, labels and some truths, each with its options."""
-    image = observation.image
+    image = seen.image
     written = replace(image, objects=None).save(folder, key)
-    records = {name: truths.get(name).apply(observation, options.get(name, {})) for name in wanted}
+    records = {name: truths.get(name).apply(seen, options.get(name, {})) for name in wanted}
     (folder / f"{key}.truth.json").write_text(json.dumps(records, allow_nan=False))
     files = {path.name.split(".")[1]: path for path in written} | {"truth": folder / f"{key}.truth.json"}
-    instances, classes = observation.instances, observation.classes
+    instances, classes = seen.instances, seen.classes
     return Frame(key, "camera", image.camera, image.pose, files, instances, classes, split=split)

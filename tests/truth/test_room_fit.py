@@ -1,12 +1,14 @@
 """Rooms fitted to images, against the rooms that were rendered."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, room_of_scene, scene_of_plan
 
 import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
-from omniscv.dataset import Observation, truths
+from omniscv.dataset import truths
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.frame.classes import ClassTable, SemanticClass
@@ -137,7 +139,7 @@ def test_the_room_of_a_source_without_one_is_fitted():
     )
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     planned = Frame("a", "pano", image.camera, image.pose, instances=instances)
-    observed = Observation(planned, image, SceneGeometry())
+    observed = replace(planned, image=image)
     truth = truths.get("layout")
     record = truth.apply(observed, {})
     assert record["source"] == "fitted"
@@ -146,7 +148,7 @@ def test_the_room_of_a_source_without_one_is_fitted():
     known = SceneGeometry(room=room_of_scene("four-wall"))
     assert not truth.may_capture(known, {})
     assert truth.may_capture(known, {"source": "fitted"})
-    observed = Observation(planned, image, known)
+    observed = replace(planned, image=image, geometry=known)
     assert (
         truth.apply(observed, {"tolerance": {"abs_m": 0.01}, "layout": {"source": "scene"}})["source"]
         == "scene"
@@ -178,10 +180,10 @@ def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
     image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
     planned = Frame("a", "lens", image.camera, image.pose, instances=instances)
-    known = (planned, image, SceneGeometry())
+    known = replace(planned, image=image)
     with pytest.raises(ArgumentError, match="walls that do not close"):
-        truths.get("layout").apply(Observation(*known), {})
-    record = truths.get("layout").apply(Observation(*known, renderer), {})
+        truths.get("layout").apply(known, {})
+    record = truths.get("layout").apply(replace(known, renderer=renderer), {})
     assert source.hidden == [[name for name in furnished.objects if not name.startswith("Layout")]]
     same_room(room_of(record), np.array(L_SHAPE), [f"Layout_Wall_{i + 1}" for i in range(6)], 0.002)
     visible = [piece["visible"] for edge in record["edges"] for piece in edge["pieces"]]

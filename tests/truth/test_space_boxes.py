@@ -85,9 +85,9 @@ def test_the_truth_of_a_frame_has_a_box_for_every_object_that_is_seen(source):
     camera = cameras.create("equirectangular", width=256, height=128)
     options = {} if "0.3.10" in source else {"face_size": 96}
     with omniscv.open_source(source) as opened:
-        observation = observed(opened, camera, omniscv.Pose.from_angles((0, 0, 1.5)), **options)
-    found = truths.get("boxes3d").apply(observation, {})
-    seen = set(np.unique(observation.labels)) - {0}
+        seen_frame = observed(opened, camera, omniscv.Pose.from_angles((0, 0, 1.5)), **options)
+    found = truths.get("boxes3d").apply(seen_frame, {})
+    seen = set(np.unique(seen_frame.image.labels)) - {0}
     by_points = "0.3.10" in source
     assert {record["instance_id"] for record in found} <= seen
     assert len(found) >= len(seen) - 1

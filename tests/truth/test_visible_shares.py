@@ -23,9 +23,9 @@ CAMERAS = {
 }
 
 
-def alone(observation, name):
+def alone(seen_frame, name):
     """(H, W) the pixels whose rays meet an object when nothing else is there."""
-    image = observation.image
+    image = seen_frame.image
     rays = image.camera.unproject()
     origins_w = np.broadcast_to(image.centers_w, rays.origins.shape)
     others = set(SCENE.objects) - {name}
@@ -38,21 +38,21 @@ def shares(request):
     camera = CAMERAS[request.param]
     options = {"face_size": 128} if camera.central else {"viewpoints": 4, "strategy": "cube", "face_size": 64}
     with omniscv.open_source("scene://four-wall") as source:
-        observation = observed(source, camera, HERE, ("object_mask",), **options)
-        return observation, truths.get("amodal").apply(observation, {"kind": "masks"})
+        seen_frame = observed(source, camera, HERE, ("object_mask",), **options)
+        return seen_frame, truths.get("amodal").apply(seen_frame, {"kind": "masks"})
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
 def test_shares_agree_with_traced_rays(shares):
-    observation, records = shares
+    seen_frame, records = shares
     assert {record["name"] for record in records} <= set(THINGS)
-    seen = np.unique(observation.labels).tolist()
-    assert {i for name, i in observation.instances.items() if name in THINGS and i in seen} <= {
+    seen = np.unique(seen_frame.image.labels).tolist()
+    assert {i for name, i in seen_frame.instances.items() if name in THINGS and i in seen} <= {
         record["instance_id"] for record in records
     }
     hidden = 0
     for record in records:
-        exact, visible = alone(observation, record["name"]), observation.labels == record["instance_id"]
+        exact, visible = alone(seen_frame, record["name"]), seen_frame.image.labels == record["instance_id"]
         mask = cocomask.decode(record["segmentation"]).astype(bool)
         edge = np.count_nonzero(exact ^ eroded(exact))
         assert np.count_nonzero(mask ^ exact) <= 0.4 * edge + 4  # where a capture's grid decides
@@ -88,8 +88,8 @@ def test_hidden_objects_have_the_share_0():
     from omniscv.sources.scene import SceneSource
 
     with SceneSource(scene) as source:
-        observation = observed(source, CAMERAS["fisheye"], omniscv.Pose.from_angles((0, 0, 0)))
-        records = truths.get("amodal").apply(observation, {})
+        seen_frame = observed(source, CAMERAS["fisheye"], omniscv.Pose.from_angles((0, 0, 0)))
+        records = truths.get("amodal").apply(seen_frame, {})
     ball, board = records
     assert (ball["name"], ball["px_visib"], ball["visib_fract"], ball["px_all"] > 20) == (
         "Ball",
@@ -105,8 +105,8 @@ def test_a_live_server_has_the_same_shares_and_shows_all_again():
     with omniscv.open_source("scene://four-wall") as source:
         wanted = truths.get("amodal").apply(observed(source, camera, HERE, **options), {})
     with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
-        observation = observed(source, camera, HERE, **options)
-        found = truths.get("amodal").apply(observation, {})
+        seen_frame = observed(source, camera, HERE, **options)
+        found = truths.get("amodal").apply(seen_frame, {})
         assert not any(each.hidden for each in server.world.objects.values())
     assert {record["name"] for record in found} - {record["name"] for record in wanted} <= set(SCENE.objects)
     by_name = {record["name"]: record for record in found}
@@ -118,19 +118,19 @@ def test_a_live_server_has_the_same_shares_and_shows_all_again():
 def test_stuff_has_no_share():
     table = ClassTable({"stuff": SemanticClass(1, "stuff", stuff=True)}, dict.fromkeys(THINGS[1:], "stuff"))
     with omniscv.open_source("scene://four-wall") as source:
-        observation = observed(source, CAMERAS["fisheye"], HERE, classes=table, face_size=64)
-        assert {r["name"] for r in truths.get("amodal").apply(observation, {})} <= {THINGS[0]}
+        seen_frame = observed(source, CAMERAS["fisheye"], HERE, classes=table, face_size=64)
+        assert {r["name"] for r in truths.get("amodal").apply(seen_frame, {})} <= {THINGS[0]}
 
 
 def test_recordings_are_refused(tmp_path):
     with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
-        observation = observed(source, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
+        seen_frame = observed(source, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
     with omniscv.open_source(tmp_path / "a.sqlite") as replay:
         recorded = observed(replay, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
         with pytest.raises(ArgumentError, match="expected one that can hide objects, got RecordedSource"):
             truths.get("amodal").apply(recorded, {})
     with pytest.raises(ArgumentError, match="kind: expected one of boxes, masks; got 'all'"):
-        truths.get("amodal").apply(observation, {"kind": "all"})
+        truths.get("amodal").apply(seen_frame, {"kind": "all"})
 
 
 def test_objects_of_a_group_cannot_hide_each_other():
