@@ -3,7 +3,7 @@
 :class:`Frame` is the only record of a frame. It is the same class at every step; each step fills in more of
 it:
 
-1. ``omniscv.make.moments`` plans it: key, camera, pose, time; for datasets place, split, scene and state.
+1. ``omniscv.make.instants`` plans it: key, camera, pose, time; for datasets place, split, scene and state.
 2. Truths are derived of it while it has its image and the world in memory: ``image``, ``geometry``, ...
 3. ``omniscv.dataset.Writer`` writes its files: ``files`` are then :class:`FrameFiles`, with sizes and
 checksums.

@@ -18,7 +18,7 @@ from omniscv.frame import IMAGE
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Exposure, Job
-from omniscv.make.moments import Moment, renderer_at
+from omniscv.make.instants import SharedFrames, renderer_at
 from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Source, check_modes
@@ -71,7 +71,7 @@ def check_dataset(job: Job) -> Contents:
     return contents
 
 
-def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[Moment]) -> None:
+def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[SharedFrames]) -> None:
     """Refuse a job whose dataset its open source cannot give, before anything is captured or written.
 
     Raises:
@@ -109,14 +109,14 @@ def check_face_size(job: Job, source: Source) -> None:
         raise ArgumentError(f"face_size: expected {has} px, as the recording has, or auto; got {wanted}")
 
 
-def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[Moment]) -> None:
+def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[SharedFrames]) -> None:
     """Request the first view of images that a recording lacks: its error says what is there."""
-    for moment in planned:
-        for take in moment.takes:
-            with renderer_at(renderer, take.instant) as still:
+    for shared in planned:
+        for instant, views, modes in shared.captured:
+            with renderer_at(renderer, instant) as still:
                 recorded = frozenset(still.source.recorded_views() or ())
-                tasks = [still.task(camera, pose, job.options) for camera, pose in take.views]
-                plans = planning.share_captures(tasks, job.options.sampled(take.modes))
+                tasks = [still.task(camera, pose, job.options) for camera, pose in views]
+                plans = planning.share_captures(tasks, job.options.sampled(modes))
                 missing = (
                     request for plan in plans for request in plan.requests if request.view not in recorded
                 )

@@ -36,7 +36,7 @@ from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import Failures, FrameMaker
-from omniscv.make.moments import keys_of, moments
+from omniscv.make.instants import frames_by_instant, keys_of
 from omniscv.make.source import open_source, opened
 from omniscv.progress import Report
 from omniscv.sources.base import Source
@@ -236,8 +236,8 @@ def _run(
             with opened(part.of(world), source) as (world, live):
                 worlds[at] = world
                 scene = "/".join(name for name in astuple(live.scene_identity) if name)
-                planned = list(moments(world, part.poses(world.poses), scene))
-                frames = [frame for moment in planned for frame in moment.frames]
+                planned = list(frames_by_instant(world, part.poses(world.poses), scene))
+                frames = [frame for shared in planned for frame in shared.frames]
                 frames = [frame for frame in frames if chosen is None or frame.key in chosen]
                 check_source(world, contents[at], live, planned)
                 if overwrite and at == 0:

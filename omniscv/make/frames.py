@@ -23,7 +23,7 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.job import Job
 from omniscv.make.contents import Contents
-from omniscv.make.moments import Moment, images_of, renderer_at
+from omniscv.make.instants import SharedFrames, images_of, renderer_at
 from omniscv.make.render import transfer_warning, warnings_of
 from omniscv.parallel import ahead
 from omniscv.progress import Meter, Report
@@ -100,21 +100,21 @@ class FrameMaker:
         # Images of a world that moves take turns, too: the source shows one instant at a time.
         self._capture_lock = Lock() if self._capturing or job.changes or job.recipe.watch else nullcontext()
 
-    def run(self, moments: Sequence[Moment], missing: Collection[str], progress: Report | None) -> None:
+    def run(self, planned: Sequence[SharedFrames], missing: Collection[str], progress: Report | None) -> None:
         """Make the frames with some keys.
 
         They are written in their order, so that objects that appear late get the same ids every time.
         """
-        unfinished = [moment for moment in moments if any(frame.key in missing for frame in moment.frames)]
+        unfinished = [shared for shared in planned if any(frame.key in missing for frame in shared.frames)]
         compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
         threads = self._workers if self._workers > 1 else 0
         composed = chain.from_iterable(ahead(compose, unfinished, threads))
         deque(ahead(self._save, composed, 1), maxlen=0)
 
-    def _compose(self, moment: Moment, keys: Collection[str], meter: Meter) -> list[Composed]:
-        """Return the images of a moment, of captures that its cameras share."""
-        only = [i for i, frame in enumerate(moment.frames) if frame.key in keys]
-        frames = [moment.frames[i] for i in only]
+    def _compose(self, shared: SharedFrames, keys: Collection[str], meter: Meter) -> list[Composed]:
+        """Return the images of some frames, of the captures that they share."""
+        only = [i for i, frame in enumerate(shared.frames) if frame.key in keys]
+        frames = [shared.frames[i] for i in only]
         world: dict[str, Any] = {}
 
         def look(source: Source) -> None:
@@ -123,9 +123,9 @@ class FrameMaker:
 
         with self._capture_lock, self._failures.leaving_out(frames, self._job.world):
             report = meter.part()
-            images = list(images_of(self._renderer, moment, self._job, only=only, progress=report, look=look))
+            images = list(images_of(self._renderer, shared, self._job, only=only, progress=report, look=look))
             seen = zip(frames, images, strict=True)
-            return [(replace(frame, image=image, **world), moment.instant) for frame, image in seen]
+            return [(replace(frame, image=image, **world), shared.instant) for frame, image in seen]
         return []  # they were left out
 
     def _save(self, composed: Composed) -> None:

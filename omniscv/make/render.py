@@ -22,7 +22,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import check, check_face_size
-from omniscv.make.moments import images_of, moments, renderer_at
+from omniscv.make.instants import frames_by_instant, images_of, renderer_at
 from omniscv.make.source import opened
 from omniscv.parallel import ahead
 from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
@@ -75,9 +75,9 @@ def run(
         renderer, meter = Renderer(source), Meter(len(job), progress)
 
         def images() -> Iterator[tuple[str, OmniImage]]:
-            for moment in moments(job):
-                of_moment = images_of(renderer, moment, job, progress=meter.part())
-                for frame, image in zip(moment.frames, of_moment, strict=True):
+            for shared in frames_by_instant(job):
+                composed = images_of(renderer, shared, job, progress=meter.part())
+                for frame, image in zip(shared.frames, composed, strict=True):
                     for line in warnings_of(frame.key, image):
                         warn(line)
                     yield frame.key, image
@@ -168,21 +168,21 @@ def capture(
         check_face_size(job, source)
         source.objects()
         renderer = Renderer(source)
-        for moment in moments(job):
-            for done, take in enumerate(moment.takes, start=1):
-                report = meter.part() if done == len(moment.takes) else without_images(meter.part())
-                with renderer_at(renderer, take.instant) as renderer_then:
-                    views = [
+        for shared in frames_by_instant(job):
+            for done, (instant, views, shown) in enumerate(shared.captured, start=1):
+                report = meter.part() if done == len(shared.captured) else without_images(meter.part())
+                with renderer_at(renderer, instant) as renderer_then:
+                    tasks = [
                         renderer_then.task(camera, pose, job.options, border_px=border_px)
-                        for camera, pose in take.views
+                        for camera, pose in views
                     ]
-                    if job.options.checks == "light" or any(task.aim is not None for task in views):
+                    if job.options.checks == "light" or any(task.aim is not None for task in tasks):
                         noting = _Noting(renderer_then.source, needed)
-                        list(renderer.of(noting).render_together(take.views, take.modes, job.options))
-                        report(Progress(images=len(take.views)))
+                        list(renderer.of(noting).render_together(views, shown, job.options))
+                        report(Progress(images=len(views)))
                         continue
-                    modes = job.options.sampled(take.modes)
-                    plans = planning.share_captures(views, modes)
+                    modes = job.options.sampled(shown)
+                    plans = planning.share_captures(tasks, modes)
                     capture_plans = partial(
                         _capture_plans, plans=plans, modes=modes, before=needed, report=report
                     )
@@ -301,10 +301,10 @@ def measured_price(job: Job) -> Price:
 def _planned(job: Job, task_of: Callable[[Camera, Pose], Task]) -> _Planned:
     """Return the modes and tasks of each state of the world, whose captures are shared."""
     tasks_of: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
-    for moment in moments(job):
-        for take in moment.takes:
-            tasks = [task_of(camera, pose) for camera, pose in take.views]
-            tasks_of.setdefault((take.instant.state, take.modes), []).append(tasks)
+    for shared in frames_by_instant(job):
+        for instant, views, modes in shared.captured:
+            tasks = [task_of(camera, pose) for camera, pose in views]
+            tasks_of.setdefault((instant.state, modes), []).append(tasks)
     planned = [(job.options.sampled(modes), tasks) for (_, modes), tasks in tasks_of.items()]
     exposures = [(("lit",), tasks) for modes, tasks in planned if "lit" in modes]
     return planned + exposures * max(0, len(job.brackets) - 1)

@@ -15,7 +15,7 @@ from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import write_tum
 from omniscv.job import Exposure, load
 from omniscv.make import capture, costs, run
-from omniscv.make.moments import instants_for, moments, motion_px
+from omniscv.make.instants import frames_by_instant, instants_for, motion_px
 from omniscv.sources.scene import SceneSource
 
 WORKSHOP = mock_server.load_scene("workshop")
@@ -69,10 +69,6 @@ def images_of(job):
     return found
 
 
-def instant_of(moment):
-    return moment.takes[0].instant
-
-
 def assert_same(layers, image):
     for name, layer in layers.items():
         np.testing.assert_array_equal(layer, image[name], err_msg=name)
@@ -107,9 +103,9 @@ def test_motions_of_files_and_splines(tmp_path):
     more = f"times: [0, 1]\nmotions: {motions}"
     job = job_of(tmp_path, more)
     assert [motion.curve for motion in job.motions.values()] == ["linear", "spline", "spline"]
-    for moment, wanted in zip(moments(job), known, strict=True):
+    for shared, wanted in zip(frames_by_instant(job), known, strict=True):
         for name in ("Crate", "Cabinet"):
-            pose = instant_of(moment).poses[name]
+            pose = shared.instant.poses[name]
             np.testing.assert_allclose(pose.rotation, wanted.rotation, atol=1e-9)
             np.testing.assert_allclose(pose.position, wanted.position, atol=1e-12)
 
@@ -125,7 +121,7 @@ def test_times_of_poses(tmp_path):
     sampled = "{path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
     path = job_of(tmp_path, "times: poses", poses=sampled)
     assert path.times == (0.0, 0.5, 1.0)
-    assert [instant_of(moment).time for moment in moments(path)] == [0.0, 0.5, 1.0]
+    assert [shared.instant.time for shared in frames_by_instant(path)] == [0.0, 0.5, 1.0]
 
 
 def test_times_since_1970(tmp_path):
@@ -137,8 +133,8 @@ def test_times_since_1970(tmp_path):
     assert len(job.poses) == 9
     assert job.times[-1] - job.times[0] == 2
     np.testing.assert_allclose([pose.position[0] for pose in job.poses], np.arange(9) / 4, atol=1e-6)
-    assert [instant_of(moment).time for moment in moments(job)][:3] == [0, 0.25, 0.5]
-    frame = next(moments(job)).frames[0]
+    assert [shared.instant.time for shared in frames_by_instant(job)][:3] == [0, 0.25, 0.5]
+    frame = next(frames_by_instant(job)).frames[0]
     assert frame.time == job.times[0]
     assert_same(
         images_of(replace(job, poses=job.poses[:1], times=job.times[:1]))["pano"], rendered(job, 0, poses={})
@@ -155,7 +151,9 @@ def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     more = f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}"
     job = job_of(tmp_path, more, poses=poses)
     times = {
-        frame.key: (instant_of(moment).time, frame.time) for moment in moments(job) for frame in moment.frames
+        frame.key: (shared.instant.time, frame.time)
+        for shared in frames_by_instant(job)
+        for frame in shared.frames
     }
     assert times["right-0"] == times["right-0"][:1] * 2 == (0.25, 0.25)
     assert times["pano-1"] == times["left-1"] == (1.0, 1.0)
@@ -324,7 +322,7 @@ def test_moving_objects_need_instants_too(tmp_path):
     slide = [{"time": 0, "position": [-2, -0.6, 0.85]}, {"time": 1, "position": [-1.2, 0.8, 0.85]}]
     poses = {"poses": [{"position": [0, 0, 1.2]}], "times": [0.5]}
     counts = [
-        len(next(moments(job(tmp_path, "auto", **poses, **more))).takes)
+        len(next(frames_by_instant(job(tmp_path, "auto", **poses, **more))).captured)
         for more in ({}, {"motions": {"Cabinet": slide}})
     ]
     assert counts[0] == 3 < counts[1]

@@ -10,7 +10,7 @@ from omniscv import Pose, Rig, RigCamera, calibration, cameras, dataset, open_so
 from omniscv.errors import ArgumentError
 from omniscv.job import Job, load
 from omniscv.make import capture, costs, run
-from omniscv.make.moments import moments
+from omniscv.make.instants import frames_by_instant
 
 LENS = cameras.create("kannala-brandt", width=20, height=20, fx=7.0, fy=7.0)
 RIG = Rig({"cam0": RigCamera(LENS), "cam1": RigCamera.turned(LENS, yaw_deg=180, time_offset=0.5)})
@@ -30,7 +30,7 @@ def job_of(tmp_path: Path, rig: str, poses: str, more: str = "") -> Job:
 
 
 def frames_of(job: Job) -> list[dataset.Frame]:
-    return [frame for moment in moments(job) for frame in moment.frames]
+    return [frame for shared in frames_by_instant(job) for frame in shared.frames]
 
 
 def test_plan_record_and_render_need_the_same_captures(tmp_path: Path) -> None:

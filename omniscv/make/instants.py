@@ -34,42 +34,34 @@ _OBJECT_M = 0.5  # from an object's middle to what of it is seen
 _FEWEST, _MOST = 3, 999
 
 
-@dataclass(frozen=True)
-class Take:
-    """What is captured at one instant.
-
-    Attributes:
-        instant: of the world.
-        views: cameras and poses.
-        modes: what is captured.
-    """
-
-    instant: Instant
-    views: tuple[tuple[Camera, Pose], ...]
-    modes: tuple[str, ...]
+Views = tuple[tuple[Camera, Pose], ...]
+Captured = tuple[Instant, Views, tuple[str, ...]]
+"""An instant of the world, and the cameras, poses and modes that are captured at it."""
 
 
 @dataclass(frozen=True)
-class Moment:
+class SharedFrames:
     """Images of one instant, which share captures.
 
     Attributes:
         frames: the images, without files.
-        takes: what they are composed of; the first shows the instant of their ground truth.
+        captured: what they are composed of; the first instant is that of their ground truth.
         fault: why they cannot be made; empty if nothing is known.
     """
 
     frames: tuple[Frame, ...]
-    takes: tuple[Take, ...]
+    captured: tuple[Captured, ...]
     fault: str = ""
 
     @property
     def instant(self) -> Instant:
         """The instant of the images' ground truth."""
-        return self.takes[0].instant
+        return self.captured[0][0]
 
 
-def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> Iterator[Moment]:
+def frames_by_instant(
+    job: Job, indices: Iterable[int] | None = None, scene: str = ""
+) -> Iterator[SharedFrames]:
     """Yield a job's images by pose and instant, and what is captured for them.
 
     Images of a rolling-shutter camera in a world that moves do not share captures.
@@ -79,7 +71,7 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
         indices: of poses; all if not given.
         scene: identity of the source's scene, for the frames of a dataset.
     """
-    path = _path(job)
+    path = JobPath(job)
     split = job.recipe.split or Split({"": 1.0})
     places = split.places(Poses.of(job.poses).positions, job.places or ())
     start = f"{job.world}/" if job.world else ""
@@ -89,14 +81,14 @@ def moments(job: Job, indices: Iterable[int] | None = None, scene: str = "") -> 
         in_split = job.world_split or split.of(job.world if split.by == "world" else place)
         varied, fault = _varied(job, i, place)
         fault = job.faults.get(i, fault)
-        for frame in _frames(job, path, i):
+        for frame in path.frames(i):
             rolling = job.moves and isinstance(frame.camera, RollingShutter)
-            state = _instant(job, replace(frame, varied=varied)).state
+            state = path.instant(replace(frame, varied=varied)).state
             key = frame.key if rolling else f".{state}"
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
-            yield Moment(tuple(frames), tuple(_takes(job, path, i, frames)), fault)
+            yield SharedFrames(tuple(frames), tuple(path.captured(i, frames)), fault)
 
 
 def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
@@ -112,9 +104,9 @@ def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
 
 def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
     """Yield the keys of the frames at some poses; at all if not given."""
-    path = _path(job)
+    path = JobPath(job)
     for i in range(len(job.poses)) if indices is None else indices:
-        yield from (frame.key for frame in _frames(job, path, i))
+        yield from (frame.key for frame in path.frames(i))
 
 
 def pose_number(job: Job, i: int) -> str:
@@ -122,89 +114,98 @@ def pose_number(job: Job, i: int) -> str:
     return f"{i:0{len(str(max(0, len(job.poses) - 1)))}d}"
 
 
-def _frames(job: Job, path: Trajectory | None, i: int, delay_s: float = 0.0) -> Iterator[Frame]:
-    """Yield the images at a pose, or some seconds later, along the poses as along a trajectory."""
-    pose, time = job.poses[i], None if job.times is None else job.times[i] + delay_s
-    if path is not None and job.times is not None and delay_s:
-        pose = path.at(job.times[i], steps_beyond=1, after=delay_s)
-    mounted = {} if job.rig is None else job.rig.poses(pose if path is None else path, time)
-    offsets = {} if job.rig is None else {name: mount.time_offset for name, mount in job.rig.cameras.items()}
-    for name, camera in job.cameras.items():
-        key = f"{name}-{pose_number(job, i)}" if len(job.poses) > 1 else name
-        if job.world and not name.startswith(f"{job.world}-"):  # as a camera that is drawn for it
-            key = f"{job.world}-{key}"
-        at = None if time is None else time + offsets.get(name, 0.0)
-        yield Frame(key, name, camera, mounted.get(name, pose), time=at)
-
-
-def _takes(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Iterator[Take]:
-    """Yield what is captured for images of one instant: first at their time, then during their exposure."""
-    first, exposure = group[0], _chosen(job, path, i, group)
-    if job.moves and isinstance(first.camera, RollingShutter):
-        for seconds, lines in exposure.lines(first.camera):
-            yield Take(_instant(job, first, seconds), ((lines, first.pose),), job.captured)
-        return
-    views = tuple((frame.camera, frame.pose) for frame in group)
-    yield Take(_instant(job, first), views, job.captured)
-    yield from _lateral(job, _instant(job, first), views)
-    keys = {frame.key for frame in group}
-    for offset in exposure.offsets()[1:] if "lit" in job.captured else ():
-        moved = _frames(job, path, i, offset if exposure.camera == "moves" else 0.0)
-        views = tuple((frame.camera, frame.pose) for frame in moved if frame.key in keys)
-        yield Take(_instant(job, first, offset), views, ("lit",))
-        yield from _lateral(job, _instant(job, first, offset), views)
-
-
-def _chosen(job: Job, path: Trajectory | None, i: int, group: Sequence[Frame]) -> Exposure:
-    """Return the job's exposure with a number of instants: enough for the fastest motion in any image."""
-    if job.exposure.instants != "auto":
-        return job.exposure
-    most, motions = 0.0, tuple(job.motions.values())
-    for frame in group:
-        rolling = isinstance(frame.camera, RollingShutter)
-        seconds = frame.camera.readout if isinstance(frame.camera, RollingShutter) else job.exposure.seconds
-        start = 0.0 if rolling else -seconds / 2
-        moves = job.exposure.camera == "moves" and not rolling
-        ends = [
-            {other.key: other.pose for other in _frames(job, path, i, delay_s if moves else 0.0)}[frame.key]
-            for delay_s in (start, start + seconds)
-        ]
-        at = frame.time or 0.0
-        span = (at + start, at + start + seconds)
-        most = max(most, motion_px(frame.camera, (ends[0], ends[1]), motions, span))
-    return replace(job.exposure, instants=instants_for(most))
-
-
-def _lateral(job: Job, instant: Instant, views: Sequence[tuple[Camera, Pose]]) -> Iterator[Take]:
-    """Yield what lateral colour needs beside a take: red light of all its views, then blue light of all."""
-    pairs = [job.sensor.lateral_cameras(camera) for camera, _ in views] if job.sensor else []
-    if any(pairs):
-        poses = [pose for _, pose in views]
-        reds, blues = zip(*(pair for pair in pairs if pair), strict=True)
-        yield Take(instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",))
-
-
-def _instant(job: Job, frame: Frame, delay_s: float = 0.0) -> Instant:
-    """Return the instant that a frame shows, or some seconds later."""
-    if not job.moves:
-        return Instant.drawn(frame.varied)
-    poses = {name: motion.at(frame.time, delay_s) for name, motion in job.motions.items()}
-    at = None if frame.time is None else frame.time - job.epoch + delay_s
-    return Instant.drawn(frame.varied, poses, at)
-
-
-def _path(job: Job) -> Trajectory | None:
-    """Return the timed poses if cameras move along them within an image: a rig's by their time offsets, all
-    cameras during an exposure; else None.
+class JobPath:
+    """The path of a job's cameras: where each of them is, and what the world shows, at any time of an image.
 
     Raises:
         ArgumentError: times that do not increase.
     """
-    exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
-    staggered = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
-    if not (staggered or exposed):
-        return None
-    return Trajectory(job.poses, job.times) if job.imu is None else job.imu.path
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self._timed = self._trajectory()
+
+    def _trajectory(self) -> Trajectory | None:
+        """Return the timed poses if cameras move along them within an image: a rig's by their time offsets,
+        all cameras during an exposure; else None."""
+        job = self.job
+        exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
+        staggered = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
+        if not (staggered or exposed):
+            return None
+        return Trajectory(job.poses, job.times) if job.imu is None else job.imu.path
+
+    def frames(self, i: int, after: float = 0.0) -> Iterator[Frame]:
+        """Yield the images at a pose, or some seconds after it."""
+        job = self.job
+        pose, time = job.poses[i], None if job.times is None else job.times[i] + after
+        if self._timed is not None and job.times is not None and after:
+            pose = self._timed.at(job.times[i], steps_beyond=1, after=after)
+        mounts = {} if job.rig is None else job.rig.cameras
+        mounted = {} if job.rig is None else job.rig.poses(pose if self._timed is None else self._timed, time)
+        for name, camera in job.cameras.items():
+            key = f"{name}-{pose_number(job, i)}" if len(job.poses) > 1 else name
+            if job.world and not name.startswith(f"{job.world}-"):  # as a camera that is drawn for it
+                key = f"{job.world}-{key}"
+            offset = mounts[name].time_offset if name in mounts else 0.0
+            at = None if time is None else time + offset
+            yield Frame(key, name, camera, mounted.get(name, pose), time=at)
+
+    def instant(self, frame: Frame, after: float = 0.0) -> Instant:
+        """Return the instant that a frame shows, or one some seconds after it."""
+        if not self.job.moves:
+            return Instant.drawn(frame.varied)
+        poses = {name: motion.at(frame.time, after) for name, motion in self.job.motions.items()}
+        at = None if frame.time is None else frame.time - self.job.epoch + after
+        return Instant.drawn(frame.varied, poses, at)
+
+    def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[Captured]:
+        """Yield what is captured for images of one instant: first at their time, then during their exposure,
+        or the lines of a rolling-shutter camera at their times."""
+        first, modes, exposure = frames[0], self.job.captured, self._exposure(i, frames)
+        if self.job.moves and isinstance(first.camera, RollingShutter):
+            for seconds, lines in exposure.lines(first.camera):
+                yield self.instant(first, seconds), ((lines, first.pose),), modes
+            return
+        keys = {frame.key for frame in frames}
+        for offset in exposure.offsets() if "lit" in modes else (0.0,):
+            moved = frames
+            if offset:
+                seconds = offset if exposure.camera == "moves" else 0.0
+                moved = [frame for frame in self.frames(i, seconds) if frame.key in keys]
+            views = tuple((frame.camera, frame.pose) for frame in moved)
+            instant = self.instant(first, offset)
+            yield instant, views, ("lit",) if offset else modes
+            yield from self._lateral(instant, views)
+
+    def _exposure(self, i: int, frames: Sequence[Frame]) -> Exposure:
+        """Return the job's exposure with a number of instants: enough for the fastest motion in any image."""
+        exposure = self.job.exposure
+        if exposure.instants != "auto":
+            return exposure
+        most, motions = 0.0, tuple(self.job.motions.values())
+        for frame in frames:
+            rolling = isinstance(frame.camera, RollingShutter)
+            seconds = frame.camera.readout if isinstance(frame.camera, RollingShutter) else exposure.seconds
+            start = 0.0 if rolling else -seconds / 2
+            moves = exposure.camera == "moves" and not rolling
+            ends = [
+                {other.key: other.pose for other in self.frames(i, after if moves else 0.0)}[frame.key]
+                for after in (start, start + seconds)
+            ]
+            at = frame.time or 0.0
+            span = (at + start, at + start + seconds)
+            most = max(most, motion_px(frame.camera, (ends[0], ends[1]), motions, span))
+        return replace(exposure, instants=instants_for(most))
+
+    def _lateral(self, instant: Instant, views: Views) -> Iterator[Captured]:
+        """Yield what lateral colour needs beside views: red light of all of them, then blue light of all."""
+        sensor = self.job.sensor
+        pairs = [sensor.lateral_cameras(camera) for camera, _ in views] if sensor else []
+        if any(pairs):
+            poses = [pose for _, pose in views]
+            reds, blues = zip(*(pair for pair in pairs if pair), strict=True)
+            yield instant, tuple(zip((*reds, *blues), poses * 2, strict=True)), ("lit",)
 
 
 @contextmanager
@@ -219,47 +220,45 @@ def renderer_at(renderer: Renderer, instant: Instant) -> Iterator[Renderer]:
 
 def images_of(
     renderer: Renderer,
-    moment: Moment,
+    shared: SharedFrames,
     job: Job,
     only: Collection[int] | None = None,
     progress: Report | None = None,
     look: Callable[[Source], object] | None = None,
 ) -> Iterator[OmniImage]:
-    """Yield the images of a moment in the order of its frames.
+    """Yield the images of frames that share captures, in their order.
 
     Args:
         renderer: of the job's source.
-        moment: of the job.
+        shared: frames of the job.
         job: whose options and sensor make the images.
         only: indices of the frames that are composed; all if not given.
         progress: called as images progress.
-        look: called once, with a source of the world at the moment's instant.
+        look: called once, with a source of the world at the frames' instant.
     """
-    if moment.fault:
-        raise ArgumentError(moment.fault)
-    takes, count = moment.takes, len(moment.frames)
+    if shared.fault:
+        raise ArgumentError(shared.fault)
+    last, count = len(shared.captured) - 1, len(shared.frames)
     chosen = sorted(range(count) if only is None else only)
     meter = Meter(len(chosen), progress)
     parts: list[list[OmniImage]] = []
-    for done, take in enumerate(takes):
-        report = meter.part() if done + 1 == len(takes) else without_images(meter.part())
-        with renderer_at(renderer, take.instant) as renderer_then:
+    for done, (instant, views, modes) in enumerate(shared.captured):
+        report = meter.part() if done == last else without_images(meter.part())
+        with renderer_at(renderer, instant) as renderer_then:
             if look and done == 0:
                 look(renderer_then.source)
-            wanted = [i for i in range(len(take.views)) if i % count in chosen]
-            images = renderer_then.render_together(
-                take.views, take.modes, job.options, only=wanted, progress=report
-            )
-            if len(takes) == 1:
+            wanted = [i for i in range(len(views)) if i % count in chosen]
+            images = renderer_then.render_together(views, modes, job.options, only=wanted, progress=report)
+            if last == 0:
                 for i, image in zip(chosen, images, strict=True):
-                    yield _sensed(job, moment.frames[i], image)
+                    yield _sensed(job, shared.frames[i], image)
                 return
             parts.append(list(images))
-    for place, frame in enumerate(moment.frames[i] for i in chosen):
-        # A take has one image of each frame; one of lateral colour has two, red and blue.
-        by_take = [images[place :: len(chosen)] for images in parts]
-        instants = [images[0] for images in by_take if len(images) == 1]
-        red_blue = [images for images in by_take if len(images) == 2]
+    for place, frame in enumerate(shared.frames[i] for i in chosen):
+        # An instant has one image of each frame; lateral colour has two, red and blue.
+        by_instant = [images[place :: len(chosen)] for images in parts]
+        instants = [images[0] for images in by_instant if len(images) == 1]
+        red_blue = [images for images in by_instant if len(images) == 2]
         camera = frame.camera
         image = _read_out(camera, instants) if isinstance(camera, RollingShutter) else _exposed(instants)
         yield _sensed(job, frame, image, [_exposed(color) for color in zip(*red_blue, strict=True)])
