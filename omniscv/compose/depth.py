@@ -18,18 +18,14 @@ from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
+from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, rounding, stored_length
 from omniscv.geometry.surfaces import (
-    LEAST_M,
-    Precision,
     Shape,
     discontinuities,
     fitted_plane,
     interpolated,
-    inverse_depth32,
     nearest_pixel,
     plane_of,
-    rounding,
-    stored_length,
     surface_point,
     turns,
 )

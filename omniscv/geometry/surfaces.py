@@ -25,6 +25,15 @@ from numpy.typing import NDArray
 
 from omniscv.compiled import inner, njit
 from omniscv.geometry.arrays import Floats
+from omniscv.geometry.precision import (
+    FLOAT32,
+    LEAST_M,
+    Precision,
+    inverse_depth,
+    inverse_depth32,
+    rounding,
+    stored_length,
+)
 
 STEP = 0.0025
 """How far neighbours on one surface may lie off the line through the other two, relative to their depth: more
@@ -32,30 +41,7 @@ than half floats jump (0.05 %). All lengths are relative, so that the same holds
 CONTINUED = 0.006
 """How far a surface is continued in depth beyond the last pixel that shows it, relative to its depth: it may
 end there."""
-_FLOAT32 = 2.0**-24  # relative rounding error
-COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
-_EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
-LEAST_M = 1e-9  # a server may send a depth of 0
-_NONE, _QUARTER, _ONE, _NOWHERE = np.float32(0), np.float32(0.25), np.float32(1), np.float32(np.inf)
-_STEP, _LEAST = np.float32(STEP), np.float32(LEAST_M)
-
-
-class Precision(NamedTuple):
-    """How exactly a picture of depth was stored.
-
-    Attributes:
-        unit_m: of the stored values, metres.
-        digits: significant binary digits: 11 of half floats, 24 of floats.
-        along_ray: whether distances to the optical centre were stored, not planar depth.
-        largest_m: farther surfaces are stored as no surface.
-        middle_px: how far from the middle of its pixel a depth may have been taken, across and down.
-    """
-
-    unit_m: float = 1.0
-    digits: int = 24
-    along_ray: bool = False
-    largest_m: float = math.inf
-    middle_px: float = 0.0
+_NONE, _QUARTER, _NOWHERE, _STEP = np.float32(0), np.float32(0.25), np.float32(np.inf), np.float32(STEP)
 
 
 class Point(NamedTuple):
@@ -73,23 +59,6 @@ class Point(NamedTuple):
     down: float
     error: float
     jump: float
-
-
-class Cell(NamedTuple):
-    """Planar depth, float32, at 2 x 2 pixels and at their neighbours above, left, right and below."""
-
-    n0: float
-    n1: float
-    w0: float
-    z00: float
-    z01: float
-    e0: float
-    w1: float
-    z10: float
-    z11: float
-    e1: float
-    s0: float
-    s1: float
 
 
 Shape = tuple[int, int]
@@ -120,18 +89,17 @@ def surface_point(
     if 1 <= c < width - 2 and 1 <= r < height - 2:
         o = first + r * width + c
         up, lower, below = o - width, o + width, o + 2 * width
-        cell = Cell(
-            depth[up], depth[up + 1],
-            depth[o - 1], depth[o], depth[o + 1], depth[o + 2],
-            depth[lower - 1], depth[lower], depth[lower + 1], depth[lower + 2],
-            depth[below], depth[below + 1],
-        )  # fmt: skip
+        upper = (depth[o - 1], depth[o], depth[o + 1], depth[o + 2])
+        under = (depth[lower - 1], depth[lower], depth[lower + 1], depth[lower + 2])
+        left = (depth[up], depth[o], depth[lower], depth[below])
+        right = (depth[up + 1], depth[o + 1], depth[lower + 1], depth[below + 1])
+        corners, a, b = (upper[1], upper[2], under[1], under[2]), px - c, py - r
         length = stored_length(r, c, shape, focal, precision)
-        corners, a, b = (cell.z00, cell.z01, cell.z10, cell.z11), px - c, py - r
         inverse, across, down, error, noise = interpolated(
             corners, a, b, length, max(height, width), precision
         )
-        bend = _bend_of(cell, a, b, noise)
+        bend = max(_bend(upper, a, noise), _bend(under, a, noise))
+        bend += max(_bend(left, b, noise), _bend(right, b, noise))
         if bend < np.inf:
             return Point(inverse, across, down, error + bend, 0.0)
     return continued(depth, first, shape, x, y, focal, precision)  # type: ignore[no-any-return]
@@ -185,24 +153,8 @@ def interpolated(
     at_near = rounding(np.float64(least), length, precision)
     at_far = rounding(np.float64(most), length, precision)
     stored = max(near * near * at_near, far * far * at_far)
-    placed = (abs(across) + abs(down)) * (_FLOAT32 * size + precision.middle_px)  # coordinates are float32
+    placed = (abs(across) + abs(down)) * (FLOAT32 * size + precision.middle_px)  # coordinates are float32
     return inverse, across, down, stored + placed, 2.0 * stored
-
-
-@inner(nogil=True, error_model="numpy", cache=True, forceinline=True)
-def _bend_of(cell: Cell, a: float, b: float, noise: float) -> float:
-    """Return how far the surface between the 2 x 2 pixels of a cell may lie off :func:`interpolated`, 1/m;
-    +inf if they are not one surface."""
-    n0, n1, w0, z00, z01, e0, w1, z10, z11, e1, s0, s1 = cell
-    upper, lower = _bend((w0, z00, z01, e0), a, noise), _bend((w1, z10, z11, e1), a, noise)
-    left, right = _bend((n0, z00, z10, s0), b, noise), _bend((n1, z01, z11, s1), b, noise)
-    return float(max(upper, lower) + max(left, right))
-
-
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def inverse_depth(z: float) -> float:
-    """Return 1 / z, 0 where there is no surface."""
-    return float(1.0 / max(z, LEAST_M))
 
 
 @njit(cache=True, nogil=True)
@@ -227,27 +179,6 @@ def discontinuities(face: Floats) -> NDArray[np.uint8]:
 def _same(before: float, a: float, b: float, after: float) -> bool:
     """Return whether neighbouring depths a and b are both no surface, or one."""
     return bool((a == np.inf and b == np.inf) or _bend((before, a, b, after), 0.0, 0.0) < np.inf)
-
-
-@njit(cache=True, nogil=True)
-def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
-    """Return the stored value of a planar depth of 1 m at pixel (r, c), metres."""
-    if not precision.along_ray:
-        return 1.0
-    u, v = (c + 0.5 - shape[1] / 2) / focal, (r + 0.5 - shape[0] / 2) / focal
-    return float(np.sqrt(1.0 + u * u + v * v))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def rounding(z: float, length: float, precision: Precision) -> float:
-    """Return the largest error of a stored planar depth z, metres; ``length`` is its
-    :func:`stored_length`."""
-    # Slightly more: 128 cm is stored with the step above it, and comes as 1.28 m rounded down.
-    stored = z * length / precision.unit_m * (1.0 + 8 * _FLOAT32)
-    # 2^floor(log2(stored)). math.frexp is a call, which keeps loops from being vectorized: 3 times slower.
-    power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)
-    step = precision.unit_m / np.float64(np.int64(1) << precision.digits) * power
-    return float(step / length + COMPUTED * _FLOAT32 * z)
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
@@ -307,12 +238,6 @@ def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, 
     bend = max(max(both - noise, _QUARTER * (both + noise)), both + both + both - noise if cusp else _NONE)
     bounded = known & one_surface & (not (opposite & (least > noise)))
     return bend if bounded else _NOWHERE, left, right, one_surface
-
-
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def inverse_depth32(z: Any) -> Any:
-    """Return 1 / z, 0 where there is no surface, of a float32."""
-    return _ONE / max(z, _LEAST)
 
 
 @inner(cache=True, nogil=True)

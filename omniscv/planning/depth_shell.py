@@ -11,7 +11,8 @@ import numpy as np
 from omniscv.compiled import inner, njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
-from omniscv.geometry.surfaces import Point, Precision, discontinuities, nearest_pixel, surface_point
+from omniscv.geometry.precision import Precision
+from omniscv.geometry.surfaces import Point, discontinuities, nearest_pixel, surface_point
 from omniscv.parallel import side_by_side
 from omniscv.planning.relief import planar_relief
 from omniscv.sources import codecs

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.geometry.surfaces import COMPUTED, LEAST_M, Precision, stored_length
+from omniscv.geometry.precision import COMPUTED, LEAST_M, Precision, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture

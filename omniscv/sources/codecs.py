@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omniscv import modalities
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError
-from omniscv.geometry.surfaces import Precision
+from omniscv.geometry.precision import Precision
 from omniscv.geometry.unreal_frame import direction_from_unreal
 from omniscv.pictures import MAX_PIXELS, npy, png
 from omniscv.sources.base import Capture, View

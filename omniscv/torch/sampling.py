@@ -22,7 +22,7 @@ from omniscv.compose.depth import DepthPictures
 from omniscv.compose.samplers import SAMPLE, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.surfaces import Precision
+from omniscv.geometry.precision import Precision
 from omniscv.modalities import Interpolation
 from omniscv.planning import ImageRays
 from omniscv.sources import View
