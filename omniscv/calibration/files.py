@@ -16,6 +16,7 @@ from omniscv.calibration import colmap, nvidia, opencv, table
 from omniscv.calibration.documents import Content
 from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.forms import Entry, Form
+from omniscv.calibration.hugin import HUGIN
 from omniscv.calibration.kalibr import KALIBR
 from omniscv.calibration.nodes import Node, plain
 from omniscv.calibration.ocamcalib import OCAMCALIB
@@ -94,7 +95,7 @@ FORMS: dict[str, Form] = {
         table.OPENICC, table.NERFSTUDIO, table.KITTI, table.MIDDLEBURY, colmap.COLMAP, table.BASALT,
         table.WOODSCAPE, table.ARIA, table.NUSCENES, table.METASHAPE, table.OPENSFM, table.OPENMVG,
         table.ALICEVISION, table.DSO,
-        table.ZED, table.HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
+        table.ZED, HUGIN, OCAMCALIB, nvidia.ISAAC, nvidia.NCORE, table.OPEN3D, table.INTRINSICS,
         opencv.OPENCV, opencv.FISHEYE, opencv.OMNIDIR,
     )
 }  # fmt: skip

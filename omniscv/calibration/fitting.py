@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omniscv import cameras
 from omniscv.arguments import one_of, shown
-from omniscv.calibration.intrinsics import MODELS, camera_of
-from omniscv.cameras import Camera, create
+from omniscv.calibration.intrinsics import camera_of
+from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 
 Floats = NDArray[np.float64]
@@ -21,57 +21,55 @@ _SCALED_PX = 256  # longer side of the image in which the numbers are fitted: th
 _GRID = 25  # fitted rays across and down
 _MOST_RAYS = 1 << 20  # rays whose errors are measured, at most
 _STEPS = 60  # iterations of least squares, at most
-_MATRIX = ("fx", "fy", "cx", "cy")
+_MATRIX, _ONE_FOCAL = ("fx", "fy", "cx", "cy"), ("focal", "cx", "cy")
 _UNBOUNDED = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
 class _Family:
-    """The numbers of a model that are fitted.
+    """How the numbers of a model are fitted: those of its focal lengths, centre and distortion but ``skew``.
 
     Attributes:
-        names: of the numbers, focal lengths and centre first.
         starts: values from which the fit may start, by name; 0 where not given.
         bounds: by name, of numbers that the model limits.
         reach_deg: rays are fitted up to this angle off the axis.
+        terms: of the distortion, if not all are fitted.
     """
 
-    names: tuple[str, ...]
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     reach_deg: float = 180.0
+    terms: str = ""
+
+    def names(self, model: str, one_focal: bool) -> tuple[str, ...]:
+        """Return the names of the numbers, focal lengths and centre first."""
+        lens = cameras.model(model).lens
+        assert lens is not None
+        terms = self.terms.split() or lens.names[4:]
+        two = not one_focal and len(lens.focal) == 2
+        return (*(_MATRIX if two else _ONE_FOCAL), *(name for name in terms if name != "skew"))
 
 
-def _family(names: str, matrix: Sequence[str] = _MATRIX, **options: Any) -> _Family:
-    return _Family((*matrix, *names.split()), **options)
-
-
-_ONE_FOCAL = ("focal", "cx", "cy")
 _ALPHA = (1e-6, 1 - 1e-6)
 _FAMILIES: dict[str, _Family] = {
-    "pinhole": _family("k1 k2 p1 p2 k3 k4 k5 k6", reach_deg=80.0),
-    "kannala-brandt": _family("k1 k2 k3 k4"),
-    "fisheye624": _family("k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3"),
-    "unified": _family(
-        "xi k1 k2 p1 p2", starts={"xi": (0.01, 0.5, 1.0, 1.5, 2.5)}, bounds={"xi": (-1 + 1e-6, 30.0)}
+    "pinhole": _Family(reach_deg=80.0, terms="k1 k2 p1 p2 k3 k4 k5 k6"),
+    "kannala-brandt": _Family(),
+    "fisheye624": _Family(),
+    "unified": _Family({"xi": (0.01, 0.5, 1.0, 1.5, 2.5)}, {"xi": (-1 + 1e-6, 30.0)}),
+    "extended-unified": _Family(
+        {"alpha": (0.1, 0.3, 0.5, 0.6, 0.75), "beta": (1.0,)}, {"alpha": _ALPHA, "beta": (1e-3, 1e3)}
     ),
-    "extended-unified": _family(
-        "alpha beta",
-        starts={"alpha": (0.1, 0.3, 0.5, 0.6, 0.75), "beta": (1.0,)},
-        bounds={"alpha": _ALPHA, "beta": (1e-3, 1e3)},
+    "double-sphere": _Family(
+        {"xi": (-0.4, -0.2, 0.0, 0.5), "alpha": (0.2, 0.5, 0.6, 0.7)},
+        {"xi": (-1 + 1e-6, 1.0), "alpha": _ALPHA},
     ),
-    "double-sphere": _family(
-        "xi alpha",
-        starts={"xi": (-0.4, -0.2, 0.0, 0.5), "alpha": (0.2, 0.5, 0.6, 0.7)},
-        bounds={"xi": (-1 + 1e-6, 1.0), "alpha": _ALPHA},
-    ),
-    "division": _family("k", _ONE_FOCAL, starts={"k": (-0.5, -0.2, -0.05, 0.0)}),
-    "field-of-view": _family("omega", starts={"omega": (0.2, 0.5, 0.9, 1.4)}, bounds={"omega": (1e-3, 3.1)}),
-    "ftheta": _family("c2 c3 c4 c5", _ONE_FOCAL),
-    "fisheye-equidistant": _family("", _ONE_FOCAL),
-    "fisheye-stereographic": _family("", _ONE_FOCAL),
-    "fisheye-orthographic": _family("", _ONE_FOCAL, reach_deg=90.0),
-    "fisheye-equisolid": _family("", _ONE_FOCAL),
+    "division": _Family({"k": (-0.5, -0.2, -0.05, 0.0)}),
+    "field-of-view": _Family({"omega": (0.2, 0.5, 0.9, 1.4)}, {"omega": (1e-3, 3.1)}),
+    "ftheta": _Family(terms="c2 c3 c4 c5"),
+    "fisheye-equidistant": _Family(),
+    "fisheye-stereographic": _Family(),
+    "fisheye-orthographic": _Family(reach_deg=90.0),
+    "fisheye-equisolid": _Family(),
 }
 
 
@@ -114,30 +112,29 @@ def fit(camera: Camera, model: str) -> Fit:
     if not is_seen:
         raise ArgumentError(f"camera: expected one that sees along +z, as lenses do, got {shown(camera)}")
     focals = {getattr(camera, name, None) for name in ("fx", "fy")} - {None}
-    if len(focals or {getattr(camera, "focal", None)} - {None}) == 1:
-        one = (*_ONE_FOCAL, *(name for name in family.names if name not in (*_MATRIX, "focal")))
-        family = replace(family, names=one)
-    fitting = _Fitting(camera, model, family, axis)
+    one_focal = len(focals or {getattr(camera, "focal", None)} - {None}) == 1
+    fitting = _Fitting(camera, model, family.names(model, one_focal), axis)
     return fitting.measure(fitting.solve())
 
 
 class _Fitting:
     """A fit. Numbers belong to the image scaled to a longer side of 256 px."""
 
-    def __init__(self, camera: Camera, model: str, family: _Family, axis: Floats) -> None:
-        self._camera, self._model, self._family = camera, model, family
+    def __init__(self, camera: Camera, model: str, names: tuple[str, ...], axis: Floats) -> None:
+        self._camera, self._model, self._names = camera, model, names
+        self._family = _FAMILIES[model]
         self._scale = _SCALED_PX / max(camera.width, camera.height)
         self._axis = axis * self._scale
         u, v = np.linspace(0, camera.width, _GRID), np.linspace(0, camera.height, _GRID)
         self._pixels, self._rays = self._within_reach(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-        if len(self._rays) < 2 * len(family.names):
-            wanted = f"at least {2 * len(family.names)} of {_GRID**2} rays that {model} can see"
+        if len(self._rays) < 2 * len(names):
+            wanted = f"at least {2 * len(names)} of {_GRID**2} rays that {model} can see"
             raise ArgumentError(f"camera: expected {wanted}, got {len(self._rays)}")
 
     def solve(self) -> Floats:
         """Return the numbers of least squares, from the best of the starts."""
         x = min(self._starts(), key=lambda x: float(np.square(self._residuals(x)).sum()))
-        names = self._family.names
+        names = self._names
         shape = [i for i, name in enumerate(names) if name in (*_MATRIX, "focal", *self._family.starts)]
         # First without distortion: together the two lie in a long valley.
         return self._refine(self._refine(x, shape) if x[len(shape) :].any() == 0 else x, range(len(names)))
@@ -147,7 +144,7 @@ class _Fitting:
         from scipy.optimize import least_squares  # slow to load, and reading files does without
 
         free = list(free)
-        bounds = np.array([self._family.bounds.get(self._family.names[i], _UNBOUNDED) for i in free]).T
+        bounds = np.array([self._family.bounds.get(self._names[i], _UNBOUNDED) for i in free]).T
 
         def with_free(values: Floats) -> Floats:
             changed = x.copy()
@@ -186,7 +183,7 @@ class _Fitting:
         return pixels[near], rays.directions[near]
 
     def _starts(self) -> Iterator[Floats]:
-        names = self._family.names
+        names = self._names
         matrix = {"fx": 100.0, "fy": 100.0, "focal": 100.0, "cx": self._axis[0], "cy": self._axis[1]}
         for values in product(*self._family.starts.values()):
             start = matrix | dict(zip(self._family.starts, values, strict=True))
@@ -220,7 +217,7 @@ class _Fitting:
         terms = np.hstack([r[:, None] * powers, -r_d[:, None] * powers]) / (1 + r[:, None] ** 7)
         k1, k2, k3, k4, k5, k6 = nnls(terms, (r_d - r) / (1 + r**7))[0]
         distortion = [k1, k2, 0.0, 0.0, k3, k4, k5, k6]
-        one = "focal" in self._family.names
+        one = "focal" in self._names
         return np.array([*([np.mean(focal)] if one else focal), *self._axis, *distortion])
 
     def _residuals(self, x: Floats) -> Floats:
@@ -239,7 +236,7 @@ class _Fitting:
     def _build(self, x: Floats, scale: float, margin: int = 0) -> Camera:
         """Return the camera of fitted numbers with the original's image size times ``scale`` and a margin."""
         factor = scale / self._scale
-        numbers = dict(zip(self._family.names, x.tolist(), strict=True))
+        numbers = dict(zip(self._names, x.tolist(), strict=True))
         for name in {"fx", "fy", "focal", "cx", "cy"} & numbers.keys():
             numbers[name] = numbers[name] * factor + (margin if name in ("cx", "cy") else 0)
         width, height = (
@@ -251,8 +248,6 @@ class _Fitting:
 def _create(model: str, width: int, height: int, numbers: dict[str, float], factor: float) -> Camera:
     if model == "ftheta":
         polynomial = [0.0, numbers["focal"], *(100 * factor * numbers[f"c{i}"] for i in range(2, 6))]
-        return create(model, width, height, cx=numbers["cx"], cy=numbers["cy"], polynomial=polynomial)
-    if model in MODELS:
-        both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
-        return camera_of(model, width, height, numbers | both)
-    return create(model, width, height, focal=numbers["focal"], center=[numbers["cx"], numbers["cy"]])
+        return cameras.create(model, width, height, cx=numbers["cx"], cy=numbers["cy"], polynomial=polynomial)
+    both = {"fx": numbers["focal"], "fy": numbers["focal"]} if "focal" in numbers else {}
+    return camera_of(model, width, height, numbers | both)

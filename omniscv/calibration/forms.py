@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, shown, within
 from omniscv.calibration import intrinsics
 from omniscv.calibration.documents import SYNTAXES, Content
-from omniscv.calibration.intrinsics import HALF_PIXEL, Numbers
+from omniscv.calibration.intrinsics import HALF_PIXEL
 from omniscv.calibration.model_lines import Row, check_order, keys_of, row_of
 from omniscv.calibration.nodes import Node, Values, canonical, floats, marked, plain, put, whole
 from omniscv.cameras import Camera, RollingShutter
+from omniscv.cameras.lens_parameters import Numbers
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose

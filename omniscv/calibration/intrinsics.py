@@ -9,47 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omniscv import cameras
 from omniscv.arguments import number
-from omniscv.cameras import Camera, create
+from omniscv.cameras import Camera
+from omniscv.cameras.lens_parameters import NEUTRAL, Numbers
 from omniscv.cameras.rig import RigCamera
 from omniscv.errors import ArgumentError
 
 HALF_PIXEL = 0.5
 """Added to a principal point of a format that puts pixel centres at whole numbers; ours are at .5."""
 
-COEFFICIENTS = " ".join(f"a{i}" for i in range(20))
-"""Of the polynomial of ``scaramuzza``."""
-
-_ARGUMENTS: dict[str, dict[str, str]] = {
-    "pinhole": {"skew": "skew", "distortion": "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4"},
-    "kannala-brandt": {"skew": "skew", "k": "k1 k2 k3 k4"},
-    "fisheye624": {"skew": "skew", "k": "k0 k1 k2 k3 k4 k5", "p": "p0 p1", "s": "s0 s1 s2 s3"},
-    "unified": {"skew": "skew", "xi": "xi", "distortion": "k1 k2 p1 p2"},
-    "extended-unified": {"skew": "skew", "alpha": "alpha", "beta": "beta"},
-    "double-sphere": {"skew": "skew", "xi": "xi", "alpha": "alpha"},
-    "division": {"k": "k"},
-    "field-of-view": {"skew": "skew", "omega": "omega"},
-    "scaramuzza": {"coefficients": COEFFICIENTS, "affine": "c d e"},
-    "ftheta": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},
-    "ftheta-inverse": {"polynomial": "c0 c1 c2 c3 c4 c5", "linear": "lc ld le", "max_angle_deg": "most"},
-    "equirectangular": {},
-}
-"""By model: the constructor arguments beyond size, focal lengths and centre, and the numbers of each.
-
-``ftheta-inverse`` is ``ftheta`` by its polynomial from pixel to angle.
-"""
-_DEFAULTS = {"c": 1.0, "lc": 1.0, "most": 180.0}
-"""Numbers that are not 0 where nothing is said."""
-
-MODELS = tuple(_ARGUMENTS)
-"""The models that such numbers describe."""
-
-_FOCAL = (1e-3, 1e5)
-"""Least and largest focal length, in longer sides of the image, that a picture can have."""
-_FARTHEST_CENTER = 100
-"""Of the principal point, in longer sides of the image."""
-
-Numbers = dict[str, float]
+_LIMITS = dict.fromkeys(("fx", "fy"), (1e-3, 1e5)) | dict.fromkeys(("cx", "cy"), (-100.0, 100.0))
+"""Least and largest focal length and principal point of a picture, in longer sides of the image."""
 
 
 class Derived(NamedTuple):
@@ -102,7 +73,7 @@ DERIVED = {
 
 
 class Intrinsics(NamedTuple):
-    """A model's name, and its numbers: fx, fy, cx, cy (px, our pixel rule) and those of ``_ARGUMENTS``."""
+    """A model's name, and the numbers of ``Camera.lens``: px by our pixel rule."""
 
     model: str
     numbers: Numbers
@@ -115,26 +86,19 @@ def intrinsics(camera: Camera) -> list[Intrinsics]:
 
     The limit ``fov_deg`` is not among them either: see :func:`refuse_limit`.
     """
-    u_0, v_0 = camera.center.tolist()
-    focal = getattr(camera, "focal", None)
-    focals = {name: getattr(camera, name, focal) for name in ("fx", "fy")}
-    matrix = {name: value for name, value in focals.items() if value is not None} | {"cx": u_0, "cy": v_0}
-    if camera.name == "fisheye-equidistant":
-        return [Intrinsics("kannala-brandt", matrix)]
-    if camera.name == "fisheye-stereographic":  # the sphere model seen from its pole, where f = 2 focal
-        unified = Intrinsics("unified", {**matrix, "fx": 2 * matrix["fx"], "fy": 2 * matrix["fy"], "xi": 1.0})
-        return [unified, _extended(unified)]
-    if camera.name not in _ARGUMENTS:
+    ours = camera.lens.numbers(camera) if camera.lens is not None else None
+    if ours is None:
         return []
-    for argument, names in _ARGUMENTS[camera.name].items():
-        value = getattr(camera, argument, 0.0)
-        values = np.ravel(180.0 if value is None else value).tolist()
-        if any(values[len(names.split()) :]):
-            return []  # a longer polynomial
-        matrix |= zip(names.split(), values, strict=False)
+    if camera.name == "equirectangular":
+        return [Intrinsics(camera.name, dict(zip(("cx", "cy"), camera.center.tolist(), strict=True)))]
+    if camera.name == "fisheye-equidistant":
+        return [Intrinsics("kannala-brandt", ours)]
+    if camera.name == "fisheye-stereographic":  # the sphere model seen from its pole, where f = 2 focal
+        unified = Intrinsics("unified", {**ours, "fx": 2 * ours["fx"], "fy": 2 * ours["fy"], "xi": 1.0})
+        return [unified, _extended(unified)]
     inverse = getattr(camera, "reference", "") == "pixel-to-angle"
-    exact = Intrinsics(camera.name + "-inverse" * inverse, matrix)
-    distorted = any(matrix.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
+    exact = Intrinsics(camera.name + "-inverse" * inverse, ours)
+    distorted = any(ours.get(name) for name in ("skew", "k1", "k2", "p1", "p2"))
     return [exact, _extended(exact)] if camera.name == "unified" and not distorted else [exact]
 
 
@@ -153,41 +117,19 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     Raises:
         ArgumentError: numbers that the model refuses.
     """
-    terms: dict[str, object] = {}
-    for argument, names in _ARGUMENTS[model].items():
-        values = [numbers.get(name, _DEFAULTS.get(name, 0.0)) for name in names.split()]
-        while argument in ("coefficients", "polynomial") and len(values) > 1 and not values[-1]:
-            values.pop()
-        if any(values) or argument not in ("skew", "distortion"):
-            terms[argument] = values if " " in names else values[0]
-    if model == "equirectangular":
-        return create(model, width, height)
-    longer = max(width, height)
-    center = {
-        name: number(name, numbers[name], least=-_FARTHEST_CENTER * longer, most=_FARTHEST_CENTER * longer)
-        for name in ("cx", "cy")
-    }
-    if model == "scaramuzza":
-        return create(model, width, height, center=[*center.values()], **terms)  # type: ignore[arg-type]
-    if model.startswith("ftheta"):
-        limit = terms.pop("max_angle_deg")
-        reference = "pixel-to-angle" if model == "ftheta-inverse" else "angle-to-pixel"
-        terms |= {"max_angle_deg": None if abs(limit - 180) < 1e-9 else limit, "reference": reference}  # type: ignore[operator]
-        return create("ftheta", width, height, **center, **terms)  # type: ignore[arg-type]
-    fx, fy = (
-        number(name, numbers[name], least=_FOCAL[0] * longer, most=_FOCAL[1] * longer)
-        for name in ("fx", "fy")
-    )
-    if model == "division":
-        if fx != fy:
-            raise ArgumentError(
-                "focal lengths: expected two that are equal (our division model stretches no axis), got "
-                f"{fx:.15g} and {fy:.15g}"
-            )
-        return create(model, width, height, focal=fx, **center, **terms)  # type: ignore[arg-type]
-    if model == "pinhole" and not terms and fx == fy:
-        return create(model, width, height, focal=fx, center=[*center.values()])
-    return create(model, width, height, fx=fx, fy=fy, **center, **terms)  # type: ignore[arg-type]
+    name, longer = model.removesuffix("-inverse"), max(width, height)
+    lens = cameras.model(name).lens
+    assert lens is not None
+    for each in lens.names:
+        if each in _LIMITS:
+            least, most = _LIMITS[each]
+            number(each, numbers[each], least=least * longer, most=most * longer)
+    arguments = lens.arguments(numbers)
+    if name == "ftheta":
+        arguments["reference"] = "pixel-to-angle" if name != model else "angle-to-pixel"
+        if abs(arguments["max_angle_deg"] - 180) < 1e-9:
+            arguments["max_angle_deg"] = None
+    return cameras.create(name, width, height, **arguments)
 
 
 def complete(values: Mapping[str, float], width: int, height: int, shift_px: float) -> Numbers:
@@ -210,7 +152,7 @@ def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px:
     covered = {
         word for name in names for word in (DERIVED[name].covers.split() if name in DERIVED else [name])
     }
-    values: Numbers = {"cx": width / 2, "cy": height / 2, **_DEFAULTS}
+    values: Numbers = {"cx": width / 2, "cy": height / 2, **NEUTRAL}
     for name, value in ours.items():
         if name not in covered and value != values.get(name, 0.0):
             raise ArgumentError(f"{name}: expected {values.get(name, 0.0):.6g}, got {value:.6g}")
@@ -233,9 +175,9 @@ def refuse_limit(camera: Camera) -> None:
         )
 
 
-def check_first_is_origin(cameras: Mapping[str, RigCamera], program: str) -> None:
+def check_first_is_origin(mounts: Mapping[str, RigCamera], program: str) -> None:
     """Raise ArgumentError where the first camera is not the rig's frame."""
-    name, first = next(iter(cameras.items()))
+    name, first = next(iter(mounts.items()))
     offset = max(np.abs(first.pose.position).max(), np.abs(first.pose.rotation - np.eye(3)).max())
     if offset > 1e-12:
         raise ArgumentError(

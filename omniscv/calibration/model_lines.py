@@ -12,8 +12,8 @@ from itertools import accumulate, chain
 from typing import Any, NamedTuple
 
 from omniscv.arguments import shown
-from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import MISSING, Node, floats, plain
+from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
 

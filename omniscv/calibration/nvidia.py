@@ -25,9 +25,9 @@ import numpy as np
 from omniscv.arguments import one_of, shown, within
 from omniscv.calibration.documents import Content, put_once
 from omniscv.calibration.forms import Form
-from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import Node, Values, mappings
 from omniscv.cameras import Camera, FTheta
+from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 
 # -- Isaac Sim ------------------------------------------------------------------------------------------

@@ -26,8 +26,8 @@ from numpy.polynomial.polynomial import polyval
 from omniscv.arguments import numbers, shown
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Form
-from omniscv.calibration.intrinsics import COEFFICIENTS
 from omniscv.calibration.nodes import Values, whole
+from omniscv.cameras import Scaramuzza
 from omniscv.cameras.base import Array
 from omniscv.errors import ArgumentError
 
@@ -110,7 +110,7 @@ OCAMCALIB = Form(
     "ocamcalib",
     "OCamCalib: calib_results.txt",
     "polynomial coefficients",
-    f"- scaramuzza polynomial={COEFFICIENTS.replace(' ', ';')} affine=c,d,e center=cx,cy",
+    f"- scaramuzza polynomial={';'.join(Scaramuzza.lens.distortion[0].names)} affine=c,d,e center=cx,cy",
     size="width height",
     split=_read,
     dump=_write,

@@ -29,10 +29,10 @@ from numpy.typing import ArrayLike, NDArray
 from omniscv.arguments import number, shown
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_3x4, rotation_of
-from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
 from omniscv.cameras import Camera, create
+from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 

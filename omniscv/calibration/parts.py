@@ -8,18 +8,18 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from omniscv.arguments import number, numbers, shown
-from omniscv.calibration.documents import Content, put_once
+from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_3x4, matrix_of_pose
-from omniscv.calibration.intrinsics import Numbers
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
+from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
 _log = logging.getLogger("omniscv")
-_Sized = tuple[Numbers, tuple[int, int]]
+Sized = tuple[Numbers, tuple[int, int]]
 
 
-def shutter(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
+def shutter(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Check VINS's switch of the rolling shutter; a time that it switches off does not act."""
     on = number("rolling_shutter", node.take("rolling_shutter", 1) or 0)
     if not on and "rolling_shutter_tr" in node.values:
@@ -103,7 +103,7 @@ def frames(content: Content) -> dict[str, Any]:
     return {f"cam{i}": lens for i, lens in enumerate(cameras)}
 
 
-def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
+def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Turn a field of view from side to side into a focal length."""
     if "angle" in values:
         half = number("camera_angle_x", values.pop("angle"), above=0, below=np.pi) / 2
@@ -342,61 +342,9 @@ def zed(content: Content) -> dict[str, Any]:
 
 
 _ZED_LENS = re.compile(r"f[xy]|c[xy]|[kp]\d", re.IGNORECASE)
-_HUGIN_IMAGE = re.compile(r"([A-Za-z]+)(\S*)")
 
 
-def hugin(content: Content) -> dict[str, Any]:
-    """Return the images of a project; ``v=0`` is the value of image 0."""
-    images: list[dict[str, str]] = []
-    if not re.search(r"^p .*\bf\d", content.text, re.MULTILINE):
-        return {}
-    for line in content.text.split("\n"):
-        if line.startswith(("i ", "o ")):
-            words: dict[str, str] = {}
-            for key, value in _HUGIN_IMAGE.findall(line.partition(' n"')[0][2:]):
-                put_once(words, key, value)
-            if len(words.keys() & set("abcdegt")) not in (0, 7):
-                raise ArgumentError(f"expected all of a, b, c, d, e, g, t or none, got {shown(line)}")
-            for key, value in words.items():
-                if value.startswith("="):
-                    known = {str(i): image for i, image in enumerate(images)}.get(value[1:], {key: "nan"})
-                    words[key] = known.get(key, "0")
-            images.append(words)
-    cameras: dict[str, Any] = {}
-    for image in images:
-        lens: Values = {key: number(key, image.get(key, 0)) for key in "whvabcdegt"}
-        lens["f"] = image.get("f", "0")
-        if lens not in cameras.values():
-            cameras[f"cam{len(cameras)}"] = lens
-    return cameras
-
-
-def hugin_numbers(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
-    """Panotools: ``r (a r^3 + b r^2 + c r + 1 - a - b - c)``, r = 1 at half the shorter side."""
-    a, b, c, g, t, v = (number(key, node.take(key, 0)) for key in "abcgtv")
-    if g or t:
-        raise ArgumentError(f"g, t: expected no shear (it is not modelled), got {g:.15g} and {t:.15g}")
-    unit, angle = min(width, height) / 2, np.radians(number("v", v, above=0, most=360))
-    first = 1 - a - b - c
-    if word == "0":
-        if a or c:
-            got = f"{a:.15g} and {c:.15g}"
-            raise ArgumentError(f"a, c: expected 0 (odd powers of f0 are not modelled), got {got}")
-        focal = width / 2 / np.tan(number("v", v, below=180) * np.pi / 360)
-        own = {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}
-    elif word == "4":
-        if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
-            raise ArgumentError(
-                "f4: expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e, got another"
-            )
-        return {}, (width, height)
-    else:
-        scale = width / angle / unit  # of an angle to r
-        own = {f"c{i}": float(unit * term * scale**i) for i, term in enumerate((first, c, b, a), 1)}
-    return values | own, (width, height)
-
-
-def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) -> _Sized:
+def gyroflow(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Refuse stretches and digital lenses."""
     for key in ("input_horizontal_stretch", "input_vertical_stretch"):
         if (value := number(key, node.take(key, 1) or 1)) != 1:

@@ -217,15 +217,6 @@ ZED = Form("zed", "ZED: SN.conf",
     "LEFT_CAM_HD", "< - pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",
     size="size", split=parts.zed, refused="poses: the signs of RX, CV and RZ are documented nowhere")
 
-HUGIN = Form("hugin", "Hugin, PTGui, panotools: .pto",
-    "p-lines i-lines", """
-    < 0 pinhole d=du e=dv
-    < 2|3 ftheta d=du e=dv
-    < 4 equirectangular d=du e=dv
-    """,
-    word="f", size="w h", shift=0.0, split=parts.hugin, finish=parts.hugin_numbers,
-    refused="other projections, shear, odd powers of rectilinear lenses; read only")
-
 GYROFLOW = Form("gyroflow", "gyroflow's lens profiles",
     "fisheye_params.camera_matrix calib_dimension.w", f"""
     < opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4

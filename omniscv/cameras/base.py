@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import numbers, shown, whole_number
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import ROUNDING
 
@@ -135,6 +136,7 @@ class Camera(ABC):
 
     name: ClassVar[str]
     central: ClassVar[bool] = True
+    lens: ClassVar[Parameters | None] = None  # of lenses: their numbers
     typical: ClassVar[dict[str, Any]] = {}
     typical_pitch_deg: ClassVar[float] = 0.0  # 90: a mirror above the camera; -90: a plan
 

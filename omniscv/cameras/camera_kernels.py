@@ -305,11 +305,12 @@ _INSIDE = 2e-15  # distance of rays from a face's edge, so that they project to 
 
 
 @njit(cache=True, nogil=True)
-def cast(
-    pixels: Any, grid: Any, slot_px: Any, padding: int, equiangular: bool,
-    face: Any, axes: Any, rays: Any, valid: Any,
-) -> None:  # fmt: skip
-    """Write the unit rays (N, 3) of pixels (N, 2), and which pixels lie in a slot with a face."""
+def cast(pixels: Any, slots: Any, rays: Any, valid: Any) -> None:
+    """Write the unit rays (N, 3) of pixels (N, 2), and which pixels lie in a slot with a face.
+
+    Slots are grid, size and padding in px, whether pixels are at equal angles, and by slot face and axes.
+    """
+    grid, slot_px, padding, equiangular, face, axes = slots
     row_px, edge = slot_px[1] + 2 * padding, 1 - _INSIDE
     a = np.empty(2)
     for i in range(pixels.shape[0]):

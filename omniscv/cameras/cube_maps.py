@@ -68,8 +68,8 @@ class CubeLayout(CentralCamera):
 
         flat = pixels.reshape(-1, 2)
         rays, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
-        grid = self._grid, self._slot_px, self.padding_px, self._equiangular
-        cast(flat, *grid, self._face, self._slot_axes, rays, valid)
+        spacing = self._slot_px, self.padding_px, self._equiangular
+        cast(flat, (self._grid, *spacing, self._face, self._slot_axes), rays, valid)
         return rays.reshape(*pixels.shape[:-1], 3), valid.reshape(pixels.shape[:-1])
 
     def _project(self, points: Array) -> tuple[Array, bool]:

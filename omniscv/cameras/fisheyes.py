@@ -6,6 +6,7 @@ import numpy as np
 
 from omniscv.arguments import number
 from omniscv.cameras.base import Array, sin_cos_of_half
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.cameras.radial import Meridian, RadialCamera
 from omniscv.cameras.registry import register
 
@@ -15,6 +16,7 @@ _MIN_SINE = 1e-17  # keeps the azimuth of pixels at phi = pi, which look straigh
 class Fisheye(RadialCamera):
     """A lens with ``r = f h(phi)``, phi from +z; ``fov_deg`` 180 if neither it nor ``focal`` is given."""
 
+    lens = Parameters.of("focal | center=cx,cy |")
     _fov_limit: ClassVar = {"most": 360.0}
     _default_fov_deg = 180.0
 

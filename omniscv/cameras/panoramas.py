@@ -7,6 +7,7 @@ import numpy as np
 
 from omniscv.arguments import number, one_of
 from omniscv.cameras.base import Array, Camera, CentralCamera, Mask, grid_axes, sin_cos_of_half, vectors
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.cameras.registry import register
 
 Profile = Literal["angular", "perspective", "mercator", "miller", "equal-area"]
@@ -56,6 +57,7 @@ class Equirectangular(AngularGrid, CentralCamera):
     """
 
     name = "equirectangular"
+    lens = Parameters()
 
 
 class _Rows(NamedTuple):

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, shown, whole_number
 from omniscv.cameras.base import LARGEST_PX, Array, refuse_focal_and_fov, sin_cos_of_half
 from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.cameras.radial import FocalLens, Meridian
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
@@ -30,6 +31,7 @@ class Pinhole(FocalLens):
     """
 
     name = "pinhole"
+    lens = Parameters.of("fx fy | cx cy | skew distortion=k1,k2,p1,p2,k3,k4,k5,k6,s1,s2,s3,s4")
     _theta_end = np.pi / 2
 
     def __init__(

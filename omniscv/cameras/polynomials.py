@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.cameras.monotone import Increasing, first_positive_root, increasing_root
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Lens, Meridian
 from omniscv.cameras.registry import register
@@ -48,6 +49,7 @@ class Scaramuzza(AffineLens):
     """
 
     name = "scaramuzza"
+    lens = Parameters.of("| center=cx,cy | coefficients=a0..a19 affine=c,d,e")
 
     def __init__(
         self,
@@ -58,7 +60,7 @@ class Scaramuzza(AffineLens):
         fov_deg: float | None = None,
         center: ArrayLike | None = None,
     ) -> None:
-        super().__init__(width, height, center)
+        super().__init__(width, height, *(() if center is None else numbers("center", center, (2,))))
         self.coefficients = _checked("coefficients", coefficients)
         number("coefficients[0]", self.coefficients[0], below=0)
         self.affine = numbers("affine", affine, (3,))
@@ -135,6 +137,7 @@ class KannalaBrandt(AngleLens):
     """
 
     name = "kannala-brandt"
+    lens = Parameters.of("fx fy | cx cy | skew k=k1,k2,k3,k4")
 
     def __init__(self, *size: Any, k: ArrayLike = (0.0, 0.0, 0.0, 0.0), **lens: Any) -> None:
         self.k = numbers("k", k, (4,))
@@ -162,6 +165,7 @@ class Fisheye624(AngleLens):
     """
 
     name = "fisheye624"
+    lens = Parameters.of("fx fy | cx cy | skew k=k0,k1,k2,k3,k4,k5 p=p0,p1 s=s0,s1,s2,s3")
 
     def __init__(
         self,
@@ -199,24 +203,19 @@ class FTheta(AffineLens):
     """
 
     name = "ftheta"
+    lens = Parameters.of("| cx cy | polynomial=c0..c5 linear=lc,ld,le max_angle_deg=most")
 
     def __init__(
         self,
-        width: int,
-        height: int,
-        cx: float | None = None,
-        cy: float | None = None,
-        *,
+        *place: Any,
         polynomial: ArrayLike,
         reference: Reference = "angle-to-pixel",
         linear: ArrayLike = (1.0, 0.0, 0.0),
         max_angle_deg: float | None = None,
         fov_deg: float | None = None,
+        **center: Any,
     ) -> None:
-        super().__init__(width, height)
-        self.cx = number("cx", self.width / 2 if cx is None else cx)
-        self.cy = number("cy", self.height / 2 if cy is None else cy)
-        self.center = np.array([self.cx, self.cy])
+        super().__init__(*place, **center)
         self.reference: Reference = one_of("reference", reference, get_args(Reference))
         self.polynomial = _checked("polynomial", polynomial)
         if len(self.polynomial) < 2 or self.polynomial[0] != 0 or self.polynomial[1] <= 0:

@@ -156,6 +156,12 @@ class Lens(CentralCamera):
     _r_end: float = np.inf
     _distortion: Distortion | None = None
 
+    def __init__(self, width: int, height: int, cx: float | None = None, cy: float | None = None) -> None:
+        super().__init__(width, height)
+        self.cx = number("cx", self.width / 2 if cx is None else cx)
+        self.cy = number("cy", self.height / 2 if cy is None else cy)
+        self.center = np.array([self.cx, self.cy])
+
     def _set_domain(self, fov_deg: float | None) -> None:
         """Set the end of the domain; the matrix and the model's parameters are already set."""
         self.fov_deg = optional_number("fov_deg", fov_deg, above=0, most=360)
@@ -233,12 +239,9 @@ class FocalLens(Lens):
         fov_deg: float | None = None,
     ) -> None:
         """Set size, matrix and domain; a model's own parameters are set before."""
-        super().__init__(width, height)
+        super().__init__(width, height, cx, cy)
         self.fx, self.fy = number("fx", fx, above=0), number("fy", fy, above=0)
-        self.cx = number("cx", self.width / 2 if cx is None else cx)
-        self.cy = number("cy", self.height / 2 if cy is None else cy)
         self.skew = number("skew", skew)
-        self.center = np.array([self.cx, self.cy])
         self._A = np.array([[self.fx, self.fx * self.skew], [0.0, self.fy]])
         self._set_domain(fov_deg)
 

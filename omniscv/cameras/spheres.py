@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.lens_parameters import Parameters
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Meridian
 from omniscv.cameras.registry import register
 from omniscv.geometry.arrays import ROUNDING
@@ -27,6 +28,7 @@ class DoubleSphere(FocalLens):
     """
 
     name = "double-sphere"
+    lens = Parameters.of("fx fy | cx cy | skew xi alpha")
 
     def __init__(self, *size: Any, xi: float, alpha: float, **lens: Any) -> None:
         self.xi, self.alpha = number("xi", xi, above=-1, most=1), number("alpha", alpha, least=0, most=1)
@@ -68,6 +70,7 @@ class ExtendedUnified(FocalLens):
     """
 
     name = "extended-unified"
+    lens = Parameters.of("fx fy | cx cy | skew alpha beta")
 
     def __init__(self, *size: Any, alpha: float, beta: float, **lens: Any) -> None:
         self.alpha, self.beta = number("alpha", alpha, least=0, most=1), number("beta", beta, above=0)
@@ -107,6 +110,7 @@ class Unified(FocalLens):
     """
 
     name = "unified"
+    lens = Parameters.of("fx fy | cx cy | skew xi distortion=k1,k2,p1,p2")
 
     def __init__(
         self, *size: Any, xi: float, distortion: ArrayLike = (0.0, 0.0, 0.0, 0.0), **lens: Any
@@ -156,6 +160,7 @@ class Division(FocalLens):
     """
 
     name = "division"
+    lens = Parameters.of("focal | cx cy | k")
 
     def __init__(
         self,
@@ -203,6 +208,7 @@ class FieldOfView(FocalLens):
     """
 
     name = "field-of-view"
+    lens = Parameters.of("fx fy | cx cy | skew omega")
 
     def __init__(self, *size: Any, omega: float, **lens: Any) -> None:
         self.omega = number("omega", omega, above=0, below=float(np.pi))

@@ -53,6 +53,8 @@ def show(name: Annotated[str, Argument(help="A model.")]) -> None:
     from omniscv.cameras import model
 
     console.document(f"{name}\n\n{inspect.getdoc(model(name))}\n")
+    if (lens := model(name).lens) and lens.names:
+        console.line(f"In lens files: {lens}")
     camera = model(name).example(256)
     settings = (f"--set {shlex.quote(f'camera.{key}={text}')}" for key, text in _typical(name).items())
     turned = [f"--pitch {camera.typical_pitch_deg:g}"] if camera.typical_pitch_deg else []

@@ -183,3 +183,15 @@ def test_parameters_that_changed_places_are_given_by_name(name):
 def test_a_list_of_too_many_numbers_is_refused():
     with pytest.raises(ArgumentError, match=r"coefficients: expected at most 64 numbers, got 100000"):
         cameras.create("scaramuzza", 64, 64, coefficients=[-1.0] * 100_000)
+
+
+@pytest.mark.parametrize("name", [name for name in cameras.names() if cameras.model(name).lens])
+def test_the_numbers_of_a_lens_make_the_same_lens(name):
+    """What a model declares for lens files are arguments of its constructor, in order and all of them."""
+    lens, camera = cameras.model(name).lens, cameras.model(name).example(64)
+    limits = {key: value for key, value in camera.to_dict().items() if key in ("reference", "fov_deg")}
+    numbers = lens.numbers(camera)
+    assert tuple(numbers) == tuple(each for each in lens.names if each in numbers)
+    limits = {} if "focal" in lens.arguments(numbers) else limits
+    again = cameras.create(name, camera.width, camera.height, **lens.arguments(numbers), **limits)
+    np.testing.assert_array_equal(again.unproject().directions, camera.unproject().directions)

@@ -130,7 +130,9 @@ def test_the_example_of_a_model_is_its_typical_camera(name, here, monkeypatch, c
     jobs = []
     monkeypatch.setattr("omniscv.make.run", lambda job, *_, **__: jobs.append(job) or [])
     assert run(["cameras", name]) == 0
-    *_, example = capsys.readouterr().out.splitlines()
+    *text, example = capsys.readouterr().out.splitlines()
+    lens = cameras.model(name).lens
+    assert lens is None or not lens.names or text[-1] == f"In lens files: {lens}"
     assert run(shlex.split(example.removeprefix("Example: omniscv "))) == 0
     typical = cameras.model(name).example(256)
     (camera,), (pose,) = jobs[0].cameras.values(), jobs[0].poses

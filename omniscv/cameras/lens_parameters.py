@@ -1,0 +1,101 @@
+"""The parameters of a lens as one ordered list of numbers: focal lengths, centre, distortion.
+
+Each lens declares its list, as COLMAP's models do. Calibration files, fits and ``omniscv cameras NAME``
+follow from it: :mod:`omniscv.calibration` reads and writes the numbers by name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import chain
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.cameras.base import Camera
+
+Numbers = dict[str, float]
+NEUTRAL = {"c": 1.0, "lc": 1.0, "most": 180.0}
+"""Numbers that are not 0 where nothing is said."""
+
+
+class Argument(NamedTuple):
+    """An argument of a constructor.
+
+    Attributes:
+        name: of the argument.
+        names: of its numbers; ``focal`` is fx and fy, which are equal.
+        ends: whether zeros at the end are left out.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    ends: bool = False
+
+    @classmethod
+    def of(cls, text: str) -> Argument:
+        """Return the argument of ``fx``, ``k=k1,k2``, or ``polynomial=c0..c5``, which may end earlier."""
+        name, _, names = text.partition("=")
+        if series := re.fullmatch(r"([a-z]+)0\.\.\1(\d+)", names):
+            return cls(name, tuple(f"{series[1]}{i}" for i in range(int(series[2]) + 1)), True)
+        return cls(name, ("fx", "fy") if name == "focal" else tuple((names or name).split(",")))
+
+    def __str__(self) -> str:
+        is_one = self.name == "focal" or len(self.names) == 1
+        return self.name if is_one else f"{self.name} = ({', '.join(self.names)})"
+
+
+class Parameters(NamedTuple):
+    """The numbers of a lens, in order, by group and by argument of its constructor."""
+
+    focal: tuple[Argument, ...] = ()
+    center: tuple[Argument, ...] = ()
+    distortion: tuple[Argument, ...] = ()
+
+    @classmethod
+    def of(cls, text: str) -> Parameters:
+        """Return the parameters of ``fx fy | cx cy | skew k=k1,k2,k3,k4``."""
+        return cls(*(tuple(map(Argument.of, group.split())) for group in text.split("|")))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all numbers."""
+        return tuple(name for argument in chain(*self) for name in argument.names)
+
+    def __str__(self) -> str:
+        groups = zip(("focal lengths", "centre", "distortion"), self, strict=True)
+        return "; ".join(f"{group} {', '.join(map(str, listed))}" for group, listed in groups if listed)
+
+    def numbers(self, camera: Camera) -> Numbers | None:
+        """Return the numbers of a camera by name; None if it has more than there are names."""
+        numbers: Numbers = {}
+        for name, names, _ in chain(*self):
+            value = getattr(camera, name)
+            values = np.ravel(NEUTRAL[names[0]] if value is None else value).tolist()
+            if any(values[len(names) :]):
+                return None
+            numbers |= zip(names, values * 2 if name == "focal" else values, strict=False)
+        return numbers
+
+    def arguments(self, numbers: Mapping[str, float]) -> dict[str, Any]:
+        """Return the arguments of numbers by name; those missing are neutral.
+
+        Raises:
+            ArgumentError: two focal lengths for a lens that has one.
+        """
+        arguments: dict[str, Any] = {}
+        for name, names, ends in chain(*self):
+            values = [numbers.get(each, NEUTRAL.get(each, 0.0)) for each in names]
+            if name == "focal" and values[0] != values[1]:
+                raise ArgumentError(
+                    "focal lengths: expected two that are equal (our division model stretches no axis), got "
+                    f"{values[0]:.15g} and {values[1]:.15g}"
+                )
+            while ends and len(values) > 1 and not values[-1]:
+                values.pop()
+            arguments[name] = values[0] if name == "focal" or len(names) == 1 else values
+        return arguments
