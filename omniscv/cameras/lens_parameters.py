@@ -9,14 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from omniscv.errors import ArgumentError
-
-if TYPE_CHECKING:
-    from omniscv.cameras.base import Camera
 
 Numbers = dict[str, float]
 NEUTRAL = {"c": 1.0, "lc": 1.0, "most": 180.0}
@@ -70,7 +67,7 @@ class Parameters(NamedTuple):
         groups = zip(("focal lengths", "centre", "distortion"), self, strict=True)
         return "; ".join(f"{group} {', '.join(map(str, listed))}" for group, listed in groups if listed)
 
-    def numbers(self, camera: Camera) -> Numbers | None:
+    def numbers(self, camera: object) -> Numbers | None:
         """Return the numbers of a camera by name; None if it has more than there are names."""
         numbers: Numbers = {}
         for name, names, _ in chain(*self):
