@@ -96,9 +96,9 @@ class RenderOptions:
         filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
             pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
         seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
-            they explain the steps; or ``close`` what is left, too (:mod:`omniscv.compose.seams`).
+            they explain the steps; or ``close`` what is left, too (:mod:`omniscv.sources.developing.seams`).
         straighten: whether faces of a recording that are measurably turned against the others of their cube
-            are resampled to what they should show (:mod:`omniscv.compose.slips`).
+            are resampled to what they should show (:mod:`omniscv.sources.developing.slips`).
         checks: ``light`` makes the layer ``light`` (:mod:`omniscv.compose.light_checks`); it takes captures
             from beside the camera, and without objects that only colours show. ``beat`` captures depth and
             masks once more, 1.37 times finer, and marks what differs (:mod:`omniscv.compose.beat`).

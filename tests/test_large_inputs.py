@@ -6,8 +6,8 @@ from support.faces import CENTER, face_requests
 
 import omniscv
 from omniscv import Pose, truth
-from omniscv.compose.labels import labels_of
 from omniscv.sources import ObjectTable
+from omniscv.sources.labels import labels_of
 from omniscv.sources.recording import replay
 from omniscv.sources.unreal import instants
 from omniscv.truth import Points, point_cloud

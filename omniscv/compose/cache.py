@@ -157,4 +157,5 @@ class CapturesOfCenter(HeldCaptures):
 
 
 def _nbytes(capture: Capture) -> int:
-    return capture.pixels.nbytes + len(capture.payload or b"")
+    marks = sum(mark.nbytes for mark in capture.marks.values())
+    return capture.pixels.nbytes + len(capture.payload or b"") + marks

@@ -12,12 +12,10 @@ from omniscv.compose.beat import compare
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
-from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
 from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
-from omniscv.compose.seams import Mended
 from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
@@ -30,6 +28,7 @@ from omniscv.progress import Progress, Report
 from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Color, ObjectTable, Source, View
+from omniscv.sources.labels import labels_of, labels_of_ids
 
 _ROWS = 64
 """Rows whose directions are turned at a time: they are float64 meanwhile."""
@@ -44,7 +43,6 @@ class Composition:
         source: where captures come from.
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
             the rays of the whole image.
-        mend: closes the seams of colours, which masks of the same views keep from outlines.
         once: makes what may serve several images.
         report: called after each viewpoint, and when the image is done.
     """
@@ -55,13 +53,12 @@ class Composition:
         modes: tuple[str, ...],
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
-        mend: Callable[[Sequence[Capture], Sequence[Capture]], Mended],
         once: Once,
         report: Report,
     ) -> None:
         self._task, self._source = task, source
         self._modes = task.options.sampled(modes)
-        self._make_sampler, self._mend, self._once, self._report = sampler_of, mend, once, report
+        self._make_sampler, self._once, self._report = sampler_of, once, report
         track = self._modes if task.options.unseen == "blank" else ()
         self._canvas = _Canvas(task.rays.valid, task.rays.origins is None, track)
         self._finer = _Canvas(task.rays.valid, task.rays.origins is None)
@@ -98,6 +95,11 @@ class Composition:
             self._progress += captured_progress(captures)
             self._report(self._progress)
         return kept
+
+    @property
+    def sky(self) -> Mask | None:
+        """(H, W) where masks show objects that stand for the sky; None if they were not looked for."""
+        return self._canvas.sky
 
     def image(self) -> OmniImage:
         """Return the image."""
@@ -168,15 +170,24 @@ class Composition:
             if is_surface:
                 parallax, seen = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
+                self._put_marks(row, viewpoint, sampler, of_mode)
                 faces = self._faces(viewpoint, of_mode)
-                if row.name == "lit" and self._task.options.seams != "keep":
-                    mended = self._mend(of_mode, captures.get("object_mask", ()))
-                    relit = sampler.sample(self._filter, mended.relit) > 0
-                    self._canvas.put("relit", viewpoint.pixels, relit)
-                    self._seams.append(mended.report)
-                    faces = mended.pixels
                 self._put_values(row, viewpoint, sampler, of_mode, faces, parallax, seen)
             self._provenance = of_mode[0].provenance
+
+    def _put_marks(
+        self, row: modalities.Modality, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture]
+    ) -> None:
+        """Put what captures say of their development: which colours were changed, and what is sky."""
+        for name in captures[0].marks:
+            if name == "relit":
+                self._seams.append(captures[0].provenance["seams"])
+            marks = [capture.marks[name] for capture in captures]
+            marked = sampler.sample("nearest" if row.truth else self._filter, marks) > 0
+            if name == "sky":
+                self._canvas.put_sky(viewpoint.pixels, marked)
+            else:
+                self._canvas.put(name, viewpoint.pixels, marked)
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
         """Put what is known of a viewpoint's pixels without captures, and where their depth is measured
@@ -254,7 +265,7 @@ class Composition:
         if row.name == "lit" and self._filter == "area" and light.known(transfer, faces[0]):
             decoded = [light.decode(face, transfer) for face in faces]
             values = light.encode(sample(sampler, self._filter, decoded), transfer)
-        elif row.name == "lit" and self._task.options.seams == "keep":
+        elif row.name == "lit":
             values = sampler.sample(self._filter, faces, lambda name, make: self._once(name, captures, make))
         else:
             values = sample(sampler, self._filter, faces)
@@ -360,6 +371,7 @@ class _Canvas:
         self._valid, self._central = valid, central
         self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
         self.flat: dict[str, NDArray[Any]] = {}
+        self.sky: Mask | None = None  # (H, W)
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
@@ -376,6 +388,11 @@ class _Canvas:
         if name not in self.flat:
             self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
         self.flat[name][pixels] = values
+
+    def put_sky(self, pixels: Ints, sky: Mask) -> None:
+        """Set whether the pixels of a viewpoint show an object that stands for the sky."""
+        self.sky = np.zeros_like(self._valid) if self.sky is None else self.sky
+        self.sky.reshape(-1)[pixels] = sky
 
     def put_centers(self, pixels: Ints, centers_w: Array) -> None:
         """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""

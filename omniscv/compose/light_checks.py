@@ -23,7 +23,7 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Mask
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.sources.base import Source, known_objects
+from omniscv.sources.base import Source
 
 BITS = {
     "dome": 1,  # an object that stands for the sky
@@ -117,16 +117,14 @@ class Findings:
             self.objects.setdefault(bit, {})[name] = list(why)
 
 
-def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
+def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) -> OmniImage:
     """Return an image with the layer ``light`` if its options ask for it, and with domes as sky.
 
     Args:
         image: of the source.
+        sky: (H, W) where objects stand for the sky; None if none are known to.
         source: captured once more from beside the camera, and without objects that are seen through.
         render: makes these images.
-
-    Raises:
-        ArgumentError: ``sky`` names no object of the scene.
     """
     options, findings = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
     efforts = [image.effort]
@@ -137,10 +135,11 @@ def examine(image: OmniImage, source: Source, render: Render) -> OmniImage:
         return other
 
     table = image.objects.names() if image.objects else []
-    if image.objects:
-        known_objects(options.sky, table, "sky")
     examined = Examined(image, dict(enumerate(table, start=1)), {})
-    listed = {name: ["sky"] for name in options.sky}
+    listed = {}
+    if sky is not None and image.labels is not None:
+        named = np.unique(image.labels[sky & image.valid]).tolist()
+        listed = {examined.names[label]: ["sky"] for label in named if label}
     if options.checks == "light":
         findings.bits[:] = image.layers.get("light", 0)
         if "relit" in image.layers:

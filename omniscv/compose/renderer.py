@@ -2,12 +2,9 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Hashable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cached_property, partial
 from typing import Any, Unpack
-
-import numpy as np
 
 from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
@@ -15,19 +12,14 @@ from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures, T
 from omniscv.compose.composition import Composition
-from omniscv.compose.cube import Cube
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
-from omniscv.compose.seams import Mended, mend
-from omniscv.compose.slips import StraightFaces
-from omniscv.compose.vignette import POOLED, pooled_vignette
-from omniscv.errors import ArgumentError, MissingCaptureError
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import (
     ImageRays,
-    RecordedViews,
     RenderKeywords,
     RenderOptions,
     Task,
@@ -36,7 +28,9 @@ from omniscv.planning import (
 )
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
-from omniscv.sources.base import Capture, Request, Source, View, check_modes
+from omniscv.sources.base import Capture, Source, View, check_modes
+from omniscv.sources.developing import develop
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.stillness import verify_still
 
 DEFAULT_CACHE_BYTES = 2 << 30
@@ -74,8 +68,8 @@ class Renderer:
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
         captures_bytes = cache_bytes // _CAPTURES_DIVISOR
         self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - captures_bytes)
-        self._captures = source if self._recorded is None else CapturesOfCenter(source, captures_bytes)
-        self._tile_bytes = tile_bytes
+        self._captures_bytes, self._tile_bytes = captures_bytes, tile_bytes
+        self._held: tuple[Hashable, CapturesOfCenter] | None = None  # of a recording, by their development
         self._of = partial(Renderer, cache_bytes=cache_bytes, tile_bytes=tile_bytes, sampler=sampler)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -90,8 +84,7 @@ class Renderer:
     @property
     def nbytes(self) -> int:
         """Bytes kept between images."""
-        captures = self._captures.nbytes if isinstance(self._captures, CapturesOfCenter) else 0
-        return self._cache.nbytes + captures
+        return self._cache.nbytes + (self._held[1].nbytes if self._held else 0)
 
     def task(
         self,
@@ -179,7 +172,7 @@ class Renderer:
         options = RenderOptions() if options is None else options
         check_modes(self.source, options.sampled(names))
         if not self.source.capabilities.moves:
-            yield from self._rendered(self._captures, shots, names, options, only, progress)
+            yield from self._rendered(self.source, shots, names, options, only, progress)
             return
 
         def make(source: Source) -> list[OmniImage]:
@@ -201,13 +194,14 @@ class Renderer:
         tasks = [replace(self.task(camera, pose, options), modes=sampled) for camera, pose in shots]
         plans = share_captures(tasks, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
-        captured = source
+        captured, once = source, partial(self._once, _development(options))
+        source = self._developed(source, options)
 
         def another(source: Source, camera: Camera, pose: Pose, modes: tuple[str, ...]) -> OmniImage:
             """Render an image for a check: from the renderer's source, or from one without an object."""
             renderer = self.of(captured if source is self.source else source)
             plain = replace(options, checks="none", sky=(), accuracy=None)
-            (image,) = renderer._rendered(renderer._captures, [(camera, pose)], modes, plain, None, None)
+            (image,) = renderer._rendered(renderer.source, [(camera, pose)], modes, plain, None, None)
             return image
 
         needed = Counter(request for plan in plans for request in plan.requests)
@@ -215,8 +209,6 @@ class Renderer:
         adapts = any(count > 1 for count in aimed.values())
         if needed or adapts:
             source = SharedCaptures(source, needed, all_=adapts)
-        if options.straighten and self._recorded is not None:
-            source = StraightFaces(source, self._recorded)
         meter = Meter(len(plans), progress)
         for plan in plans:
             composition = Composition(
@@ -224,65 +216,33 @@ class Renderer:
                 modes,
                 source,
                 partial(self._sampler_of, plan.task.rays),
-                partial(self._mended, plan.task.options),
-                self._once,
+                once,
                 meter.part(),
             )
             drive(plan.rounds(), composition.capture)
             self._cache.trim()
-            image = composition.image()
+            image, sky = composition.image(), composition.sky
             examined = options.checks == "light" or options.sky
-            yield examine(image, self.source, another) if examined else image
+            yield examine(image, sky, self.source, another) if examined else image
 
-    def _mended(
-        self, options: RenderOptions, captures: Sequence[Capture], masks: Sequence[Capture]
-    ) -> Mended:
-        """Return captured colours whose seams are mended; kept if they are a recording's.
-
-        Of a recording its masks count also where the image has none.
-        """
-
-        def make() -> Mended:
-            views, pixels = zip(*((capture.view, capture.pixels) for capture in captures), strict=True)
-            of_objects = [
-                mask.pixels for mask in masks or self._recorded_masks(captures, options.truth_scale)
-            ]
-            transfer = self.source.capabilities.transfer
-            return mend(views, pixels, options.seams, transfer, of_objects, self._vignette)
-
-        name = ("seams", options.seams, options.straighten, options.truth_scale)
-        return self._once(name, captures, make, keep_at_once=True)
+    def _developed(self, source: Source, options: RenderOptions) -> Source:
+        """Return where captures come from as options have them developed; of a recording some are held."""
+        developed, development = develop(source, options), _development(options)
+        if self._recorded is None or source is not self.source:
+            return developed
+        held = self._held
+        if held is None or held[0] != development:
+            self._held = held = development, CapturesOfCenter(developed, self._captures_bytes)
+        return held[1]
 
     def _once(
-        self, name: Hashable, captures: Sequence[Capture], make: Callable[[], T], keep_at_once: bool = False
+        self, development: Hashable, name: Hashable, captures: Sequence[Capture], make: Callable[[], T]
     ) -> T:
         """Return what is made of captures; of a recording's it is kept as :meth:`ByteCache.get` says."""
         if self._recorded is None:
             return make()
-        key = (name, *(capture.request for capture in captures))
-        return self._cache.get(key, make, keep_at_once=keep_at_once)
-
-    def _recorded_masks(self, captures: Sequence[Capture], scale: int) -> Sequence[Capture]:
-        if self._recorded is None or "object_mask" not in self.source.capabilities.modes:
-            return ()
-        requests = [
-            Request(capture.view.scaled(scale), "object_mask", capture.request.state) for capture in captures
-        ]
-        with suppress(MissingCaptureError):
-            return list(self._captures.capture(requests))
-        return ()
-
-    @cached_property
-    def _vignette(self) -> tuple[float, float] | None:
-        """The vignette that several places of a recording show together."""
-        transfer = self.source.capabilities.transfer
-        if self._recorded is None or transfer == "unknown":
-            return None
-        centers = self._recorded.centers()
-        some = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
-        places = (np.array(centers[i]) for i in some)
-        cubes = (Cube.recorded(self.source, self._recorded, at, self.source.state) for at in places)
-        return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
+        key = (development, name, *(capture.request for capture in captures))
+        return self._cache.get(key, make, keep_at_once=False)
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:
@@ -301,6 +261,11 @@ class Renderer:
         turned = tuple(view.key()._replace(position=()) for view in views)
         key = ("sampler", image.camera, R_w_d.tobytes(), turned)
         return self._cache.get(key, lambda: self._sampler(rays, R_w_d, views), keep_at_once=False)
+
+
+def _development(options: RenderOptions) -> Hashable:
+    """Return what captures with the same requests are told apart by."""
+    return options.seams, options.straighten, options.sky, options.truth_scale
 
 
 def render(

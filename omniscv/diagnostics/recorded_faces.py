@@ -10,17 +10,17 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from omniscv.compose.cube import Cube
-from omniscv.compose.labels import labels_of, labels_of_ids
-from omniscv.compose.seams import estimate_gains
-from omniscv.compose.slips import proven_turns
-from omniscv.compose.vignette import POOLED, pooled_vignette
 from omniscv.diagnostics import Finding
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, cube_rotations
 from omniscv.pictures import png
-from omniscv.planning import RecordedViews
 from omniscv.sources.base import Request, Source
+from omniscv.sources.developing.cube import Cube
+from omniscv.sources.developing.seams import estimate_gains
+from omniscv.sources.developing.slips import proven_turns
+from omniscv.sources.developing.vignette import POOLED, pooled_vignette
+from omniscv.sources.labels import labels_of, labels_of_ids
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.storage.local import whole_file
 
 _STEP = 2.0  # levels across an edge that show

@@ -3,7 +3,6 @@
 from omniscv.planning.plans import Plan, rounds, share_captures
 from omniscv.planning.ray_marching import KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
-from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.strategies import (
     Auto,
     Cube,
@@ -37,7 +36,6 @@ __all__ = [
     "KnownDepth",
     "Plan",
     "RayGroup",
-    "RecordedViews",
     "RenderKeywords",
     "RenderOptions",
     "Round",

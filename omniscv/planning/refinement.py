@@ -23,11 +23,11 @@ from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import strategy, tuned
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
-from omniscv.planning.recorded_views import RecordedViews
 from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
 from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
+from omniscv.sources.recorded_views import RecordedViews
 
 AIM = "aim"
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon

@@ -22,7 +22,6 @@ from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.ray_marching import Hits, march
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.recorded_views import RecordedViews, finest, sees
 from omniscv.planning.strategy import Kept, Round, Rounds, Strategy, Task, Viewpoint
 from omniscv.planning.views import (
     ALL_FACES,
@@ -38,6 +37,7 @@ from omniscv.planning.views import (
 )
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
+from omniscv.sources.recorded_views import RecordedViews, finest, sees
 
 SAME_M = 1e-9
 """Optical centres nearer to each other than this are one."""

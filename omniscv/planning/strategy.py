@@ -22,10 +22,10 @@ from omniscv.geometry.pose import rotated
 from omniscv.planning import tuned
 from omniscv.planning.ray_marching import Hits, KnownDepth
 from omniscv.planning.rays import ImageRays, RayGroup
-from omniscv.planning.recorded_views import RecordedViews, Shape
 from omniscv.progress import Progress
 from omniscv.render_options import COMPARED, RenderOptions
 from omniscv.sources.base import Capabilities, Capture, Request, Source, View
+from omniscv.sources.recorded_views import RecordedViews, Shape
 
 _LARGEST_PX = 16384  # of a finer view of ground truth
 FINER = "finer "

@@ -179,6 +179,8 @@ class Capture:
         provenance: server, scene, command, time: plain JSON values.
         payload: the bytes as received, for sources with a wire.
         encoding: the codec of :mod:`omniscv.sources.codecs` that decodes ``payload`` to ``pixels``, or would.
+        marks: (H, W) of its development (:mod:`omniscv.sources.developing`), 255 where set: ``relit``, or
+            ``sky``.
     """
 
     request: Request
@@ -187,6 +189,7 @@ class Capture:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     payload: bytes | None = None
     encoding: str | None = None
+    marks: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     @property
     def mode(self) -> str:

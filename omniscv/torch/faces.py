@@ -16,7 +16,6 @@ from torch import Tensor
 from omniscv import modalities
 from omniscv.arguments import numbers
 from omniscv.cameras import Camera, create
-from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.frame.classes import ClassRules, class_rules
@@ -24,6 +23,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.pose import rotation_reader
 from omniscv.planning import RenderOptions, captured, rounds
 from omniscv.sources import ObjectTable, Source, View
+from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.torch.sampling import (
     DeviceLookup,
     DeviceTiles,

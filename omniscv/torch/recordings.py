@@ -18,8 +18,8 @@ from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
-from omniscv.planning import RecordedViews
 from omniscv.records import checked, record
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.torch.faces import Faces, Rules
 from omniscv.torch.samples import Epochs, Sample, bound_threads, sample_of

@@ -8,9 +8,9 @@ from support.exact import cameras_at, float_source
 
 import omniscv
 from mock_server import load_scene
-from omniscv.compose.labels import labels_of, labels_of_ids
 from omniscv.geometry import Pose
 from omniscv.sources.base import ObjectTable
+from omniscv.sources.labels import labels_of, labels_of_ids
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 SOURCE = float_source(load_scene("four-wall"))

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 import omniscv
 from omniscv import light
-from omniscv.compose.cube import Cube
-from omniscv.compose.seams import close, estimate_gains, mend
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View
 from omniscv.sources.base import Capture, Request
+from omniscv.sources.developing.cube import Cube
+from omniscv.sources.developing.seams import close, estimate_gains, mend
 from omniscv.sources.recording import RecordedSource, Recording
 from omniscv.sources.recording.store import Store
 from omniscv.sources.scene import open_scene

@@ -9,9 +9,9 @@ from mock_server import load_scene
 from omniscv.chart.truth import traced
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.planning import RecordedViews
 from omniscv.sources import View
 from omniscv.sources.base import Request
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.recording import RecordedSource, Recording
 from omniscv.sources.scene import open_scene
 

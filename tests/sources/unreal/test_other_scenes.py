@@ -9,8 +9,8 @@ from support.faces import face_requests
 
 import mock_server
 import omniscv
-from omniscv.compose.labels import labels_of
 from omniscv.errors import SceneChangedError
+from omniscv.sources.labels import labels_of
 from omniscv.sources.recording.inspection import verify
 
 DIALECTS = {"1.x": {}, "0.3.10": {"size": (16, 16)}}

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compose.cube import Cube
 from omniscv.geometry import Array
 from omniscv.light import light_of_codes
+from omniscv.sources.developing.cube import Cube
 
 POOLED = 16
 """Places of a recording, at most, that show its vignette."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations
-from omniscv.planning import RecordedViews
 from omniscv.sources.base import Request, Source, View
+from omniscv.sources.recorded_views import RecordedViews
 
 SIDES = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])  # top, right, bottom, left
 _SAME = 1e-3  # directions of the middles of edges

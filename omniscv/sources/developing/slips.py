@@ -6,19 +6,16 @@ too, so what the rows of one face say is subtracted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omniscv.compose.cube import SIDES, Cube, Edge
 from omniscv.geometry import Array, Pose, pinhole
-from omniscv.planning import RecordedViews
-from omniscv.sources.base import Capture, Request, Source, SourceWrapper
+from omniscv.sources.base import Capture
+from omniscv.sources.developing.cube import SIDES, Cube, Edge
 
-_SAME = 1e-6  # entries of rotations
 _BLUR_PX = 15  # on both sides: slower changes along an edge are no texture
 _BLUR = np.full(2 * _BLUR_PX + 1, 1 / (2 * _BLUR_PX + 1))
 _ROWS = 3  # from which the direction of lines is taken
@@ -29,55 +26,22 @@ _LEAST_PX = 512  # of a face: smaller ones are turned by less than their pixels 
 _SLIP_DEG, _PROVEN = 0.05, 2  # the least turn, and the edges on which it is seen
 
 
-class StraightFaces(SourceWrapper):
-    """A recording whose turned faces are resampled to the views that they should show, in every mode.
+def straightened(capture: Capture, turn: Array) -> Capture:
+    """Return a capture of a face that is turned by a rotation vector, resampled to what it should show.
 
-    Colours are interpolated, truth is the nearest pixel's. Faces whose turn is not proven stay as they are.
-
-    Args:
-        source: with recorded views; not closed with it.
-        recorded: its views.
+    Colours are interpolated, truth is the nearest pixel's.
     """
+    import cv2
 
-    def __init__(self, source: Source, recorded: RecordedViews) -> None:
-        super().__init__(source)
-        self._recorded = recorded
-        # By centre, the rotations of the views that are turned, and by which rotation vector.
-        self._turns: dict[bytes, list[tuple[Array, Array]]] = {}
-
-    def close(self) -> None:
-        self._turns.clear()
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for capture in self._source.capture(requests):
-            yield self._straight(capture)
-
-    def _straight(self, capture: Capture) -> Capture:
-        import cv2
-
-        view, R_w_c = capture.view, capture.view.pose.R_w_c
-        at = view.pose.t_w_c.tobytes()
-        if at not in self._turns:
-            cube = Cube.recorded(self._source, self._recorded, view.pose.t_w_c, capture.request.state)
-            self._turns[at] = (
-                [(cube.views[face].pose.R_w_c, turn) for face, turn in proven_turns(cube).items()]
-                if cube is not None
-                else []
-            )
-        turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
-        if turn is None:
-            return capture
-        turned = Pose(view.pose.t_w_c, Rotation.from_rotvec(turn).as_matrix() @ R_w_c)
-        shown = replace(view, pose=Pose(np.zeros(3), turned.R_w_c))
-        pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
-        rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
-        uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(pixels.shape).astype(np.float32) - 0.5
-        cubic = capture.mode == "lit"
-        filter_ = cv2.INTER_CUBIC if cubic else cv2.INTER_NEAREST
-        straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)
-        # Caches tell it from the face as recorded by its request: that of the view it was resampled from.
-        request = replace(capture.request, view=replace(view, pose=turned))
-        return replace(capture, request=request, pixels=straight, payload=None)
+    view, R_w_c = capture.view, capture.view.pose.R_w_c
+    shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))
+    pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
+    rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
+    uv = shown.project(rays_w.reshape(-1, 3))[:, :2].reshape(pixels.shape).astype(np.float32) - 0.5
+    filter_ = cv2.INTER_CUBIC if capture.mode == "lit" else cv2.INTER_NEAREST
+    straight = cv2.remap(capture.pixels, uv, None, filter_, borderMode=cv2.BORDER_REPLICATE)
+    straight.flags.writeable = False
+    return replace(capture, pixels=straight, payload=None)
 
 
 def proven_turns(cube: Cube) -> dict[int, Array]:

@@ -1,7 +1,7 @@
 """Seams between the six faces of a cube: measured, explained by gains, and closed.
 
 Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
-at their edges. :mod:`omniscv.compose.cube` measures the steps.
+at their edges. :mod:`omniscv.sources.developing.cube` measures the steps.
 Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
 they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
 falls off within a tenth of a face and stops at outlines. Where masks show another object across an edge, the
@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compose.cube import Cube, Edge
-from omniscv.compose.slips import shifts_of
 from omniscv.geometry import Array
 from omniscv.light import decode, encode, light_of_codes
 from omniscv.sources.base import View
+from omniscv.sources.developing.cube import Cube, Edge
+from omniscv.sources.developing.slips import shifts_of
 
 _BLOCKS = 64  # of an edge, for gains
 _CODES = 10, 245  # beyond, pictures are too dark, or clipped
@@ -228,6 +228,7 @@ def mend(
     change = np.abs(colors.astype(np.int16) - np.stack(pixels))
     report |= {"steps_after": _in_numbers(mended.steps()), "mean_change": float(change.mean())}
     report["change_p99"] = float(np.quantile(change[:, ::_SPARSE, ::_SPARSE], 0.99))
+    colors.flags.writeable = False
     return Mended(tuple(colors), tuple(np.where(change.any(axis=-1), np.uint8(255), np.uint8(0))), report)
 
 

@@ -1,0 +1,201 @@
+"""Development of captures: turned faces are put straight, seams of colours mended, and the sky is marked.
+
+All three are properties of captures, so planner and composition take what is developed as captured, of a
+live source and of its recording alike.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+
+from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.render_options import RenderOptions
+from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, known_objects
+from omniscv.sources.developing.cube import Cube
+from omniscv.sources.developing.seams import Mended, mend
+from omniscv.sources.developing.slips import proven_turns, straightened
+from omniscv.sources.developing.vignette import POOLED, pooled_vignette
+from omniscv.sources.labels import labels_of, labels_of_ids
+from omniscv.sources.recorded_views import RecordedViews
+
+_SAME = 1e-6  # entries of rotations
+
+Faces = tuple[list[Request], list[Request]]
+"""Of a cube: its six faces in colour, and the masks of the same views, which may be none."""
+
+
+@dataclass(eq=False)
+class _Place:
+    """What is captured of one optical centre, to be mended together.
+
+    Attributes:
+        requests: that follow each other.
+        captures: of colours and masks; None while they are on their way.
+        mended: colours.
+    """
+
+    requests: list[Request]
+    captures: dict[Request, Capture | None] = field(default_factory=dict)
+    mended: dict[Request, Capture] = field(default_factory=dict)
+
+    def claim(self, requests: Iterable[Request]) -> list[Request]:
+        """Return the requests that were not made yet; the caller makes them."""
+        new = [request for request in dict.fromkeys(requests) if request not in self.captures]
+        self.captures |= dict.fromkeys(new)
+        return new
+
+    def of(self, requests: Iterable[Request]) -> list[Capture]:
+        """Return captures that have arrived."""
+        return [capture for request in requests if (capture := self.captures[request]) is not None]
+
+
+class Developed(SourceWrapper):
+    """A source whose captures are developed.
+
+    A capture of colours that is one of six 8-bit faces of a cube is mended with the other five, which are
+    captured with it; their masks, if there are any, keep outlines from being closed. Other captures of
+    colours say why they are not mended. ``marks`` of captures tell what was changed, and what is sky.
+
+    Args:
+        source: of captures.
+        options: ``seams``, ``straighten``, ``sky``; masks are ``truth_scale`` times finer than colours.
+    """
+
+    def __init__(self, source: Source, options: RenderOptions) -> None:
+        super().__init__(source)
+        self._options = options
+
+    def around(self, source: Source) -> Source:
+        return Developed(source, self._options)
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        asked: deque[tuple[Request, _Place | None, list[Request]]] = deque()
+
+        def needed() -> Iterator[Request]:
+            for _, here in groupby(requests, lambda request: request.view.key().position):
+                place = _Place(list(here))
+                for request in place.requests:
+                    together = self._options.seams != "keep" and request.mode in ("lit", "object_mask")
+                    faces, masks = self._faces(request, place) if together else ([], [])
+                    new = place.claim([request, *faces, *masks]) if together else [request]
+                    asked.append((request, place if together else None, new))
+                    yield from new
+
+        arriving, ahead = self._source.capture(needed()), None
+        while asked or (ahead := next(arriving, None)) is not None or asked:
+            request, place, new = asked.popleft()
+            for each in new:
+                capture, ahead = ahead or next(arriving, None), None
+                if capture is None:
+                    return
+                if place is None:
+                    yield self._marked(self._straight(capture))
+                else:
+                    place.captures[each] = self._straight(capture)
+            if place is not None and request.mode == "lit":
+                yield self._mended(request, place)
+            elif place is not None:
+                yield from map(self._marked, place.of([request]))
+
+    def _faces(self, request: Request, place: _Place) -> Faces:
+        """Return the captures of the cube that a capture of colours is a face of; none if it is of none.
+
+        Masks of a recording count if it has them, those of a live source if they are requested, too.
+        """
+        view, scale = request.view, self._options.truth_scale
+        sees_a_face = view.width == view.height and view.focal_px <= view.width / 2 * (1 + _SAME)
+        if request.mode != "lit" or view.lens or not sees_a_face:
+            return [], []
+        six = tuple(replace(view, pose=Pose(view.pose.t_w_c, R_w_c)) for _, R_w_c in cube_rotations())
+        if self._recorded is not None:
+            six = self._recorded.faces(view.pose.t_w_c, six, scale)
+        if view not in six or any(len(self._source.cover(face)) > 1 for face in six):
+            return [], []
+        masks = [Request(face.scaled(scale), "object_mask", request.state) for face in six]
+        known = self._recorded_masks.issuperset(mask.view for mask in masks)
+        known = known or set(place.requests).issuperset(masks)
+        return [replace(request, view=face) for face in six], masks if known else []
+
+    def _mended(self, request: Request, place: _Place) -> Capture:
+        """Return a capture of colours, mended with the others of its cube."""
+        if request not in place.mended:
+            faces, masks = self._faces(request, place)
+            captures = place.of(faces or [request])
+            mended = self._mend(captures, place.of(masks))
+            for i, capture in enumerate(captures):
+                provenance = {**capture.provenance, "seams": mended.report}
+                place.mended[capture.request] = replace(
+                    capture,
+                    pixels=mended.pixels[i],
+                    payload=None,
+                    marks={"relit": mended.relit[i]},
+                    provenance=provenance,
+                )
+        return place.mended[request]
+
+    def _mend(self, captures: Sequence[Capture], masks: Sequence[Capture]) -> Mended:
+        views, pixels = zip(*((capture.view, capture.pixels) for capture in captures), strict=True)
+        of_objects, transfer = [mask.pixels for mask in masks], self._source.capabilities.transfer
+        return mend(views, pixels, self._options.seams, transfer, of_objects, self._vignette)
+
+    def _marked(self, capture: Capture) -> Capture:
+        """Return a capture of masks with a mark where objects are that stand for the sky."""
+        if capture.mode != "object_mask" or not self._options.sky:
+            return capture
+        table = self._source.objects()
+        known_objects(self._options.sky, table.names(), "sky")
+        labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
+        sky = np.isin(labels, [table.label(name) for name in self._options.sky])
+        return replace(capture, marks={"sky": np.where(sky, np.uint8(255), np.uint8(0))})
+
+    def _straight(self, capture: Capture) -> Capture:
+        """Return a capture of a face that is turned as it should be; others as they are."""
+        if not self._options.straighten or self._recorded is None:
+            return capture
+        center_w, R_w_c = capture.view.pose.t_w_c, capture.view.pose.R_w_c
+        if (at := center_w.tobytes()) not in self._turns:
+            cube = Cube.recorded(self._source, self._recorded, center_w, capture.request.state)
+            turns = {} if cube is None else proven_turns(cube)
+            self._turns[at] = (
+                [(cube.views[face].pose.R_w_c, turn) for face, turn in turns.items()] if cube else []
+            )
+        turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
+        return capture if turn is None else straightened(capture, turn)
+
+    @cached_property
+    def _recorded(self) -> RecordedViews | None:
+        views = self._source.recorded_views()
+        return None if views is None else RecordedViews(views, self._source.recorded_in)
+
+    @cached_property
+    def _recorded_masks(self) -> frozenset[View]:
+        return frozenset(self._source.recorded_in("object_mask"))
+
+    @cached_property
+    def _turns(self) -> dict[bytes, list[tuple[Array, Array]]]:
+        """By centre, the rotations of the views that are turned, and by which rotation vector."""
+        return {}
+
+    @cached_property
+    def _vignette(self) -> tuple[float, float] | None:
+        """The vignette that several places of a recording show together."""
+        transfer = self._source.capabilities.transfer
+        if self._recorded is None or transfer == "unknown":
+            return None
+        centers = self._recorded.centers()
+        some = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
+        places = (np.array(centers[i]) for i in some)
+        cubes = (Cube.recorded(self._source, self._recorded, at, self._source.state) for at in places)
+        return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
+
+
+def develop(source: Source, options: RenderOptions) -> Source:
+    """Return a source whose captures are developed; the source itself where options ask for nothing."""
+    asked = options.seams != "keep" or options.straighten or options.sky
+    return Developed(source, options) if asked else source

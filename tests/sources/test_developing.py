@@ -1,0 +1,79 @@
+"""Captures that are developed: of a live source and of its recording alike, and no more than that takes."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.cli import run
+from omniscv.geometry import Pose, cube_rotations
+from omniscv.render_options import RenderOptions
+from omniscv.sources.base import Request, SourceWrapper, View
+from omniscv.sources.developing import Developed
+from omniscv.sources.scene import open_scene
+from omniscv.testing import check_source
+
+DOME = "mock://open?fault=sky-dome=300"
+PLACES = (0.3, -0.2, 1.45), (0.6, 0.1, 1.3)
+EDGE = 32
+
+
+class Counted(SourceWrapper):
+    """Counts the requests that it passes on."""
+
+    def __init__(self, source):
+        super().__init__(source)
+        self.requests = []
+
+    def capture(self, requests):
+        for capture in self._source.capture(requests):
+            self.requests.append(capture.request)
+            yield capture
+
+
+def faces(modes, places=PLACES):
+    views = (View(Pose(at, R_w_c), 90, EDGE, EDGE) for at in places for _, R_w_c in cube_rotations())
+    return [Request(view, mode) for view in views for mode in modes]
+
+
+@pytest.mark.parametrize("asked", [{"seams": "close"}, {"sky": ("Sofa",)}, {"straighten": True}])
+def test_it_is_a_source_as_any_other(asked):
+    with Developed(open_scene("scene://four-wall"), RenderOptions(**asked)) as source:
+        check_source(source)
+
+
+@pytest.mark.parametrize("modes", [("lit",), ("lit", "object_mask"), ("object_mask", "depth", "lit")])
+def test_each_capture_is_made_once(modes):
+    """Six faces are captured with the first one; masks only if they are requested, too."""
+    source = Counted(open_scene("scene://four-wall"))
+    requests = faces(modes)
+    with Developed(source, RenderOptions(seams="close")) as developed:
+        captures = list(developed.capture(requests))
+        assert [capture.request for capture in captures] == requests
+        assert sorted(source.requests, key=requests.index) == requests
+        source.requests.clear()
+        (one,) = developed.capture(requests[modes.index("lit") :][:1])
+    assert len(source.requests) == 6
+    colors = [capture for capture in captures if capture.mode == "lit"]
+    assert all(set(capture.marks) == {"relit"} for capture in colors)
+    if modes == ("lit",):
+        np.testing.assert_array_equal(one.pixels, colors[0].pixels)
+
+
+def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
+    """A ring of centres, whose captures follow from the depth that it finds: every one is asked for again."""
+    path = tmp_path / "open.sqlite"
+    job = ["--camera", "noncentral-panorama", "--size", "64x32", "--set", "camera.radius=0.2"]
+    job += ["--position", "0.3,-0.2,1.45", "--modes", "lit,object_mask,depth", "--set", "sky=[SkyDome]"]
+    assert run(["render", "--source", DOME, *job, "--set", f"record={path}", "--out", str(tmp_path)]) == 0
+    camera = omniscv.cameras.create("noncentral-panorama", 64, 32, radius=0.2)
+    pose, modes = Pose.from_angles(PLACES[0]), ("lit", "object_mask", "depth")
+    with omniscv.open_source(path) as replay:
+        source = Counted(replay)
+        image = omniscv.render(camera, pose, source, modes, sky=("SkyDome",))
+        recorded = {Request(v, mode) for mode in modes for v in replay.recorded_in(mode)}
+    assert set(source.requests) == recorded
+    assert np.isinf(image.depth).mean() > 0.2
+    with omniscv.open_source(DOME) as live:
+        online = omniscv.render(camera, pose, live, modes, sky=("SkyDome",))
+    for layer in image.layers:
+        np.testing.assert_array_equal(image[layer], online[layer])
