@@ -175,7 +175,8 @@ class Developed(SourceWrapper):
 
     @cached_property
     def _recorded_masks(self) -> frozenset[View]:
-        return frozenset(self._source.recorded_in("object_mask"))
+        modes = self._source.capabilities.modes
+        return frozenset(self._source.recorded_in("object_mask") if "object_mask" in modes else ())
 
     @cached_property
     def _turns(self) -> dict[bytes, list[tuple[Array, Array]]]:
