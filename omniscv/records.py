@@ -14,7 +14,7 @@
 A reader must return what it returned before unchanged: :func:`dataclasses.replace` checks again.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
 from typing import Any, TypeVar, dataclass_transform, overload
@@ -55,19 +55,21 @@ def checked(
 @dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
 def record(cls: type[T], /) -> type[T]: ...
 @overload
-@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(checked, field))
-def record(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
-def record(cls: type[T] | None = None, /, *, eq: bool = True) -> Any:
+@dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
+def record(*, eq: bool = ..., repr: bool = ..., in_files: bool = ...) -> Callable[[type[T]], type[T]]: ...
+def record(
+    cls: type[T] | None = None, /, *, eq: bool = True, repr: bool = True, in_files: bool = False
+) -> Any:
     """Make a class a frozen dataclass whose ``checked`` fields are converted before its ``__post_init__``.
 
     Args:
         cls: the class.
         eq: whether records of equal fields are equal; False where fields are arrays.
+        repr: as :func:`dataclasses.dataclass`.
+        in_files: fields have other forms in files: only :func:`read_fields` converts them.
     """
-    return partial(_record, eq=eq) if cls is None else _record(cls, eq)
-
-
-def _record(cls: type[T], eq: bool) -> type[T]:
+    if cls is None:
+        return partial(record, eq=eq, repr=repr, in_files=in_files)
     after = cls.__dict__.get("__post_init__")
 
     def check(self: Any) -> None:
@@ -78,8 +80,9 @@ def _record(cls: type[T], eq: bool) -> type[T]:
         if after is not None:
             after(self)
 
-    cls.__post_init__ = check  # type: ignore[attr-defined]
-    result = dataclass(frozen=True, eq=eq)(cls)
+    if not in_files:
+        cls.__post_init__ = check  # type: ignore[attr-defined]
+    result = dataclass(frozen=True, eq=eq, repr=repr)(cls)
     if lines := [f"    {key_of(field)}: {help_of(field)}" for field in fields(result) if help_of(field)]:  # type: ignore[arg-type]
         result.__doc__ = "\n".join([(result.__doc__ or "").rstrip(), "", "Options:", *lines])
     return result
@@ -111,16 +114,35 @@ def read(cls: type[T], value: object, where: str = "") -> T:
     Raises:
         ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
     """
-    start = f"{where}: " if where else ""
-    by_key = {key_of(option): option for option in fields(cls)}  # type: ignore[arg-type]
+    try:
+        return cls(**_given(fields(cls), value, where))  # type: ignore[arg-type]
+    except ArgumentError as cause:
+        raise ArgumentError(f"{where}.{cause.args[0]}" if where else cause.args[0]) from cause
+
+
+def read_fields(cls: type[Any], value: object) -> dict[str, Any]:
+    """Return the values of a mapping, as of a file, by the names of a record's fields, as their readers
+    convert them; ArgumentError as :func:`read`."""
+    known = {option.name: option for option in fields(cls) if reader_of(option)}
+    values = {}
+    for name, entry in _given(known.values(), value, "").items():
+        option = known[name]
+        is_default = entry is option.default or (entry is None and option.default_factory is not MISSING)
+        if not is_default:
+            values[name] = option.metadata[_READER](key_of(option), entry)
+    return values
+
+
+def _given(known: Iterable[Field[Any]], value: object, where: str) -> dict[str, Any]:
+    """Return the values of a mapping by the names of fields; ArgumentError for a key that is unknown or
+    missing."""
+    by_key = {key_of(option): option for option in known}
     given = mapping(where, value, by_key)
     for key, option in by_key.items():
         if key not in given and option.default is MISSING and option.default_factory is MISSING:
+            start = f"{where}: " if where else ""
             raise ArgumentError(f"{start}missing key {key!r}; known keys: {', '.join(by_key)}")
-    try:
-        return cls(**{by_key[key].name: entry for key, entry in given.items()})
-    except ArgumentError as cause:
-        raise ArgumentError(f"{where}.{cause.args[0]}" if where else cause.args[0]) from cause
+    return {by_key[key].name: entry for key, entry in given.items()}
 
 
 def mapping(where: str, value: object, known: Collection[str] | None = None) -> dict[str, Any]:
@@ -170,6 +192,11 @@ def optional(reader: Reader) -> Reader:
 def key_of(of: Field[Any]) -> str:
     """Return the key of a record's field in files."""
     return str(of.metadata.get(_KEY)) if of.metadata.get(_KEY) else of.name
+
+
+def reader_of(of: Field[Any]) -> Reader | None:
+    """Return the reader of a record's field; None if it is no key of files."""
+    return of.metadata.get(_READER)
 
 
 def help_of(of: Field[Any]) -> str:

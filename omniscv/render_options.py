@@ -90,25 +90,9 @@ def _price(name: str, value: object) -> tuple[float, float]:
 class RenderOptions:
     """How an image is captured and composed.
 
-    Args:
-        strategy: which views are captured: a name of :func:`omniscv.planning.names`.
-        face_size: px of a 90 degree face; ``auto`` is the smallest that loses no detail and few edges.
-        filter: for blended modalities: ``nearest``, ``bilinear``, ``bicubic``, ``area`` (averages what a
-            pixel spans) or ``auto``: area where most pixels span two of a view's or more, else bilinear.
-        seams: of colours where faces of a cube differ at their edges: ``keep``; ``gains`` of exposure, where
-            they explain the steps; or ``close`` what is left, too (:mod:`omniscv.sources.developing.seams`).
-        straighten: whether faces of a recording that are measurably turned against the others of their cube
-            are resampled to what they should show (:mod:`omniscv.sources.developing.slips`).
-        checks: ``light`` makes the layer ``light`` (:mod:`omniscv.compose.light_checks`); it takes captures
-            from beside the camera, and without objects that only colours show. ``beat`` captures depth and
-            masks once more, 1.37 times finer, and marks what differs (:mod:`omniscv.compose.beat`).
-        unseen: where no view of a recording sees a ray: ``refuse`` the image; or ``blank``, which makes its
-            pixel invalid, as outside the field of view (:attr:`omniscv.OmniImage.unseen`).
-        sky: objects that stand for the sky: they become pixels without a surface.
-        accuracy: share of the valid pixels that may be doubtful (:attr:`omniscv.OmniImage.doubtful`), as a
-            number or as ``"0.1%"``; captures then become finer where the image needs it. If not given,
-            ``auto`` aims at 3 % for cameras with several optical centres.
-        most_captures, most_megapixels: budgets of an image, over all modes, at which that ends.
+    ``filter`` is of blended modalities: ``area`` averages what a pixel spans, and ``auto`` takes it where
+    most pixels span two of a view's or more, else ``bilinear``. ``accuracy`` makes captures finer where the
+    image needs it; if it is not given, ``auto`` aims at 3 % for cameras with several optical centres.
 
     Raises:
         ArgumentError: a value outside its domain.

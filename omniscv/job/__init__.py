@@ -1,12 +1,13 @@
 """A job as data: the images that a user wants, and the file that describes them."""
 
 from omniscv.job.file import EXAMPLE, Key, address, keys, load, overridden, read
-from omniscv.job.job import Exposure, Job
+from omniscv.job.job import Exposure, FailureLimit, Job
 from omniscv.job.recipe import Recipe, Split
 
 __all__ = [
     "EXAMPLE",
     "Exposure",
+    "FailureLimit",
     "Job",
     "Key",
     "Recipe",

@@ -14,51 +14,35 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields, replace
-from functools import partial
+from dataclasses import MISSING, Field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from omniscv.arguments import (
-    Reader,
-    flag,
-    number,
-    numbers,
-    one_of,
-    shown,
     stem,
     stems,
-    text,
-    texts,
-    whole_number,
     within,
     wrong,
 )
-from omniscv.calibration import load as load_cameras
-from omniscv.calibration import load_rig
-from omniscv.cameras import Camera, from_dict
+from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
-from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.job.job import Exposure, Job
-from omniscv.job.poses import Posed, PoseFile, Times, at_times, read_motions, read_poses, read_times
+from omniscv.job.job import Exposure, FailureLimit, Job
+from omniscv.job.poses import Posed, PoseFile, at_times
+from omniscv.job.readers import KnownOptions
 from omniscv.job.recipe import Media, Recipe, Split
 from omniscv.job.sampling import KINDS
-from omniscv.job.vary import Vary, read_vary
-from omniscv.modalities import TRANSFERS
+from omniscv.job.vary import Vary
 from omniscv.planning import RenderOptions
-from omniscv.records import checked, help_of, key_of, mapping, nested, optional, record
+from omniscv.records import help_of, key_of, mapping, read_fields, reader_of
 from omniscv.records import read as read_record
 from omniscv.render_options import LayoutKey, MapOptions, Tolerance
 from omniscv.sensor import Sensor
 from omniscv.sensor.imu import PASSES, Imu, ImuNoise, ImuTrack
 from omniscv.sensor.optics import NATURAL
 from omniscv.sources.registry import is_recording, scheme_of
-from omniscv.sources.requests import MOST_STOPS
-from omniscv.sources.world import Freeze, exposure_bias
-from omniscv.storage import bounded, is_url, without_secrets
+from omniscv.storage import bounded, is_url
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 """A job with every key, and a comment for each."""
@@ -67,189 +51,23 @@ EVERY = "*"
 """In a dotted key: every entry of a mapping or a list."""
 
 
-_freeze: Reader = partial(one_of, words=get_args(Freeze))
-_seconds, _count = partial(number, above=0), partial(whole_number, least=0)
-_SOURCE_OPTIONS: dict[str, tuple[Reader, Any, str]] = {
-    "timeout_s": (_seconds, 15.0, "seconds that connecting, and each reply, may take"),
-    "patience_s": (_seconds, 10.0, "seconds of connecting and sending again after a fault"),
-    "retries": (_count, 5, "how often, with exponential backoff"),
-    "transfer": (
-        partial(one_of, words=TRANSFERS),
-        None,
-        "what 8-bit colours say of light: srgb, linear, film or unknown",
-    ),
-    "fix_exposure": (flag, False, "switch off vignette and auto exposure in the running game"),
-    "exposure": (exposure_bias, None, "exposure of the camera: auto, its bias in stops, or game"),
-    "warmup": (_count, 0, "frames of colour to drop after each move, where effects blend them"),
-    "freeze": (_freeze, None, ""),
-}
-"""Reader, default and help; ``freeze`` is a key of its own."""
-
-
-# -- readers of the keys ---------------------------------------------------------------------------------
-
-
-def _source(name: str, value: object) -> str | tuple[str, ...]:
-    if not isinstance(value, str | list | tuple):
-        raise wrong(name, "an address, a recording, or a list of them", value)
-    return text(name, value) if isinstance(value, str) else texts(name, value)
-
-
-@record
-class _CameraFile:
-    """A camera in a calibration file of another program."""
-
-    file: str = checked(text)
-    name: str | None = checked(optional(text), default=None)
-    format: Any = None
-    width: int | None = checked(optional(whole_number), default=None)
-    height: int | None = checked(optional(whole_number), default=None)
-
-    def load(self) -> Camera:
-        """Return the camera; ArgumentError if the file has several and ``name`` is none of them."""
-        sizes = self.width, self.height
-        size = None if sizes == (None, None) else sizes
-        cameras = load_cameras(self.file, self.format, size)  # type: ignore[arg-type]
-        if self.name is None and len(cameras) == 1:
-            return next(iter(cameras.values()))
-        with within(self.file):
-            return cameras[one_of("name", self.name, cameras)]
-
-
-def _cameras(name: str, value: object) -> dict[str, Camera]:
-    if not isinstance(value, dict) or not value:
-        raise wrong(name, "a mapping from file stem to model and parameters, or to a calibration file", value)
-    stems(name, value, dots=True)
-    cameras: dict[str, Camera] = {}
-    for camera, description in value.items():
-        with within(f"{name}.{camera}"):
-            if isinstance(description, str):
-                description = {"file": description}
-            if isinstance(description, Mapping) and "file" in description:
-                cameras[camera] = read_record(_CameraFile, description).load()
-            else:
-                cameras[camera] = from_dict(description)
-    return cameras
-
-
-def _rig(name: str, value: object) -> Rig:
-    """Return the rig of a file, or an inline one."""
-    if not isinstance(value, str | Mapping):
-        raise ArgumentError(f"{name}: expected a file's name or cameras by name, got {shown(value)}")
-    with within(name):
-        return load_rig(text("file", value)) if isinstance(value, str) else Rig.from_dict(value)
-
-
-def _record(name: str, value: object) -> Path:
-    if is_url(value):
-        wanted = "expected a path on this machine, to be put into a store by 'omniscv recording merge'"
-        raise ArgumentError(f"{name}: {wanted}; got {without_secrets(value)}")
-    path = Path(text(name, value))
-    if os.path.isdir(path):  # Path's own raises where the name is too long
-        raise ArgumentError(f"{name}: expected a file or a free name, got a folder: {path}")
-    return path
-
-
-def _source_options(name: str, value: object) -> dict[str, Any]:
-    """Check the options that are known here; the opener checks all."""
-    return {
-        key: _SOURCE_OPTIONS[key][0](f"{name}.{key}", option) if key in _SOURCE_OPTIONS else option
-        for key, option in mapping(name, value).items()
-    }
-
-
-def _brackets(name: str, value: object) -> tuple[float, ...]:
-    """Return stops in increasing order; none if there are none."""
-    stops = numbers(name, value, (None,)).tolist() if isinstance(value, list | tuple) and value else []
-    if (value and len(stops) < 2) or stops != sorted(set(stops)) or any(abs(s) > MOST_STOPS for s in stops):
-        raise wrong(name, f"two or more increasing stops within {MOST_STOPS:g}, such as [-2, 0, 2]", value)
-    return tuple(stops)
-
-
 # -- the keys --------------------------------------------------------------------------------------------
 
 
-@record
-class Failures:
-    """What happens to frames that fail."""
-
-    skip: float = checked(
-        number, least=0, most=1, default=0.0, help="share of frames that may fail, and are left out"
-    )
-
-
-@record
-class _Keys:
-    """The keys of a job's file, but for those of :class:`omniscv.RenderOptions` and :class:`Recipe`."""
-
-    source: Any = checked(_source, help="an address, a recording, or a list: replicas of one game")
-    poses: Posed = checked(read_poses, help="a list of poses, a trajectory file, or random, grid, path")
-    source_options: Any = checked(_source_options, default=None, help="how the source is opened")
-    record: Path | None = checked(
-        optional(_record),
-        default=None,
-        help="recording whose captures are reused, and that new captures are added to",
-    )
-    cameras: Any = checked(
-        _cameras, default=None, help="by name: model and parameters, or a calibration file"
-    )
-    rig: Any = checked(_rig, default=None, help="cameras that move together, or the name of a rig's file")
-    modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
-    out: str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
-    image_format: str = checked(text, default="png", help="file format of lit: png or jpg")
-    depth_format: str = checked(
-        text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
-    )
-    store: str = checked(
-        one_of,
-        words=("files", "fast"),
-        default="files",
-        help="how layers are stored: files (pictures), or fast (arrays of Blosc2, by the extra fast)",
-    )
-    motions: Mapping[str, Motion] | None = checked(
-        read_motions,
-        default=None,
-        help="by object: waypoints, {spline: waypoints}, or a trajectory file",
-    )
-    times: Times | None = checked(
-        read_times,
-        default=None,
-        help="seconds: a list, {start, rate, count}, {rate}, or poses for the poses' times",
-    )
-    freeze: Freeze | None = checked(_freeze, default=None, help="how a live world is held at one instant")
-    exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
-    brackets: tuple[float, ...] = checked(
-        _brackets, default=(), help="stops of the exposures that are merged to floating-point light"
-    )
-    sensor: Sensor | None = checked(
-        optional(nested(Sensor)), default=None, help="simulated noise and lens effects"
-    )
-    imu: Imu | None = checked(
-        optional(nested(Imu)), default=None, help="an IMU on the rig; cameras then move on a spline"
-    )
-    vary: Vary | None = checked(
-        optional(read_vary), default=None, help="what is drawn for each frame, place or world"
-    )
-    worlds: Any = checked(
-        optional(mapping), default=None, help="by name, in place of source: each with a source, poses, split"
-    )
-    failures: Failures = checked(
-        nested(Failures), default=Failures(), help="how many frames of a dataset may fail"
-    )
-
-
 _RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
-_FIELDS = {key_of(field): field for field in fields(_Keys)} | _RECIPE | _RENDER
+_JOB = {field.name: field for field in fields(Job) if reader_of(field)}
+_FIELDS = _JOB | _RECIPE | _RENDER
 _BELOW: dict[str, type[Any]] = {
     "poses": PoseFile,
     **{f"poses.{kind}": cls for kind, cls in KINDS.items()},
+    "source_options": KnownOptions,
     "exposure": Exposure,
     "sensor": Sensor,
     "imu": Imu,
     "imu.gyroscope": ImuNoise,
     "imu.accelerometer": ImuNoise,
     "vary": Vary,
-    "failures": Failures,
+    "failures": FailureLimit,
     "split": Split,
     "media": Media,
     "layout": LayoutKey,
@@ -274,16 +92,15 @@ class Key(NamedTuple):
 
 def keys() -> Iterator[Key]:
     """Yield every key that has a fixed name, each followed by the keys below it."""
-    for name, key in _FIELDS.items():
-        yield Key(name, key.default, help_of(key))
-        for option, (_, default, line) in _SOURCE_OPTIONS.items() if name == "source_options" else ():
-            if line:
-                yield Key(f"{name}.{option}", default, line)
+    for name, field in _FIELDS.items():
+        yield _key(name, field)
         for path, cls in _BELOW.items():
             if path.partition(".")[0] == name:
-                for field in filter(help_of, fields(cls)):
-                    default = field.default if field.default_factory is MISSING else None
-                    yield Key(f"{path}.{key_of(field)}", default, help_of(field))
+                yield from (_key(f"{path}.{key_of(field)}", field) for field in fields(cls) if help_of(field))
+
+
+def _key(name: str, field: Field[Any]) -> Key:
+    return Key(name, field.default if field.default_factory is MISSING else None, help_of(field))
 
 
 # -- reading ---------------------------------------------------------------------------------------------
@@ -386,47 +203,28 @@ def read(description: object, folder: Path) -> Job:
     return job
 
 
-_AS_READ = (
-    *("modes", "record", "image_format", "store", "depth_format"),
-    *("rig", "exposure", "brackets", "sensor", "vary"),
-)
-"""Keys that are attributes of a job as they are read."""
-
-
 def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     """Return the job of one world."""
     for path in _FILES:
         values = _located(values, path.split("."), folder, ("", *PRESETS, *_NO_FILES.get(path, ())))
-    vary = read_vary("vary", values.get("vary") or {})
+    vary = read_record(Vary, values.get("vary") or {}, "vary")
     if vary.cameras:
         values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
-    keys = read_record(_Keys, values)
-    freeze = {} if keys.freeze is None else {"freeze": keys.freeze}
-    posed = at_times(keys.poses, keys.times, "linear" if keys.imu is None else "spline")
-    moved = {name: motion.waypoints.says for name, motion in (keys.motions or {}).items()}
+    given = read_fields(Job, values)
+    imu, poses, times = given.pop("imu", None), given.pop("poses"), given.pop("times", None)
+    posed = at_times(poses, times, "linear" if imu is None else "spline")
+    moved = {name: motion.waypoints.says for name, motion in given.get("motions", {}).items()}
     lines = [posed.assumed, *(f"motions.{name}: {line}" for name, says in moved.items() for line in says)]
     track = None
-    if keys.imu is not None:
-        track, passed = _track(keys.imu, keys.poses, posed.times)
+    if imu is not None:
+        track, passed = _track(imu, poses, posed.times)
         lines.append(passed)
-    posed = posed._replace(assumed="\n".join(filter(None, lines)))
-    return Job(
-        **{name: getattr(keys, name) for name in _AS_READ},
-        **posed._asdict(),
-        source=address(keys.source, folder),
-        cameras=keys.cameras or {},
-        out=keys.out if is_url(keys.out) else folder / keys.out,
-        options=options,
-        source_options={**(keys.source_options or {}), **freeze},  # type: ignore[typeddict-item]
-        recipe=recipe,
-        motions=keys.motions or {},
-        clock=keys.times is not None,
-        imu=track,
-        failures=keys.failures.skip,
-        world=world,
-    )
+    out = given.get("out", "out")
+    given |= {"source": address(given["source"], folder), "out": out if is_url(out) else folder / out}
+    given |= posed._replace(assumed="\n".join(filter(None, lines)))._asdict()
+    return Job(**given, options=options, recipe=recipe, clock=times is not None, imu=track, world=world)
 
 
 def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[ImuTrack, str]:

@@ -3,25 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from omniscv import modalities, storage
-from omniscv.arguments import number, one_of, stems, whole_number
+from omniscv.arguments import number, one_of, stems, text, texts, whole_number
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion
+from omniscv.job.poses import read_motions, read_poses, read_times
+from omniscv.job.readers import (
+    read_brackets,
+    read_cameras,
+    read_recording,
+    read_rig,
+    read_source,
+    read_source_options,
+)
 from omniscv.job.recipe import Recipe
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import Draws, Vary
 from omniscv.planning import RenderOptions
-from omniscv.records import checked, record
+from omniscv.records import checked, mapping, nested, optional, record
 from omniscv.sensor import Sensor
-from omniscv.sensor.imu import ImuTrack
+from omniscv.sensor.imu import Imu, ImuTrack
 from omniscv.sources.registry import SourceOptions
+from omniscv.sources.world import Freeze
 
 _SINCE_1970 = 1e8
 """Seconds beyond which times are those since 1970: sources have clocks that start with them."""
@@ -81,80 +91,119 @@ class Exposure:
         return self.instants
 
 
-@dataclass(frozen=True, repr=False)
+@record
+class FailureLimit:
+    """What happens to frames that fail."""
+
+    skip: float = checked(
+        number, least=0, most=1, default=0.0, help="share of frames that may fail, and are left out"
+    )
+
+
+@record(in_files=True, repr=False)
 class Job:
-    """What to render; :mod:`omniscv.job.file` has the keys of its file. :mod:`omniscv.make` runs it.
+    """What to render, and the keys of its file; :mod:`omniscv.make` runs it.
 
     The world moves if there are ``motions``, or if ``clock`` is set and the source has a clock of its own.
-    Then each image shows the world at its time, for the whole ``exposure``.
+    Then each image shows the world at its time, for the whole ``exposure``. Further keys of the file are the
+    fields of :class:`omniscv.RenderOptions` and :class:`omniscv.job.Recipe`.
 
     Attributes:
-        source: an address; several for replicas of one game.
         cameras: by name: those of the rig, then those that are at the poses themselves.
         poses: of the cameras, or of the rig; empty while they are to be sampled.
-        out: a folder, or for a dataset its URL.
-        modes: the modalities of each image.
-        record: a recording that captures are taken from and added to.
-        options: of every image.
-        image_format: of colour.
-        depth_format: of depth, its bounds and normals: exr, tiff or npy.
-        store: of layers: ``files`` or ``fast``, see :mod:`omniscv.compose.files`.
-        source_options: as :func:`omniscv.open_source`.
         times: of the poses, seconds; None if they are not known.
-        places: of the poses, see :class:`omniscv.job.recipe.Split`; None if they are not known.
-        recipe: what a dataset holds beyond images.
-        rig: cameras that move together; ``poses`` are its poses.
-        sampling: how poses are chosen in an open source.
-        motions: by object.
-        clock: whether images show the world at the times of the poses.
-        exposure: of every image.
-        assumed: of files of poses, in lines; empty for nothing.
-        brackets: stops of the exposures that colours are merged from, to light; empty for one exposure.
         imu: what the rig carries, and the timed poses whose spline its cameras move on; None without one.
-        sensor: of every image; None for the light alone. An image has ``lit`` only if ``modes`` has it.
-        vary: what is drawn anew for each frame, place or world; None for a world as it is.
-        draws: the same with the names of an open source.
+        worlds: a job for each world; this job then has the cameras of all, and otherwise equals the first.
+        options: of every image.
+        recipe: what a dataset holds beyond images.
+        places: of the poses, see :class:`omniscv.job.recipe.Split`; None if they are not known.
+        sampling: how poses are chosen in an open source.
+        clock: whether images show the world at the times of the poses.
+        assumed: of files of poses, in lines; empty for nothing.
+        draws: what is drawn anew, with the names of an open source.
         faults: why poses were not found, by their index.
-        failures: the share of the frames that may fail and be left out.
         world: its name among several; keys of frames start with it.
         world_split: the split of all its frames, in place of that of ``recipe``; empty for none.
-        worlds: a job for each world; this job then has the cameras of all, and otherwise equals the first.
 
     Raises:
         ArgumentError: an unknown mode, a rig that does not fit the rest, or times that are missing, or fewer
             or more than poses.
     """
 
-    source: str | tuple[str, ...]
-    cameras: Mapping[str, Camera]
-    poses: Sequence[Pose]
-    out: Path | str
-    modes: tuple[str, ...] = ("lit",)
-    record: Path | None = None
-    options: RenderOptions = field(default_factory=RenderOptions)
-    image_format: str = "png"
-    source_options: SourceOptions = field(default_factory=SourceOptions)
-    times: tuple[float, ...] | None = None
+    source: str | tuple[str, ...] = checked(
+        read_source, help="an address, a recording, or a list: replicas of one game"
+    )
+    poses: Sequence[Pose] = checked(
+        read_poses, help="a list of poses, a trajectory file, or random, grid, path"
+    )
+    cameras: Mapping[str, Camera] = checked(
+        read_cameras, default_factory=dict, help="by name: model and parameters, or a calibration file"
+    )
+    out: Path | str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
+    modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
+    record: Path | None = checked(
+        optional(read_recording),
+        default=None,
+        help="recording whose captures are reused, and that new captures are added to",
+    )
+    source_options: SourceOptions = checked(
+        read_source_options, default_factory=SourceOptions, help="how the source is opened"
+    )
+    freeze: Freeze | None = checked(
+        one_of, words=get_args(Freeze), default=None, help="how a live world is held at one instant"
+    )
+    rig: Rig | None = checked(
+        read_rig, default=None, help="cameras that move together, or the name of a rig's file"
+    )
+    image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
+    depth_format: str = checked(
+        text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
+    )
+    store: str = checked(
+        one_of,
+        words=("files", "fast"),
+        default="files",
+        help="how layers are stored: files (pictures), or fast (arrays of Blosc2, by the extra fast)",
+    )
+    motions: Mapping[str, Motion] = checked(
+        read_motions,
+        default_factory=dict,
+        help="by object: waypoints, {spline: waypoints}, or a trajectory file",
+    )
+    times: tuple[float, ...] | None = checked(
+        read_times,
+        default=None,
+        help="seconds: a list, {start, rate, count}, {rate}, or poses for the poses' times",
+    )
+    exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
+    brackets: tuple[float, ...] = checked(
+        read_brackets, default=(), help="stops of the exposures that are merged to floating-point light"
+    )
+    sensor: Sensor | None = checked(
+        optional(nested(Sensor)), default=None, help="simulated noise and lens effects"
+    )
+    imu: ImuTrack | None = checked(
+        optional(nested(Imu)), default=None, help="an IMU on the rig; cameras then move on a spline"
+    )
+    vary: Vary | None = checked(
+        optional(nested(Vary)), default=None, help="what is drawn for each frame, place or world"
+    )
+    worlds: tuple[Job, ...] = checked(
+        mapping, default=(), help="by name, in place of source: each with a source, poses, split"
+    )
+    failures: FailureLimit = checked(
+        nested(FailureLimit), default=FailureLimit(), help="how many frames of a dataset may fail"
+    )
+    options: RenderOptions = RenderOptions()
+    recipe: Recipe = Recipe()
     places: tuple[str, ...] | None = None
-    recipe: Recipe = field(default_factory=Recipe)
-    rig: Rig | None = None
     sampling: SampledPoses | None = None
-    motions: Mapping[str, Motion] = field(default_factory=dict)
     clock: bool = False
-    exposure: Exposure = field(default_factory=Exposure)
     assumed: str = ""
-    sensor: Sensor | None = None
-    brackets: tuple[float, ...] = ()
-    store: str = "files"
-    imu: ImuTrack | None = None
-    depth_format: str = "exr"
-    vary: Vary | None = None
     draws: Draws | None = None
-    failures: float = 0.0
     faults: Mapping[int, str] = field(default_factory=dict)
     world: str = ""
     world_split: str = ""
-    worlds: tuple[Job, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
@@ -173,7 +222,7 @@ class Job:
             wanted = "expected 0 for a rolling-shutter camera in a world that moves"
             got = f"{self.exposure.seconds:g} for {rolling[0]!r}"
             raise ArgumentError(f"exposure.seconds: {wanted}, got {got}")
-        if (self.motions or self.exposure.seconds) and self.source_options.get("freeze") == "pause":
+        if (self.motions or self.exposure.seconds) and self.freeze == "pause":
             wanted = "expected auto, puppet, batch or none for motions and exposures"
             raise ArgumentError(f"freeze: {wanted}, got pause, which leaves objects where they are")
 

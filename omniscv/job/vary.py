@@ -34,7 +34,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.records import checked, mapping, read, record
+from omniscv.records import checked, mapping, record
 from omniscv.sources.base import OBJECT_SETTINGS
 
 KINDS = ("objects", "lights", "materials")
@@ -190,11 +190,6 @@ class Vary:
     def rules(self) -> dict[str, Rules]:
         """The rules by kind, of those kinds that have some."""
         return {kind: rules for kind in KINDS if (rules := getattr(self, kind))}
-
-
-def read_vary(name: str, value: object) -> Vary:
-    """Return the record of the key ``vary``."""
-    return value if isinstance(value, Vary) else read(Vary, value, name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ from omniscv.errors import (
 )
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.job import Job
+from omniscv.job import FailureLimit, Job
 from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import Failures, FrameMaker
 from omniscv.make.instants import frames_by_instant, keys_of
@@ -157,7 +157,7 @@ def make(
     if not (resume or shard or overwrite):
         make_room(folder)
     if keep_going:
-        job = replace(job, failures=1.0)
+        job = replace(job, failures=FailureLimit(1.0))
     chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
     made, worlds, frames = _run(job, part, workers, progress, warn, overwrite, chosen=chosen)
@@ -227,7 +227,7 @@ def _run(
     """
     contents = [check_dataset(world) for world in job.each]
     folder, settings = storage.folder(job.out), contents[0].settings(job)
-    failures = Failures(job.failures * sum(map(_count, job.each)), warn or (lambda line: None))
+    failures = Failures(job.failures.skip * sum(map(_count, job.each)), warn or (lambda line: None))
     labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
     ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
     worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
@@ -318,9 +318,11 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         lines = (line for _, failed in of_parts for line in failed)
         failed = {line["key"]: line for line in lines if line["key"] not in frames}
         manifest.write_failed(folder, failed.values())
-        if len(failed) > job.failures * (whole_count := len(frames) + len(failed)):
-            wanted = f"expected at most {job.failures:.3g} of {whole_count} frames to fail, got {len(failed)}"
-            raise DatasetError(f"failures: {wanted}; see {manifest.FAILED}; --resume tries them again")
+        if len(failed) > job.failures.skip * (whole_count := len(frames) + len(failed)):
+            wanted = f"expected at most {job.failures.skip:.3g} of {whole_count} frames to fail"
+            raise DatasetError(
+                f"failures: {wanted}, got {len(failed)}; see {manifest.FAILED}; --resume tries them again"
+            )
         manifest.write_frames(folder, frames.values())
         if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")

@@ -39,10 +39,10 @@ def source_options(job: Job) -> SourceOptions:
 
     A game whose objects the job does not move is paused as it is; objects that move are read.
     """
-    options = job.source_options
-    if options.get("freeze") in ("auto", "puppet") and not job.moves:
-        return {**options, "freeze": "pause"}
-    return options
+    freeze = job.freeze
+    if freeze in ("auto", "puppet") and not job.moves:
+        freeze = "pause"
+    return job.source_options if freeze is None else {**job.source_options, "freeze": freeze}
 
 
 def open_source(job: Job, live: Source | None = None) -> Source:
@@ -72,7 +72,7 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
     if job.worlds:
         wanted = "expected one world here; 'omniscv dataset make' makes several"
         raise ArgumentError(f"worlds: {wanted}, got {', '.join(world.world for world in job.worlds)}")
-    frozen = job.source_options.get("freeze", "none") != "none" and not job.clock
+    frozen = job.freeze not in (None, "none") and not job.clock
     with (
         open_source(job, live) as source,
         source.at(Instant()) if job.motions or frozen else nullcontext(source) as still,

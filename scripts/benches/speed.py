@@ -144,7 +144,7 @@ def sequence(folder: Path, source: str, frames: int, width: int) -> Job:
         Pose.from_angles((0, 0, 1.5), yaw_deg=3.6 * i, pitch_deg=20 - 0.4 * i, roll_deg=0.2 * i)
         for i in range(frames)
     )
-    return Job(source, {"pano": camera}, poses, folder / f"out-{frames}", MODES)
+    return Job(source, poses, {"pano": camera}, folder / f"out-{frames}", MODES)
 
 
 def recorded(path: Path, count: int) -> Iterator[Figure]:

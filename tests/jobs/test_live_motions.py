@@ -44,9 +44,7 @@ def made(folder, server, freeze, more=""):
     (folder / "job.yaml").write_text(JOB.format(uri=server.uri, freeze=freeze, more=more), encoding="utf-8")
     job = load(folder / "job.yaml")
     make(job)
-    again = replace(
-        job, source=str(folder / "kept.sqlite"), record=None, source_options={}, out=folder / "again"
-    )
+    again = replace(job, source=str(folder / "kept.sqlite"), record=None, freeze=None, out=folder / "again")
     make(again)
     assert tree(folder / "again") == tree(folder / "made")
     return dataset.open(folder / "made")
@@ -90,7 +88,7 @@ def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
         options=RenderOptions(face_size=32),
         record=tmp_path / "kept.sqlite",
         out=tmp_path / "made",
-        source_options={"freeze": "auto"},  # pauses, as the job moves nothing
+        freeze="auto",  # pauses, as the job moves nothing
     )
     run(job)
     assert not server.world.paused
@@ -104,7 +102,7 @@ def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
             labels = np.array(Image.open(tmp_path / "made" / f"pano-{i}.labels.png"))
             assert (labels != hits.label).mean() < 0.06  # faces of 32 px
     again = replace(
-        job, source=str(tmp_path / "kept.sqlite"), record=None, source_options={}, out=tmp_path / "again"
+        job, source=str(tmp_path / "kept.sqlite"), record=None, freeze=None, out=tmp_path / "again"
     )
     run(again)
     for name in ("pano-0.depth.exr", "pano-1.labels.png"):

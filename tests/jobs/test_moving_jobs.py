@@ -262,7 +262,7 @@ def test_wrong_keys_are_refused_before_a_source_is_opened(more, says, tmp_path):
 def test_motions_need_a_world_whose_objects_are_placed(tmp_path):
     with pytest.raises(ArgumentError, match="freeze: expected auto, puppet, batch or none for motions and"):
         job_of(tmp_path, f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nfreeze: pause")
-    assert job_of(tmp_path, "freeze: pause").source_options == {"freeze": "pause"}
+    assert job_of(tmp_path, "freeze: pause").freeze == "pause"
 
 
 def test_an_object_that_the_scene_does_not_have_is_refused(tmp_path):

@@ -163,7 +163,7 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
     options = omniscv.RenderOptions(face_size=16)
     moving = {"world": Unfrozen(lambda made: 0.5 if made < 7 else 1.5)}
     omniscv.sources.register("moving", lambda address: moving[address.partition("://")[2]])
-    job = Job("moving://world", {"pano": CENTRAL}, (POSE,), tmp_path, MODES, options=options)
+    job = Job("moving://world", (POSE,), {"pano": CENTRAL}, tmp_path, MODES, options=options)
     assert capture_job(job, path).needed == 18
     assert moving["world"].made > 18 + 12
     with omniscv.open_source(path) as replay, scene_at(1.5) as behind:
