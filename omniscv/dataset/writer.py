@@ -21,6 +21,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.files import blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest
+from omniscv.dataset.beginning import SCRATCH, begin, lock, tidy
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
 from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
@@ -29,9 +30,8 @@ from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES
-from omniscv.storage.local import remove_parts, remove_scratch, scratch_folder
+from omniscv.storage.local import scratch_folder
 
-_SCRATCH = ".omniscv-"
 _AHEAD = 8
 """Frames whose files are put into a store at a time, while the next one is made."""
 
@@ -91,8 +91,8 @@ class Writer:
         self._putting: list[Future[None]] = []
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
-        with manifest.lock(self._folder):
-            self.manifest = manifest.begin(self._folder, wanted, resume)
+        with lock(self._folder):
+            self.manifest = begin(self._folder, wanted, resume)
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
@@ -196,7 +196,7 @@ class Writer:
         with ExitStack() as stack:
             # Each writer has its own: two may write one frame, as when a worker taken for dead goes on.
             parent = self._folder.local or Path(gettempdir())
-            folder = stack.enter_context(scratch_folder(parent, _SCRATCH))
+            folder = stack.enter_context(scratch_folder(parent, SCRATCH))
             files = write_layers(
                 image.layers,
                 folder,
@@ -271,7 +271,7 @@ class Writer:
         names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
         self.keep([key for key in names if "." not in key and "/" not in key])
         frames = self.frames(sorted(self._frames))
-        with manifest.lock(self._folder):
+        with lock(self._folder):
             manifest.write_frames(self._folder, frames)
             tidy(self._folder)
         return frames
@@ -325,23 +325,12 @@ class Writer:
             return self.manifest
 
     def _write_manifest(self, extended: Manifest) -> None:
-        with manifest.lock(self._folder):
+        with lock(self._folder):
             manifest.write(self._folder, extended)
         self.manifest = extended
 
 
 # -- files of frames -------------------------------------------------------------------------------------
-
-
-def tidy(folder: Folder) -> None:
-    """Remove what killed writers have left in a local folder, under :func:`lock`.
-
-    Only names that writers of datasets use are removed; the scratch folders of live writers stay.
-    """
-    if folder.local is not None:
-        remove_scratch(folder.local, _SCRATCH)
-        for name in (manifest.DATASET, manifest.FRAMES):
-            remove_parts(folder.local / name)
 
 
 def _read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:

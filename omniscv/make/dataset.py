@@ -21,8 +21,9 @@ import numpy as np
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.dataset import exporting, manifest
-from omniscv.dataset.manifest import Manifest, lock, make_room
-from omniscv.dataset.writer import Writer, tidy
+from omniscv.dataset.beginning import lock, make_room, tidy
+from omniscv.dataset.manifest import Manifest
+from omniscv.dataset.writer import Writer
 from omniscv.errors import (
     ArgumentError,
     DamagedFileError,

@@ -17,10 +17,12 @@ import re
 import shutil
 import sqlite3
 import struct
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import count
 from pathlib import Path
+from weakref import WeakSet
 
 from omniscv import storage
 from omniscv.arguments import shown
@@ -61,7 +63,6 @@ CREATE TABLE state (name TEXT PRIMARY KEY NOT NULL, content TEXT NOT NULL, check
 _HEADER = struct.Struct(">16s2xBB40xI4xI")
 """Of an SQLite file: magic, write and read version (2: write-ahead log), user version, application id."""
 _MAGIC = b"SQLite format 3\0"
-_SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
 _GROWTH_BYTES = 1 << 26
 _BUSY_TIMEOUT_S = 30.0  # for other processes to finish a change
 _JOURNAL, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # starts of a journal, and of a page of rows
@@ -111,6 +112,70 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     return database
 
 
+def opened(path: Path, write: bool) -> sqlite3.Connection:
+    """Return a connection to a recording; with ``write``, to a new one where nothing is there."""
+    if write:
+        if kind_of(path) == "" or path.stat().st_size == 0:
+            with written_for(path) as file:
+                create(file)
+                publish_new(file, path)
+        remove_scratch(path.parent, f".{path.name}-")
+    elif (kind := kind_of(path)) != "a file":
+        raise NotARecordingError(f"expected a recording, got {kind or 'nothing there; record one first'}")
+    check_header(path)
+    settle_journal(path)
+    database = connect(path, "rw" if write else "ro")
+    try:
+        check_schema(database)
+        if write:
+            database.execute("PRAGMA journal_mode = TRUNCATE")
+            # Flush each capture, so that it outlives a power cut; little time beside capturing it.
+            database.execute("PRAGMA synchronous = FULL")
+    except BaseException:
+        database.close()
+        raise
+    return database
+
+
+class Forkable:
+    """Base of what has a connection, and a lock around it. A forked child must neither use nor close it."""
+
+    def __init__(self, connect: Callable[[], sqlite3.Connection]) -> None:
+        self._lock = threading.RLock()
+        self._connection: sqlite3.Connection | None = connect()
+        _forkable.add(self)
+
+    def _forked(self) -> None:
+        _inherited.append(self._connection)
+        self._connection, self._lock = None, threading.RLock()
+
+
+_forkable: WeakSet[Forkable] = WeakSet()
+_locks_at_fork: list[threading.RLock] = []
+_inherited: list[sqlite3.Connection | None] = []
+
+
+def _before_fork() -> None:
+    """Hold every lock: SQLite's own, if another thread held one, would stay taken in the child."""
+    locks = [each._lock for each in list(_forkable)]
+    _locks_at_fork.extend(lock for lock in locks if lock.acquire(timeout=_BUSY_TIMEOUT_S))
+
+
+def _after_fork() -> None:
+    while _locks_at_fork:
+        _locks_at_fork.pop().release()
+
+
+def _after_fork_in_child() -> None:
+    _locks_at_fork.clear()
+    for each in list(_forkable):
+        each._forked()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)
+
+
 def check_header(path: Path) -> None:
     """Check the first bytes of a file; no journal is read, and nothing is changed.
 
@@ -146,11 +211,6 @@ def check_schema(database: sqlite3.Connection) -> None:
         strange = sorted(f"the {row[0]} {shown(row[1])}" for row in rows - expected)
         got = strange[0] if strange else "some of them only"
         raise NotARecordingError(f"expected the tables of a recording only, got {got}")
-
-
-def most_captures(path: Path) -> int:
-    """Return how many captures a file can hold at most; damaged pages can claim more."""
-    return path.stat().st_size // _SHORTEST_BYTES
 
 
 @contextlib.contextmanager

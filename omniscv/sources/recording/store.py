@@ -5,20 +5,16 @@ a killed process left half-written is undone from the journal beside the file wh
 """
 
 import contextlib
-import os
 import sqlite3
-import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
-from weakref import WeakSet
 
 from omniscv.arguments import shown
 from omniscv.errors import (
     DamagedRecordingError,
-    NotARecordingError,
     OtherSceneError,
     RecordingNotWritableError,
 )
@@ -42,15 +38,15 @@ from omniscv.sources.recording.rows import (
     table_conflict,
 )
 from omniscv.sources.world import Exposure, exposure_from_text
-from omniscv.storage.local import remove_scratch
 
 _ADVICE = "run 'omniscv recording check'"
 _COLUMNS = ", ".join(Row._fields)
 _WITHOUT_PAYLOAD = _COLUMNS.replace(", payload,", ", x'',")
 _MOST_STATES = 1_000_000
+_SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
 
 
-class Store:
+class Store(files.Forkable):
     """An open recording. One thread uses it at a time; a forked child opens a connection of its own.
 
     Args:
@@ -69,9 +65,7 @@ class Store:
         self._head: Head | None = None  # of the transaction under way
         self._id = ""  # read when it is needed first
         self._file = files.target_of(path) if write else files.followed(path)
-        self._lock = threading.RLock()
-        self._connection: sqlite3.Connection | None = self._open()
-        _open_stores.add(self)
+        super().__init__(self._open)
 
     def close(self) -> None:
         """Close the file; no journal is left beside it."""
@@ -139,7 +133,7 @@ class Store:
         statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
             head = self.head()
-            rows = [*map(Row._make, self._query(f"{statement}{files.most_captures(self._file)}"))]
+            rows = [*map(Row._make, self._query(f"{statement}{self._most_captures()}"))]
             states = {name for (name,) in self._query(f"SELECT name FROM state LIMIT {_MOST_STATES}")}
         with files.errors_of(self.path, advice=_ADVICE):
             for row in rows:
@@ -159,7 +153,7 @@ class Store:
             numbers: of the captures; all, in the order of recording, if not given.
         """
         if numbers is None:
-            most = files.most_captures(self._file)
+            most = self._most_captures()
             rows = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
             numbers = (number for (number,) in rows)
         for number in dict.fromkeys(numbers):
@@ -335,6 +329,10 @@ class Store:
     def _refuse(self, expected: str) -> NoReturn:
         raise OtherSceneError(f"expected {expected}; record into another file", self.path)
 
+    def _most_captures(self) -> int:
+        """Return how many captures the file can hold at most; damaged pages can claim more."""
+        return self._file.stat().st_size // _SHORTEST_BYTES
+
     def _recording_id(self) -> str:
         self._id = self._id or self.head().id
         return self._id
@@ -372,60 +370,13 @@ class Store:
         with self._lock:
             if self._closed:
                 raise closed_error(str(self.path))
-            if self._connection is None:
-                self._connection = self._open()
+            self._connection = self._connection or self._open()
             yield self._connection
+
+    def _forked(self) -> None:
+        super()._forked()
+        self._head = None
 
     def _open(self) -> sqlite3.Connection:
         with files.errors_of(self.path, write=self._write):
-            if self._write:
-                if files.kind_of(self._file) == "" or self._file.stat().st_size == 0:
-                    with files.written_for(self._file) as file:
-                        files.create(file)
-                        files.publish_new(file, self._file)
-                remove_scratch(self._file.parent, f".{self._file.name}-")
-            elif (kind := files.kind_of(self._file)) != "a file":
-                got = kind or "nothing there; record one first"
-                raise NotARecordingError(f"expected a recording, got {got}")
-            files.check_header(self._file)
-            files.settle_journal(self._file)
-            database = files.connect(self._file, "rw" if self._write else "ro")
-            try:
-                files.check_schema(database)
-                if self._write:
-                    database.execute("PRAGMA journal_mode = TRUNCATE")
-                    # Flush each capture, so that it outlives a power cut; little time beside capturing it.
-                    database.execute("PRAGMA synchronous = FULL")
-            except BaseException:
-                database.close()
-                raise
-            return database
-
-
-_open_stores: WeakSet[Store] = WeakSet()
-_locks_at_fork: list[threading.RLock] = []
-_inherited: list[sqlite3.Connection | None] = []
-"""Connections of the parent process, which a forked child must neither use nor close."""
-_LONGEST_WAIT_S = 30.0
-
-
-def _before_fork() -> None:
-    """Hold every store: SQLite's own locks, if another thread held one, would stay taken in the child."""
-    locks = [store._lock for store in list(_open_stores)]
-    _locks_at_fork.extend(lock for lock in locks if lock.acquire(timeout=_LONGEST_WAIT_S))
-
-
-def _after_fork() -> None:
-    while _locks_at_fork:
-        _locks_at_fork.pop().release()
-
-
-def _after_fork_in_child() -> None:
-    _locks_at_fork.clear()
-    for store in list(_open_stores):
-        _inherited.append(store._connection)
-        store._connection, store._lock, store._head = None, threading.RLock(), None
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)
+            return files.opened(self._file, self._write)
