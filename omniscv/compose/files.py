@@ -26,7 +26,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,20 @@ STORES = ("files", "fast")
 """How layers are stored: pictures that other programs read, or arrays for omniscv, torch and Blosc2."""
 
 
+class Forms(TypedDict, total=False):
+    """How layers are written.
+
+    Attributes:
+        image_format: of colour, such as ``png``.
+        store: one of :data:`STORES`.
+        depth_format: one of :data:`DEPTH_FORMATS`.
+    """
+
+    image_format: str
+    store: str
+    depth_format: str
+
+
 def register(suffix: str, writer: Writer) -> None:
     """Register a function that writes files of a suffix, which then is an ``image_format`` of images."""
     FORMS[suffix] = FORMS.get(suffix, Form())._replace(write=writer)
@@ -61,7 +75,7 @@ def formats() -> tuple[str, ...]:
     return tuple(suffix for suffix, form in FORMS.items() if form.write and suffix != ARRAY)
 
 
-def check_format(image_format: str, store: str = "files", depth_format: str = "exr") -> None:
+def check_format(image_format: str = "png", store: str = "files", depth_format: str = "exr") -> None:
     """Raise ArgumentError unless a writer is registered for an image format, and the others are known.
 
     OmniscvError: the package of the store is missing.
@@ -81,9 +95,7 @@ def write(
     objects: ObjectTable | None,
     out: Path,
     stem: str,
-    image_format: str = "png",
-    store: str = "files",
-    depth_format: str = "exr",
+    **written_as: Unpack[Forms],
 ) -> list[Path]:
     """Write an image's layers and its description.
 
@@ -93,9 +105,7 @@ def write(
         objects: for ``objects.json``; None: not written.
         out: the folder; made if it is not there.
         stem: start of the file names.
-        image_format: of colour.
-        store: one of :data:`STORES`.
-        depth_format: one of :data:`DEPTH_FORMATS`.
+        written_as: see :class:`Forms`.
 
     Returns:
         The files.
@@ -106,11 +116,11 @@ def write(
         OmniscvError: a file cannot be written.
     """
     start_of_name("stem", stem, dots=True)
-    check_format(image_format, store, depth_format)
+    check_format(**written_as)
     if objects is not None:
         _objects_with(out / OBJECTS, objects)  # refused before anything is written
     transfer = description.get("transfer", "unknown")
-    written = list(write_layers(layers, out, stem, image_format, transfer, store, depth_format).values())
+    written = list(write_layers(layers, out, stem, transfer, **written_as).values())
     facts = {**description, "blank": blank(layers), "versions": versions()}
     written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
@@ -125,10 +135,8 @@ def write_layers(
     layers: Mapping[str, NDArray[Any]],
     out: Path,
     stem: str,
-    image_format: str = "png",
     transfer: str = "unknown",
-    store: str = "files",
-    depth_format: str = "exr",
+    **written_as: Unpack[Forms],
 ) -> dict[str, Path]:
     """Write layers as ``STEM.LAYER.SUFFIX`` into a folder, which is made if it is not there.
 
@@ -146,7 +154,7 @@ def write_layers(
     rows = [row for row in modalities.layers() if row.name in layers and row.name not in omitted]
     if transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8:
         rows = [replace(row, attributes=modalities.SRGB) if row.name == "lit" else row for row in rows]
-    suffixes = [_suffix(row, layers[row.name], image_format, store, depth_format) for row in rows]
+    suffixes = [_suffix(row, layers[row.name], **written_as) for row in rows]
     pictures = [
         (out / f"{stem}.{row.name}.{suffix}", layers[row.name], row)
         for row, suffix in zip(rows, suffixes, strict=True)
@@ -194,7 +202,11 @@ def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | No
 
 
 def _suffix(
-    row: modalities.Modality, pixels: NDArray[Any], image_format: str, store: str, depth_format: str
+    row: modalities.Modality,
+    pixels: NDArray[Any],
+    image_format: str = "png",
+    store: str = "files",
+    depth_format: str = "exr",
 ) -> str:
     if store == "fast":
         return ARRAY

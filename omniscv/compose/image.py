@@ -197,8 +197,8 @@ class OmniImage:
         Returns:
             The files, each written whole or not at all.
         """
-        forms = image_format, store, depth_format
-        return files.write(self.layers, self.description(), self.objects, Path(out), stem, *forms)
+        forms = files.Forms(image_format=image_format, store=store, depth_format=depth_format)
+        return files.write(self.layers, self.description(), self.objects, Path(out), stem, **forms)
 
     def to_srgb(self) -> NDArray[np.uint8]:
         """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.

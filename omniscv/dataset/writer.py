@@ -11,14 +11,14 @@ from pathlib import Path
 from tempfile import gettempdir
 from threading import Lock
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import numpy as np
 
 from omniscv import storage
 from omniscv.arguments import optional_number, shown, stem
 from omniscv.cameras import Camera
-from omniscv.compose.files import blank, check_format, write_json, write_layers
+from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest
 from omniscv.dataset.beginning import SCRATCH, begin, lock, tidy
@@ -47,13 +47,11 @@ class Writer:
         classes: path or content of a ``classes.yaml``, or :class:`omniscv.frame.classes.ClassRules`; those of
             a dataset that is resumed if not given.
         resume: continue a dataset that exists.
-        image_format: of colour.
-        store: ``files``, pictures that other programs read; ``fast``, arrays of Blosc2, which are written in
-            0.4 of the time.
         begun: what the manifest holds from the start: cameras, names, settings.
         closed: refuse objects that the manifest does not have, as when several processes write one dataset.
         media: ``xmp``, whether pictures of equirectangular cameras get Photo Sphere metadata, and ``north``,
             the compass heading of the world's X axis in degrees.
+        written_as: the image format, the store and the depth format: :class:`omniscv.compose.files.Forms`.
 
     Raises:
         ArgumentError: a dataset exists and ``resume`` is not set, or it was begun with other cameras, classes
@@ -67,20 +65,19 @@ class Writer:
         out: str | Path,
         classes: str | Path | Mapping[str, Any] | ClassRules | None = None,
         resume: bool = False,
-        image_format: str = "png",
         begun: Manifest | None = None,
         closed: bool = False,
         media: Mapping[str, Any] | None = None,
-        store: str = "files",
-        depth_format: str = "exr",
+        **written_as: Unpack[Forms],
     ) -> None:
-        check_format(image_format, store, depth_format)
+        check_format(**written_as)
+        image_format, store = written_as.get("image_format", "png"), written_as.get("store", "files")
         self._media = {"xmp": False, "north": 0.0, **(media or {})}
         if self._media["xmp"] and (store == "fast" or image_format not in PICTURE_SUFFIXES):
             expected = f"expected store files and image_format {' or '.join(PICTURE_SUFFIXES)}"
             raise ArgumentError(f"media.xmp: {expected}, got {store} and {image_format}")
         self._folder, self._closed = storage.folder(out), closed
-        self._image_format, self._store, self._depth_format = image_format, store, depth_format
+        self._written_as = written_as
         self._lock = Lock()
         wanted = begun or Manifest()
         if classes is not None:
@@ -197,15 +194,7 @@ class Writer:
             # Each writer has its own: two may write one frame, as when a worker taken for dead goes on.
             parent = self._folder.local or Path(gettempdir())
             folder = stack.enter_context(scratch_folder(parent, SCRATCH))
-            files = write_layers(
-                image.layers,
-                folder,
-                frame.key,
-                self._image_format,
-                image.transfer,
-                self._store,
-                self._depth_format,
-            )
+            files = write_layers(image.layers, folder, frame.key, image.transfer, **self._written_as)
             if self._media["xmp"] and "lit" in files and refuses(frame.camera) is None:
                 if files["lit"].suffix[1:] not in PICTURE_SUFFIXES:
                     raise ArgumentError(f"media.xmp: expected colours of 8 bits, got {files['lit'].name}")

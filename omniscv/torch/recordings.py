@@ -70,9 +70,6 @@ class RandomTurns:
         return camera, Pose.from_angles((0, 0, 0), *angles).R_w_c
 
 
-DEFAULT_CACHE_BYTES = 1 << 30
-
-
 class RecordingDataset(Epochs, Dataset[Sample]):
     """Images around the optical centres of a recording, as :class:`Faces` composes them.
 
@@ -86,9 +83,9 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         per_center: samples of each centre; those of one follow each other.
         seed: of all draws.
         truth_scale, classes: as of :class:`Faces`.
-        cache_bytes: most memory of the faces that each process keeps.
 
     Attributes:
+        cache_bytes: most memory of the faces that each process keeps; may be set before the first sample.
         centers: (x, y, z) metres, world frame, in the order of recording.
 
     Raises:
@@ -106,7 +103,6 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         seed: int = 0,
         truth_scale: int = 1,
         classes: Rules | None = None,
-        cache_bytes: int = DEFAULT_CACHE_BYTES,
     ) -> None:
         super().__init__()
         if not callable(draw):
@@ -115,7 +111,7 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         self.draw, self.modes = draw, modalities.chosen(modes)
         self.per_center = whole_number("per_center", per_center)
         self.seed = whole_number("seed", seed, least=0)
-        self.truth_scale, self._cache_bytes = truth_scale, cache_bytes
+        self.truth_scale, self.cache_bytes = truth_scale, 1 << 30
         self.classes = None if classes is None else class_rules(classes)
         with RecordedSource(self.path) as source:
             self.centers = RecordedViews(source.recorded_views()).centers()
@@ -148,4 +144,4 @@ class RecordingDataset(Epochs, Dataset[Sample]):
 
     @cached_property
     def _cache(self) -> ByteCache:
-        return ByteCache(self._cache_bytes)
+        return ByteCache(self.cache_bytes)

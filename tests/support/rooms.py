@@ -55,7 +55,7 @@ def room_of_scene(name):
 def frame(folder, key, camera, pose, record, layers=None, instances=None, classes=None):
     """A frame of a dataset with a layout, as files; its colours are black if none are given."""
     layers = {"lit": np.zeros((camera.height, camera.width, 3), np.uint8), **(layers or {})}
-    files = dict(write_layers(layers, folder, key, "png"))
+    files = dict(write_layers(layers, folder, key))
     files["layout"] = folder / f"{key}.layout.json"
     files["layout"].write_text(json.dumps(record, allow_nan=False))
     return Frame(key, "camera", camera, pose, files, instances or {}, classes)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,19 +52,32 @@ def layouts() -> tuple[str, ...]:
     return (*LAYOUTS, *sequences.sequences())
 
 
+class Said(TypedDict, total=False):
+    """What the user says of pictures.
+
+    Attributes:
+        position: (3,) of the optical centre, world frame, metres; the origin if not given.
+        yaw_deg: of the front face or the panorama's middle, to the left.
+        depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
+        missing: numbers of depth that stand for no surface.
+        names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
+        poses: file of the poses of panoramas, the first column their names.
+        mirrored: whether all pictures show left and right exchanged.
+        clip: take negative and NaN light as 0.
+    """
+
+    position: ArrayLike | None
+    yaw_deg: float | None
+    depth: str | None
+    missing: Iterable[float]
+    names: Path | None
+    poses: Path | None
+    mirrored: bool
+    clip: bool
+
+
 def import_pictures(
-    pictures: Path | str,
-    path: Path | str,
-    layout: str = "auto",
-    *,
-    position: ArrayLike | None = None,
-    yaw_deg: float | None = None,
-    depth: str | None = None,
-    missing: Iterable[float] = (),
-    names: Path | None = None,
-    poses: Path | None = None,
-    mirrored: bool = False,
-    clip: bool = False,
+    pictures: Path | str, path: Path | str, layout: str = "auto", **said: Unpack[Said]
 ) -> Imported:
     """Add pictures to a recording, lossless; PNGs that a codec of recordings decodes stay as received.
 
@@ -74,25 +87,27 @@ def import_pictures(
         path: of the recording; new, or one to add to.
         layout: one of :func:`layouts`, a file ``.yaml`` that describes one, or ``auto``: by what lies in a
             folder, by names, and by seams.
-        position: (3,) of the optical centre, world frame, metres; the origin if not given.
-        yaw_deg: of the front face or the panorama's middle, to the left.
-        depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
-        missing: numbers of depth that stand for no surface.
-        names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
-        poses: file of the poses of panoramas, the first column their names.
-        mirrored: whether all pictures show left and right exchanged.
-        clip: take negative and NaN light as 0.
+        said: see :class:`Said`.
 
     Raises:
         ArgumentError: no pictures, an unknown layout, pictures that are wrong or do not fit together, or an
             option that acts on nothing.
         RecordingError: the recording cannot be written, or is of another scene.
     """
-    missing = tuple(number("missing", value) for value in missing)
-    form = DepthForm.parse(depth) if depth else None
+    position, yaw_deg, names = said.get("position"), said.get("yaw_deg"), said.get("names")
+    missing = tuple(number("missing", value) for value in said.get("missing", ()))
+    form = DepthForm.parse(depth) if (depth := said.get("depth")) else None
     center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
     pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
-    options = Options(form, None if position is yaw_deg is None else pose, poses, missing, mirrored, clip, {})
+    options = Options(
+        form,
+        None if position is yaw_deg is None else pose,
+        said.get("poses"),
+        missing,
+        said.get("mirrored", False),
+        said.get("clip", False),
+        {},
+    )
     pictures = Path(pictures)
     with within(pictures):
         if not layout.endswith((".yaml", ".yml")):
@@ -115,7 +130,7 @@ def import_pictures(
             "depth": (form or missing) and "depth" not in modes,
             "names": names and "object_mask" not in modes,
         }
-        idle_if["poses"] = poses and not sequence
+        idle_if["poses"] = options.poses and not sequence
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"
             raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")
