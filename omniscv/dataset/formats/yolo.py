@@ -63,6 +63,7 @@ class Yolo(Format):
 
     name = "yolo"
     needs = ("lit", "labels")
+    keys = ("seam",)
     options = YoloOptions
 
     def needs_of(self, cameras: Mapping[str, Camera], options: YoloOptions) -> Sequence[str]:
