@@ -17,7 +17,7 @@ from omniscv.arguments import (
     wrong,
 )
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, nested, optional, record
+from omniscv.records import checked, optional, record
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
@@ -221,11 +221,3 @@ class MapOptions:
         default=None,
         help="room (default): not hidden by walls; full: not hidden by anything; all",
     )
-
-
-@record
-class LayoutKey:
-    """The key ``layout`` of a job: of the truth ``layout``, and of the formats that draw its maps."""
-
-    source: LayoutSource | None = checked(layout_source, default=None, help="scene or fitted")
-    maps: MapOptions = checked(nested(MapOptions), default=MapOptions(), help="how maps are drawn")

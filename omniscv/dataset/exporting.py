@@ -47,7 +47,7 @@ class Format(WithOptions, ABC):
     Attributes:
         name: of the format in jobs and commands.
         needs: kinds of files that its frames must have; ``imu``: a dataset with an IMU.
-        keys: keys of the job that are added to the options, such as ``seam``.
+        keys: keys of the job that are added to the options, such as ``sensor``.
         options: record of the options (:mod:`omniscv.records`) that the methods get; None: they get the
             mapping as it is.
     """

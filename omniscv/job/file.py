@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from omniscv.arguments import (
+    shown,
     stem,
     stems,
     within,
@@ -37,7 +38,7 @@ from omniscv.job.vary import Vary
 from omniscv.planning import RenderOptions
 from omniscv.records import help_of, key_of, mapping, read_fields, reader_of
 from omniscv.records import read as read_record
-from omniscv.render_options import LayoutKey, MapOptions, Tolerance
+from omniscv.render_options import Tolerance
 from omniscv.sensor import Sensor
 from omniscv.sensor.imu import PASSES, Imu, ImuNoise, ImuTrack
 from omniscv.sensor.optics import NATURAL
@@ -70,10 +71,17 @@ _BELOW: dict[str, type[Any]] = {
     "failures": FailureLimit,
     "split": Split,
     "media": Media,
-    "layout": LayoutKey,
-    "layout.maps": MapOptions,
     "truth.tolerance": Tolerance,
 }
+
+
+_GONE = {
+    "shards": "write it into 'export', as {format: webdataset, max_count: 1000}",
+    "seam": "write it into 'export', as {format: coco, seam: split}",
+    "layout": "write truth: {layout: {source: fitted}}, and options of maps into 'export'",
+    "poses.grid.visible": "write poses: {random: {visible: ...}}",
+}
+"""Keys of earlier versions, and what stands in their place."""
 
 
 class Key(NamedTuple):
@@ -193,7 +201,14 @@ def read(description: object, folder: Path) -> Job:
     Raises:
         ArgumentError: a key is unknown, missing or wrong.
     """
-    values = mapping("", description, _FIELDS)
+    values = mapping("", description)
+    for path, instead in _GONE.items():
+        below: Any = values
+        for key in path.split("."):
+            below = below.get(key) if isinstance(below, Mapping) else None
+        if below is not None:
+            raise ArgumentError(f"{path}: expected no such key, got {shown(below)}; {instead}")
+    values = mapping("", values, _FIELDS)
     worlds = values.pop("worlds", None)
     if worlds is not None:
         return _read_worlds(mapping("worlds", worlds), values, folder)

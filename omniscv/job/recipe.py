@@ -19,7 +19,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import cluster_starts
 from omniscv.records import checked, listed, mapping, read, record
-from omniscv.render_options import LayoutKey, Tolerance
+from omniscv.render_options import Tolerance
 from omniscv.storage import bounded
 
 _TOLERANCE = 1e-6
@@ -170,15 +170,10 @@ class Recipe:
         listed(read_export), default=(), key="export", help="formats, each a name or its options"
     )
     split: Split | None = checked(read_split, default=None, help="share of each split")
-    shards: Any = checked(read_export, default=None, help="export to shards: a format and its options")
     media: Any = checked(plain, cls=Media, default=None, help="metadata of pictures")
-    seam: str | None = checked(
-        one_of, words=("whole", "split"), default=None, help="boxes across a panorama's seam: whole, split"
-    )
     watch: str | None = checked(
         one_of,
         words=("mark", "fail"),
         default=None,
         help="frames that the world left objects out of: mark (in frames.jsonl), or fail",
     )
-    layout: Any = checked(plain, cls=LayoutKey, default=None, help="source and maps of layouts")

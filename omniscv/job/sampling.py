@@ -73,7 +73,6 @@ Sees = Callable[[Pose], bool]
 """Whether an image at a pose shows enough of what is to be visible."""
 
 _point = partial(numbers, shape=(3,))
-_VISIBLE_HELP = "class and share of the image that poses must show; null: any pose"
 _START_HELP = "X,Y,Z of a free position; the middle of the box if not given"
 
 
@@ -94,7 +93,11 @@ class RandomPoses:
     yaw_deg: Angle = checked(_angle, default=(-180.0, 180.0), help="degrees, or [low, high] to draw from")
     pitch_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
     roll_deg: Angle = checked(_angle, default=0.0, help="degrees, or [low, high] to draw from")
-    visible: Visible | None = checked(optional(nested(Visible)), default=None, help=_VISIBLE_HELP)
+    visible: Visible | None = checked(
+        optional(nested(Visible)),
+        default=None,
+        help="class and share of the image that poses must show; null: any pose",
+    )
 
     def __post_init__(self) -> None:
         _check_box(self)
@@ -135,6 +138,7 @@ class GridPoses:
         ArgumentError: a value outside its domain.
     """
 
+    visible: ClassVar[None] = None
     low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the first position, metres")
     high: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the last position at most, metres")
     step: float | ArrayLike = checked(_steps, help="metres between neighbours, one number or three")
@@ -145,21 +149,18 @@ class GridPoses:
         optional_number, above=0, default=None, help="least distance to surfaces, metres; null: any position"
     )
     start: ArrayLike | None = checked(optional(_point), default=None, help=_START_HELP)
-    visible: Visible | None = checked(optional(nested(Visible)), default=None, help=_VISIBLE_HELP)
 
     def __post_init__(self) -> None:
         _check_box(self)
-        if self.visible is not None and self.clearance is None:
-            raise ArgumentError("visible: expected it with a clearance, got none")
         ascends = bool((np.asarray(self.step) > 0).all())
         if not ascends or self._counts().prod() * len(np.asarray(self.yaws_deg)) > _MOST:
             raise wrong("step", f"distances > 0 that give at most {_MOST} poses", self.step)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses that show what is to be visible.
+        """Return the poses at positions of the grid that are free.
 
         Raises:
-            ArgumentError: no position of the grid is free.
+            ArgumentError: none is free.
             OmniscvError: depth cannot be captured.
         """
         axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
@@ -170,11 +171,7 @@ class GridPoses:
             wanted = f"expected positions with a clearance of {self.clearance} m"
             raise ArgumentError(f"poses.grid: {wanted}, got none; give a smaller clearance or another start")
         yaws = np.asarray(self.yaws_deg).tolist()
-        poses = [Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws]
-        shown = [pose for pose in poses if sees is None or sees(pose)]
-        if not shown:
-            raise ArgumentError(f"poses.grid.visible: expected poses that show it, got none of {len(poses)}")
-        return Trajectory(tuple(shown))
+        return Trajectory(tuple(Pose.from_angles(position, yaw_deg=yaw) for position in free for yaw in yaws))
 
     def _counts(self) -> Array:
         """(3,) the number of positions along each axis."""

@@ -167,11 +167,7 @@ class Contents:
             if not any(export["format"] == format for export in exports):
                 exports.append({"format": format})
             exports = [export | options if export["format"] == format else export for export in exports]
-        if recipe.shards is not None:
-            exports.append(recipe.shards)
         shared = {
-            "seam": recipe.seam,
-            "layout": recipe.layout,
             "tolerance": given.get("tolerance"),
             "sensor": None if job.sensor is None else job.sensor.to_dict(),
         }

@@ -29,6 +29,7 @@ _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
 _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
 
 UNREAL_SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
+_SATURATED = 1e-3
 _HALF_DIGITS = 11  # significant binary digits of the half floats through which the engine passes depth
 _UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; the sky's grey is near 0
 
@@ -163,6 +164,37 @@ def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     return array
 
 
+def no_surface(stored: NDArray[Any], missing: Sequence[float] = (), per_m: float = 1.0) -> NDArray[np.bool_]:
+    """Return where numbers of depth, as programs write them, stand for no surface.
+
+    ======================  ==================================================================================
+    any                     0, and those of ``missing``
+    floats                  NaN, infinity, and 65504 and more, which half floats cannot hold: kilometres
+    whole numbers           the largest of their type, if one in a thousand has it and ``missing`` names none
+    ======================  ==================================================================================
+
+    Args:
+        stored: by a file.
+        missing: as its layout or the user says.
+        per_m: how many numbers are a metre. In mm, more than 65504 are taken as they are.
+    """
+    is_float = stored.dtype.kind == "f"
+    none = (stored == 0) | np.isin(stored, np.array(missing, stored.dtype if is_float else np.float64))
+    if is_float:
+        far = stored >= UNREAL_SKY if per_m <= 100 else stored == UNREAL_SKY
+        none |= far | ~np.isfinite(stored)
+    elif not missing and (largest := stored == np.iinfo(stored.dtype).max).mean() > _SATURATED:
+        none |= largest
+    return np.asarray(none)
+
+
+def without_zeros(payload: bytes) -> bytes:
+    """Return an NPY of float depth as recordings hold it: all that stands for no surface is infinite."""
+    array = npy.decode(payload)
+    none = no_surface(array) if array.dtype.kind == "f" else np.zeros(array.shape, np.bool_)
+    return npy.encode(np.where(none, array.dtype.type(np.inf), array)) if none.any() else payload
+
+
 def check_depth(array: NDArray[Any]) -> None:
     """Raise BadReplyError for another shape than (H, W), no floats, or values that are negative or NaN."""
     if array.ndim != 2 or array.dtype.kind != "f":
@@ -242,6 +274,7 @@ def _pfm(ray: bool, payload: bytes, mode: str, view: View) -> NDArray[Any]:
         raise BadReplyError(f"expected {4 * view.width * view.height} bytes of pixels in a PFM")
     order = "<f4" if header[3].startswith(b"-") else ">f4"
     depth = np.frombuffer(payload, order, offset=header.end()).reshape(view.height, view.width)
+    depth = np.where(no_surface(depth), np.float32(np.inf), depth)
     check_depth(depth)
     return np.asarray(depth / (view.ray_lengths() if ray else 1), np.float32)
 

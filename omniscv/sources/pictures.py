@@ -117,7 +117,7 @@ class DepthForm(NamedTuple):
         ray: whether they are lengths along the ray, not along the optical axis.
         per_m: how many of them are a metre; 0: not said.
         encoding: the codec of depth that is packed in colours; else empty.
-        missing: those that stand for no surface; of whole numbers 0 does, too.
+        missing: those that stand for no surface, beside what :func:`omniscv.sources.codecs.no_surface` has.
     """
 
     ray: bool = False
@@ -148,7 +148,8 @@ class Picture(NamedTuple):
             metres, +inf for no surface. ``object_mask``: (H, W) uint16 ids, or (H, W, 3) uint8 colours.
         payload, encoding: the file's bytes and their codec, where one decodes them to this; else empty.
         step_m: between two numbers that the file can hold, of depth in whole numbers; else 0.
-        clipped: number of values that were negative or NaN, and are 0 now.
+        clipped: number of values that are taken as another: negative or NaN light as 0, the largest whole
+            number of depth as no surface.
         error: (H, W) metres that depth may be off; None: ``step_m / 2``.
     """
 
@@ -221,17 +222,17 @@ def _packed_depth(file: Path, encoding: str) -> Picture:
 
 
 def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
-    from omniscv.sources.codecs import encodings
+    from omniscv.sources.codecs import encodings, no_surface
 
     stored, whole, per_m = pixels[..., 0], pixels.dtype.kind != "f", form.per_m or 1.0
-    if (pixels != pixels[..., :1]).any() or stored.dtype == np.uint8:
+    grey = np.repeat(pixels[..., :1], pixels.shape[2], axis=2)
+    if not np.array_equal(pixels, grey, equal_nan=not whole) or stored.dtype == np.uint8:
         got = f"{pixels.dtype} colours, which are no metres"
         raise ArgumentError(f"expected floats or 16 bits a pixel, got {got}")
     if whole and not form.per_m:
         raise ArgumentError("expected the unit of whole numbers, such as --depth planar-mm, got none")
     stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored
-    none = stored == 0 if whole else ~np.isfinite(stored)
-    none |= np.isin(stored, np.array(form.missing, np.float32))
+    none = no_surface(pixels[..., 0], form.missing, per_m)
     metres = np.asarray(stored / per_m if whole else stored * (1 / per_m), np.float32)
     wrong = ((metres < 0) | (metres > _MOST_M)) & ~none
     if count := np.count_nonzero(wrong):
@@ -240,7 +241,9 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
         raise ArgumentError(f"expected 0 to {_MOST_M:g} m, got {got}; {advice}")
     received = f"png uint16 {per_m:g}" if whole and payload and not form.ray and pixels.shape[2] == 1 else ""
     as_received = received in encodings() and not stored[none].any()
-    return Picture(np.where(none, np.float32(np.inf), metres), payload, received * as_received, whole / per_m)
+    clipped = np.count_nonzero(none & (stored != 0)) if whole and not form.missing else 0
+    known = np.where(none, np.float32(np.inf), metres)
+    return Picture(known, payload, received * as_received, whole / per_m, int(clipped))
 
 
 def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pixels:

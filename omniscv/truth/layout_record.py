@@ -32,7 +32,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.records import checked, nested, record
-from omniscv.render_options import LayoutKey, LayoutSource, Tolerance, layout_source
+from omniscv.render_options import LayoutSource, Tolerance, layout_source
 from omniscv.truth.registry import Truth, register
 from omniscv.truth.room_in_image import Flags, Samples, resolved, sample_edges, seen_in_depth, seen_in_room
 from omniscv.truth.room_layout import Picture, RoomLayout, is_room, layout
@@ -197,12 +197,6 @@ class LayoutOptions:
         help="scene, or fitted to the image; default: scene where it knows its room",
     )
     tolerance: Tolerance = checked(nested(Tolerance), default=Tolerance(), help="of depths that are equal")
-    layout: LayoutKey = checked(nested(LayoutKey), default=LayoutKey(), help="the key of the job")
-
-    @property
-    def chosen_source(self) -> LayoutSource | None:
-        """The truth's own source, else the job's."""
-        return self.source or self.layout.source
 
 
 def _derive(frame: Frame, options: LayoutOptions) -> dict[str, Any]:
@@ -215,7 +209,7 @@ def _derive(frame: Frame, options: LayoutOptions) -> dict[str, Any]:
         ArgumentError: no room is known, and none fits.
     """
     image = frame.rendered()
-    room = _room(frame, options.chosen_source)
+    room = _room(frame, options.source)
     return project_layout(room, image.camera, image.pose, image.depth, tolerance=options.tolerance)
 
 
@@ -248,7 +242,7 @@ def _panorama_without_furniture(frame: Frame) -> OmniImage | None:
 
 
 def _captures(geometry: SceneGeometry, options: LayoutOptions) -> bool:
-    return geometry.room is None or options.chosen_source == "fitted"
+    return geometry.room is None or options.source == "fitted"
 
 
 def _check(_: object, geometry: SceneGeometry, modes: Collection[str], options: LayoutOptions) -> None:
@@ -265,7 +259,7 @@ register(
         _derive,
         needs=("depth",),
         file="layout.json",
-        keys=("layout", "tolerance"),
+        keys=("tolerance",),
         captures=_captures,
         options=LayoutOptions,
         check=_check,

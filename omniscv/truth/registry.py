@@ -29,7 +29,7 @@ class Truth(WithOptions):
         needs: the modalities that the image must have.
         file: suffix of the file that holds the record. Where it is not ``truth.json``, the record is the
             whole file.
-        keys: keys of the job that are added to the options: ``tolerance``, ``seam``, ``layout``.
+        keys: keys of the job that are added to the options: ``tolerance``.
         captures: whether ``derive`` uses the renderer, so that it must not run beside the next image; or a
             function of the scene's geometry and the options that returns this.
         options: record of the options (:mod:`omniscv.records`) that ``derive`` gets; None: it gets the

@@ -93,7 +93,7 @@ def test_cfl_pairs_its_files_by_order_and_scores_the_reference(tmp_path):
 def test_cfl_takes_every_camera_and_its_options(tmp_path):
     names = "equirectangular", "noncentral-conical-mirror", "orthographic", "pinhole"
     frames = [plain_frame(tmp_path, name, cameras.model(name).example(64), LEVEL) for name in names]
-    options = {"image_format": "png", "visibility": "all", "layout": {"maps": {"corner_sigma": 0.02}}}
+    options = {"image_format": "png", "visibility": "all", "corner_sigma": 0.02}
     files = write("cfl", frames, tmp_path / "out", **options)
     assert len(files) == 3 * len(frames)
     drawn = [np.asarray(Image.open(path)).any() for path in files if "EM_gt" in path.parts]

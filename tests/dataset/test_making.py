@@ -203,8 +203,8 @@ def test_the_keys_of_a_job(tmp_path):
             tmp_path,
             more="truth: {boxes: true, bfov: false, amodal: off, layout: {source: scene},\n"
             "  flow: {gap: 2}, tolerance: {abs_m: 0.05}}\n"
-            "export: [coco, {format: depth-png, out: metres, cameras: [pano]}]\n"
-            "shards: {format: webdataset, max_count: 2}\nseam: split\nmedia: {xmp: true}\n",
+            "export: [{format: coco, seam: split}, {format: depth-png, out: metres, cameras: [pano]}]\n"
+            "media: {xmp: true}\n",
         )
     )
     contents = Contents.of(job)
@@ -213,7 +213,6 @@ def test_the_keys_of_a_job(tmp_path):
         ("coco", "coco", {"seam": "split"}, ()),
         ("depth_png", "metres", {}, ("pano",)),
         ("flow", "flow", {"tolerance": {"abs_m": 0.05}, "gap": 2}, ()),
-        ("webdataset", "webdataset", {"max_count": 2}, ()),
     ]
     assert job.recipe.media == {"xmp": True}
     assert contents.kinds(job) >= {"layout", "truth", "classes", "labels", "depth_error", "image"}

@@ -5,11 +5,54 @@ import runpy
 import shutil
 import sys
 
+import pytest
+import yaml
 from support.command_line import ROOT
+from support.documents import blocks
+from test_documents import BY_NAME, RUN, commands
 
 from omniscv import dataset
-from omniscv.job import load
-from omniscv.make import make
+from omniscv.cli.images import RECORD
+from omniscv.job import keys, load
+from omniscv.make import check_dataset, make
+
+JOBS = sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.name != "classes.yaml")
+UNUSED = set()
+"""Keys that nobody has a reason to use, and that stay: at most ten."""
+
+
+def dotted(value, start=""):
+    """The keys of a job's file, with dots between levels."""
+    for key, below in value.items() if isinstance(value, dict) else ():
+        yield f"{start}{key}"
+        yield from dotted(below, f"{start}{key}.")
+
+
+def used_keys():
+    """The keys of examples, of jobs that pages tell readers to run, and of options of such commands."""
+    texts = [path.read_text(encoding="utf-8") for path in JOBS]
+    for name in RUN:
+        lines = [" ".join(words) for words in commands(name)]
+        jobs = [block for block in blocks(BY_NAME[name]) if block.language == "yaml" and block.file_name()]
+        texts += [job.text for job in jobs if any(job.file_name() in line for line in lines)]
+        for line in lines:
+            yield from re.findall(r"--set[ =]([\w.]+)=", line)
+            if "--fix-exposure" in line:
+                yield from RECORD["fix_exposure"].keys(True)
+    for text in texts:
+        job = yaml.safe_load(text)
+        for of_world in [job, *(job.get("worlds") or {}).values()]:
+            yield from dotted(of_world)
+
+
+def test_every_key_of_a_job_is_used():
+    """A key that nobody needs is one too many."""
+    assert {key.name for key in keys()} - set(used_keys()) == UNUSED
+
+
+@pytest.mark.parametrize("path", JOBS, ids=lambda path: path.stem)
+def test_the_jobs_of_examples_are_whole(path):
+    check_dataset(load(path))
 
 
 def test_the_moving_world_is_the_one_that_its_document_runs():

@@ -445,7 +445,7 @@ def test_poses_show_what_is_to_be_visible_or_fail(tmp_path):
     (line,) = (tmp_path / "e" / "failed.jsonl").read_text().splitlines()
     assert json.loads(line)["error"].startswith("expected a pose that shows 0.9 of chair, got 0")
     visible = {"class": "stool", "share": 0.1}
-    grid = {"low": [0, 0, 1], "high": [0, 0, 1], "step": 1, "clearance": 0.1, "visible": visible}
-    wrong = job(tmp_path / "f", poses={"grid": grid}, **some)
+    box = {"low": [0, 0, 1], "high": [0, 0, 1], "clearance": 0.1, "count": 1}
+    wrong = job(tmp_path / "f", poses={"random": {**box, "visible": visible}}, **some)
     with pytest.raises(ArgumentError, match=r"poses\.visible\.class: expected a class .*stool"):
         make.make(wrong)

@@ -10,9 +10,10 @@ from support.full_disk import largest_file
 from support.recordings import contents
 
 import omniscv
-from omniscv.errors import ArgumentError, RecordingNotWritableError
+from omniscv.errors import ArgumentError, BadReplyError, RecordingNotWritableError
 from omniscv.geometry import Pose
 from omniscv.pictures import png
+from omniscv.sources.base import Request
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.store import Store
 
@@ -78,6 +79,22 @@ def test_faces_of_another_tool_can_be_composed(tmp_path):
     rays_w = camera.unproject().directions @ pose.R_w_c.T
     # 64 px faces, bilinear: half a pixel is 1/64; a curve of the sphere within a pixel is 1/8 of its square
     assert np.abs(image.lit - rays_w).max() < 1 / 64
+
+
+def test_depth_of_another_tool_that_is_no_surface(tmp_path):
+    """0, NaN, 65504 and 1e10 m in captures.json, as in the pictures of other imports."""
+    stored = np.array([[0, 1, np.nan, np.inf], [65504, 1e10, 0.5, 9]], np.float32)
+    np.save(tmp_path / "a.npy", stored)
+    view = {"position": [0, 0, 0], "fov_deg": 90, "width": 4, "height": 2}
+    (tmp_path / "captures.json").write_text(json.dumps([{"file": "a.npy", "mode": "depth", "view": view}]))
+    import_folder(tmp_path, tmp_path / "mine.sqlite")
+    with omniscv.open_source(tmp_path / "mine.sqlite") as source:
+        (capture,) = source.capture([Request(source.recorded_views()[0], "depth")])
+    np.testing.assert_array_equal(capture.pixels, np.where(np.isin(stored, [1, 0.5, 9]), stored, np.inf))
+    stored[1, 3] = -1
+    np.save(tmp_path / "a.npy", stored)
+    with pytest.raises(BadReplyError, match="expected depth of 0 or more, got 1 of 8"):
+        import_folder(tmp_path, tmp_path / "other.sqlite")
 
 
 VIEW = {"position": [0, 0, 0], "fov_deg": 90, "width": 4, "height": 4}

@@ -215,7 +215,6 @@ REFUSED = [
     ("depth", saved("d.png", COLORS), "got uint8 colours, which are no metres"),
     ("depth", array(np.full((4, 4), 1j)), "expected NPY of numbers, got the header"),
     ("depth", array(np.full((4, 4), -2.0)), "such as -2 m; if that is no surface, --missing -2"),
-    ("depth", array(np.full((4, 4), 1e10)), r"--missing 1e\+10"),
     ("normals", saved("n.png", COLORS), "normals, whose frame is not known"),
 ]
 
@@ -228,6 +227,8 @@ def test_what_cannot_be_right_is_refused(kind, make, says, tmp_path):
 
 RGBA = np.dstack([COLORS, np.zeros((12, 24), np.uint8)])
 GREY = np.repeat(COLORS[..., :1], 3, axis=-1)
+FAR = [0, 2, np.nan, np.inf, -np.inf, 65504, 1e10]  # Habitat, ROS, half floats, Blender
+FULL = np.where(np.arange(16) == 3, 65535, DEPTH16).astype(np.uint16)
 LAYERS = {f"View.Combined.{c}": plane for c, plane in RGB.items()} | {"View.Depth.Z": np.full((8, 16), 3.0)}
 TAKEN = [
     ("lit", saved("a.png", RGBA), None, COLORS),
@@ -248,6 +249,11 @@ TAKEN = [
     ("depth", written("m.exr", channels=LAYERS), None, np.full((8, 16), 3.0)),
     ("depth", saved("d.png", DEPTH16), MM, np.full((8, 16), 2003 / np.float32(1000))),
     ("depth", saved("d.png", DEPTH16), DepthForm.parse("ray-1/512", (2003,)), np.full((8, 16), np.inf)),
+    ("depth", array(np.array([FAR, FAR[::-1]])), None, np.where(np.array([FAR, FAR[::-1]]) == 2, 2, np.inf)),
+    ("depth", array(np.array([FAR[:6]], "f2")), None, np.where(np.array([FAR[:6]]) == 2, 2, np.inf)),
+    ("depth", array(np.full((2, 2), 70000.0)), MM, np.full((2, 2), 70)),
+    ("depth", saved("d.png", FULL), MM, np.where(FULL == 65535, np.inf, np.float32(2.003))),
+    ("depth", saved("d.png", FULL), DepthForm.parse("planar-mm", (0,)), FULL / np.float32(1000)),
     ("object_mask", saved("m.png", RGBA), None, COLORS),
     ("object_mask", saved("m.png", DEPTH16), None, DEPTH16),
     ("object_mask", array(DEPTH16.astype(np.uint32)), None, DEPTH16),

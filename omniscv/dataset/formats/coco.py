@@ -198,7 +198,6 @@ class Coco(Format):
 
     name = "coco"
     needs = ("labels",)
-    keys = ("seam",)
     options = CocoOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: CocoOptions) -> list[Path]:

@@ -21,8 +21,8 @@ from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.pictures import write_color, write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.records import checked, nested, record
-from omniscv.render_options import LayoutKey, MapOptions
+from omniscv.records import checked, record
+from omniscv.render_options import MapOptions
 from omniscv.storage.local import write_text
 from omniscv.truth import layout_labels
 from omniscv.truth.layout_labels import exact_maps, original_maps
@@ -43,7 +43,6 @@ class CflOptions(MapOptions):
         help="jpg, the only one that CFL reads, or png, which is exact",
     )
     recipe: str = checked(one_of, words=("exact", "original"), default="exact", help="exact or original maps")
-    layout: LayoutKey = checked(nested(LayoutKey), default=LayoutKey(), help="the key of the job")
 
     def __post_init__(self) -> None:
         if self.recipe == "original" and (maps := self.maps()):
@@ -53,9 +52,8 @@ class CflOptions(MapOptions):
             )
 
     def maps(self) -> dict[str, Any]:
-        """Return the options of exact maps: the format's own, else the job's."""
-        names = [option.name for option in fields(MapOptions)]
-        values = {name: getattr(self, name) or getattr(self.layout.maps, name) for name in names}
+        """Return the options of exact maps that are given."""
+        values = {option.name: getattr(self, option.name) for option in fields(MapOptions)}
         return {name: value for name, value in values.items() if value is not None}
 
 
@@ -65,7 +63,6 @@ class Cfl(Format):
 
     name = "cfl"
     needs = ("layout", "lit")
-    keys = ("layout",)
     options = CflOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: CflOptions) -> list[Path]:

@@ -63,7 +63,6 @@ class Yolo(Format):
 
     name = "yolo"
     needs = ("lit", "labels")
-    keys = ("seam",)
     options = YoloOptions
 
     def needs_of(self, cameras: Mapping[str, Camera], options: YoloOptions) -> Sequence[str]:

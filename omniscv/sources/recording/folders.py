@@ -22,7 +22,7 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.records import checked, listed, mapping, named, optional, read, record
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
-from omniscv.sources.codecs import decode
+from omniscv.sources.codecs import decode, without_zeros
 from omniscv.sources.recording.operations import add_objects, opened_whole
 from omniscv.sources.recording.rows import (
     DEFAULT_TOLERANCE,
@@ -244,6 +244,9 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause
     try:
+        is_depth = modalities.get(request.mode).interpolation == "surface"
+        if is_depth and encoding == "npy" and entry.provenance.get("server", "imported") == "imported":
+            payload = without_zeros(payload)
         pixels = decode(payload, encoding, request.mode, entry.view)
         capture = Capture(request, entry.view, pixels, entry.provenance, payload, encoding)
         Row.of(capture).description()  # it can be read again

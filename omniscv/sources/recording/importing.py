@@ -27,6 +27,7 @@ from omniscv.sources.recording.posed_frames import (
     NO_ID,
     Options,
     capture_of,
+    missing_numbers,
     mode_of,
     objects_of,
     pictures_in,
@@ -99,7 +100,7 @@ def import_pictures(
         RecordingError: the recording cannot be written, or is of another scene.
     """
     position, yaw_deg, names = said.get("position"), said.get("yaw_deg"), said.get("names")
-    missing = tuple(number("missing", value) for value in said.get("missing", ()))
+    missing = missing_numbers("missing", [*said.get("missing", ())])
     form = DepthForm.parse(depth) if (depth := said.get("depth")) else None
     center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
     pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
@@ -145,8 +146,14 @@ def import_pictures(
         known = objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
-        if clipped := sum(options.clipped.values()):
-            masks.lines.append(f"{clipped} negative or NaN values taken as 0")
+        clipped = Counter[str]()
+        for (mode, _), values in options.clipped.items():
+            clipped[mode] += values
+        if clipped["lit"]:
+            masks.lines.append(f"{clipped['lit']} negative or NaN values taken as 0")
+        if clipped["depth"]:
+            advice = "taken as no surface; --missing 0 keeps them"
+            masks.lines.append(f"depth: {clipped['depth']} pixels have the largest number there is, {advice}")
         if replaced := masks.captures // 2 - count:  # they were read twice
             masks.lines.append(
                 f"{replaced} captures of a view that a later one shows, too: the last one stays"

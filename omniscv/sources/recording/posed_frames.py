@@ -49,7 +49,7 @@ class Options(NamedTuple):
     missing: tuple[float, ...] = ()
     mirrored: bool = False
     clip: bool = False
-    clipped: dict[str, int] = {}  # noqa: RUF012 - given anew for each import
+    clipped: dict[tuple[str, str], int] = {}  # noqa: RUF012 - given anew for each import
 
 
 class Pinhole(NamedTuple):
@@ -98,6 +98,14 @@ def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
     return tuple(int(v, 16) if isinstance(v, str) and _HEX.fullmatch(v) else number(name, v) for v in items)
 
 
+def missing_numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return the finite ones of some numbers: no others are a surface anyway."""
+    items = value if isinstance(value, list | tuple) else [value]
+    return listed_numbers(
+        name, [item for item in items if str(item).lower().strip("+-.") not in ("nan", "inf")]
+    )
+
+
 @record
 class Files:
     """The pictures of a mode: a pattern of their names, and what their numbers are."""
@@ -105,7 +113,7 @@ class Files:
     file: str = checked(text, default="")
     kind: str = checked(one_of, words=("planar", "ray"), default="planar")
     unit: str = checked(text, default="")
-    missing: tuple[float, ...] = checked(listed_numbers, default=())
+    missing: tuple[float, ...] = checked(missing_numbers, default=())
     ids: str = checked(one_of, words=("grey", "rgb24", "colors"), default="")
     names: str = checked(text, default="")
 
@@ -204,7 +212,7 @@ def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture
     """Return a picture as the user says that it is; what is clipped is counted."""
     missing = form.missing + options.missing
     picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
-    options.clipped[str(file)] = picture.clipped
+    options.clipped[mode, str(file)] = picture.clipped
     return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
 
 
