@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,20 @@ from omniscv.cameras import Camera
 from omniscv.geometry import Pose
 
 if TYPE_CHECKING:
-    from mock_server import Hits, Scene
+    from mock_server import Scene
 
 
-def traced(scene: Scene, camera: Camera, pose: Pose) -> Hits:
-    """Return what the ray of each pixel meets: Hits of shape (H, W); pixels without a ray meet nothing."""
+class Tracer(Protocol):
+    """A scene of the mock server, or a source that traces (:meth:`omniscv.sources.Source.trace`)."""
+
+    def trace(self, origins: Any, directions: Any, /) -> Any: ...
+
+
+def traced(scene: Tracer, camera: Camera, pose: Pose) -> Any:
+    """Return what the ray of each pixel meets: distance, label and normal of shape (H, W).
+
+    Pixels without a ray meet nothing.
+    """
     rays = camera.unproject()
     return scene.trace(pose.to_world(rays.origins), rays.directions @ pose.rotation.T)
 

@@ -18,13 +18,14 @@ from typing import Any, NoReturn, Self, TypeVar, cast
 from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
 from omniscv.errors import ArgumentError, SourceError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import Transfer
 from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
+from omniscv.sources.requests import Traced as Traced
 from omniscv.sources.requests import View as View
 from omniscv.sources.world import Color as Color
 from omniscv.sources.world import ObjectTable as ObjectTable
@@ -59,6 +60,7 @@ class Capabilities:
             then checked for motion (:mod:`omniscv.sources.stillness`).
         varies: what of ``objects``, ``lights``, ``materials`` can be varied (:mod:`omniscv.job.vary`);
             ``commands``: what commands of the job set.
+        traces: whether it tells what single rays meet (:meth:`Source.trace`).
     """
 
     modes: frozenset[str] = field(default_factory=lambda: frozenset(modalities.names()))
@@ -75,6 +77,7 @@ class Capabilities:
     transfer: Transfer = "unknown"
     moves: bool = False
     varies: frozenset[str] = frozenset()
+    traces: bool = False
 
 
 class Source(ABC):
@@ -110,6 +113,18 @@ class Source(ABC):
     @abstractmethod
     def objects(self) -> ObjectTable:
         """Return the objects of the scene, and how masks show them."""
+
+    def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        """Return what rays meet, exactly: the judge of pictures, and data without a plan.
+
+        Args:
+            origins_w: (..., 3) metres, world frame; or (3,), of all rays.
+            directions_w: (..., 3) unit vectors.
+
+        Raises:
+            ArgumentError: this source does not trace (:attr:`Capabilities.traces`).
+        """
+        raise ArgumentError(f"source: expected one that traces rays, got {type(self).__name__}")
 
     def cover(self, view: View) -> tuple[View, ...]:
         """Return the views to request so that their captures together cover ``view``; the view itself first.
@@ -245,6 +260,7 @@ class SourceWrapper(Source):
     instant = _attribute("instant")
     world = _attribute("world")
     capture = _forwarded(Source.capture)
+    trace = _forwarded(Source.trace)
     objects = _forwarded(Source.objects)
     geometry = _forwarded(Source.geometry)
     cover = _forwarded(Source.cover)

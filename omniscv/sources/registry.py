@@ -39,6 +39,7 @@ _openers: dict[str, Opener | str] = {
     "mock": f"{_UNREAL}:open_mock",
     "scene": "omniscv.sources.scene:open_scene",
     "blender": "omniscv.sources.blender.source:open_blender",
+    "mujoco": "omniscv.sources.mujoco:open_mujoco",
     **dict.fromkeys(storage.SCHEMES, _RECORDING),
 }
 """By scheme; ``module:function`` is imported when the scheme is opened first."""

@@ -104,6 +104,12 @@ class View:
         """Return (H, W) ray lengths to pixel centres per metre of planar depth: ``|(x/z, y/z, 1)|``."""
         return pinhole.ray_lengths(self.projection, self.width, self.height)
 
+    def directions_w(self) -> Array:
+        """Return (H, W, 3) unit rays to pixel centres, world frame."""
+        pixels = np.stack(np.meshgrid(np.arange(self.width), np.arange(self.height)), axis=-1) + 0.5
+        rays_c = pinhole.rays(pixels, self.projection) / self.ray_lengths()[..., None]
+        return np.asarray(rays_c @ self.pose.R_w_c.T)
+
     def key(self) -> ViewKey:
         """Return the view's numbers, rounded."""
         return self._key
@@ -120,6 +126,20 @@ class View:
 
     def __hash__(self) -> int:
         return hash(self.key())
+
+
+class Traced(NamedTuple):
+    """What rays meet.
+
+    Attributes:
+        distance: (...) float64 metres along the unit rays, +inf where they meet nothing.
+        label: (...) uint16 of the objects (:class:`omniscv.sources.ObjectTable`), 0 for none.
+        normal: (..., 3) float64 unit vectors in the world frame, towards the ray; 0 for none.
+    """
+
+    distance: Array
+    label: NDArray[np.uint16]
+    normal: Array
 
 
 @dataclass(frozen=True)

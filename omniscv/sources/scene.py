@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
 from omniscv.parallel import row_blocks
@@ -23,6 +23,7 @@ from omniscv.sources.base import (
     Request,
     SceneIdentity,
     Source,
+    Traced,
     View,
     closed_error,
     known_objects,
@@ -43,6 +44,7 @@ _CAPABILITIES = Capabilities(
     dialect="scene",
     transfer="linear",
     varies=frozenset(("objects",)),
+    traces=True,
 )
 
 
@@ -127,6 +129,11 @@ class SceneSource(Source):
                 known = ", ".join(sorted(_CAPABILITIES.modes))
                 raise ArgumentError(f"mode: expected one of {known} of a scene, got {request.mode!r}")
             yield Capture(request, request.view, self._pixels(request), provenance)
+
+    def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        self._check_open()
+        hits = self.scene.trace(origins_w, directions_w, self._hidden)
+        return Traced(hits.distance, hits.label.astype(np.uint16), hits.normal)
 
     def geometry(self) -> SceneGeometry:
         """Return the boxes of all objects, each turned as its object, and the room."""

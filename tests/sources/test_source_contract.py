@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -74,6 +75,9 @@ SOURCES = {
     "replay of 0.3.10": replayed(OLD),
     "pool": lambda path: open_sources(["mock://four-wall", "mock://four-wall"]),
 }
+if find_spec("mujoco"):
+    ROOM = Path(__file__).parent / "mujoco" / "four-wall.xml"
+    SOURCES["mujoco"] = lambda path: omniscv.open_source(f"mujoco://{ROOM}")
 if blender.found():
     SOURCES["blender"] = lambda path: omniscv.open_source(blender.address("four-wall"))
 

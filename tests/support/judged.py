@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.chart.truth import traced
+from omniscv.chart.truth import Tracer, traced
 from omniscv.compose.image import OmniImage
-
-if TYPE_CHECKING:
-    from mock_server import Scene
 
 Mask = NDArray[np.bool_]
 
@@ -66,7 +63,7 @@ class Errors:
         focal_px: of the faces of a cube that it was captured with; None: nothing is too narrow for them.
     """
 
-    def __init__(self, image: OmniImage, scene: Scene, focal_px: float | None = None) -> None:
+    def __init__(self, image: OmniImage, scene: Tracer, focal_px: float | None = None) -> None:
         hits = traced(scene, image.camera, image.pose)
         depth, bound, labels = image.depth, image.depth_error, image.labels
         assert depth is not None
@@ -117,7 +114,7 @@ class Errors:
         )
 
 
-def _too_thin(scene: Scene, image: OmniImage, pixels: Mask, wrong_m: NDArray[Any], focal_px: float) -> Mask:
+def _too_thin(scene: Tracer, image: OmniImage, pixels: Mask, wrong_m: NDArray[Any], focal_px: float) -> Mask:
     """Return which of the pixels have two edges within a captured pixel of their rays: a wire, a slit.
 
     At an edge labels change, surfaces turn by 20 degrees, or distance jumps by half of what is wrong, beyond

@@ -1,0 +1,328 @@
+"""A MuJoCo model in one state at a time: its objects, what changes them, and exact rays.
+
+MuJoCo keeps what changes with time in ``MjData`` and everything else in ``MjModel``. An instant of a job sets
+both, and both are put back to the bit before the next one is set.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import one_of, shown
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.scene_geometry import ObjectBox
+from omniscv.sources.base import Traced
+from omniscv.sources.mujoco.settings import Settings, read_qpos
+
+LIGHT = {"diffuse": 3, "ambient": 3, "specular": 3, "pos": 3, "dir": 3, "active": 1}
+MATERIAL = {"rgba": 3, "emission": 1, "specular": 1, "shininess": 1, "reflectance": 1}
+"""What draws may set of lights and materials, and how many numbers each has: names of MuJoCo's arrays."""
+_CHANGED = (
+    *("geom_rgba", "geom_matid", "geom_pos", "geom_quat", "geom_sameframe"),
+    *("body_pos", "body_quat", "bvh_aabb"),
+    *(f"light_{key}" for key in LIGHT),
+    *(f"mat_{key}" for key in MATERIAL),
+)
+"""Arrays of the model that instants change."""
+_GROUPS = 6
+_MOST_OBJECTS = 0xFFFF
+_FAR_M = 1e10
+_CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+_ANYWHERE = np.array([0, 0, 0, 1e6, 1e6, 1e6])  # centre and half size of a box that holds every scene
+
+
+class Handle(NamedTuple):
+    """What an object is: ``kind`` is ``body`` or ``geom``, ``number`` its index in the model."""
+
+    kind: str
+    number: int
+
+
+class Model:
+    """A model and its state. :attr:`lock` is held while one instant is shown and read.
+
+    Args:
+        model: an ``MjModel``, which belongs to this object.
+        data: an ``MjData`` with the state in which the world starts; likewise.
+        settings: what an address says.
+
+    Raises:
+        ArgumentError: a keyframe or ``qpos`` that the model does not have, or too many objects for masks.
+    """
+
+    def __init__(self, model: Any, data: Any, settings: Settings) -> None:
+        import mujoco
+
+        self.mujoco, self.m, self.d, self.settings = mujoco, model, data, settings
+        self.lock = threading.RLock()
+        self._track: Array | None = None
+        self._start()
+        self.handles, object_of = _objects(mujoco, model, settings.by)
+        self.groups = np.array([str(group) in settings.groups for group in range(_GROUPS)], np.uint8)
+        names = list(self.handles)
+        drawn = (self.groups[model.geom_group] > 0) & (_alpha(model) > 0)
+        self.ids = {name: 1 + i for i, name in enumerate(sorted({names[i] for i in object_of[drawn]}))}
+        if len(self.ids) > _MOST_OBJECTS:
+            raise ArgumentError(
+                f"by: expected at most {_MOST_OBJECTS} objects, got {len(self.ids)}; use body"
+            )
+        labels = [self.ids.get(names[i], 0) for i in object_of]
+        self.label_of_geom = np.array([*labels, 0], np.uint16)  # the last one of no geom
+        self._object_of = object_of
+        self._unchanged = {name: getattr(model, name).copy() for name in _CHANGED}
+        self._shown: tuple[Any, ...] | None = None
+        self._walked = 0, self.begin
+
+    def _start(self) -> None:
+        """Bring the data to the keyframe and ``qpos`` of the settings."""
+        keyframe, qpos = self.settings.keyframe, read_qpos(self.settings.qpos, self.m.nq)
+        if keyframe is not None:
+            kind = self.mujoco.mjtObj.mjOBJ_KEY
+            name = str(keyframe)
+            key = int(name) if name.isdigit() else self.mujoco.mj_name2id(self.m, kind, name)
+            if not 0 <= key < self.m.nkey:
+                known = ", ".join(self.m.key(i).name or str(i) for i in range(self.m.nkey)) or "none"
+                raise ArgumentError(f"keyframe: expected one of the model's: {known}; got {shown(keyframe)}")
+            self.mujoco.mj_resetDataKeyframe(self.m, self.d, key)
+        if qpos is not None and qpos.ndim == 2:
+            self._track = qpos
+            self.d.qpos[:] = qpos[0, 1:]
+        elif qpos is not None:
+            self.d.qpos[:] = qpos
+        self.mujoco.mj_forward(self.m, self.d)
+        self.begin = self.state_of(self.d)
+
+    def state_of(self, data: Any) -> Array:
+        """Return the numbers of a state that physics continues from."""
+        kind = self.mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(self.mujoco.mj_stateSize(self.m, kind))
+        self.mujoco.mj_getState(self.m, data, state, kind)
+        return state
+
+    # -- the world at an instant --------------------------------------------------------------------------
+
+    def show(
+        self, begin: Array, hidden: Collection[str], instant: Instant, poses: Mapping[str, Pose]
+    ) -> None:
+        """Bring the world to an instant; nothing is done where it is shown already.
+
+        Args:
+            begin: the state at time 0, as :meth:`state_of` returns it.
+            hidden: names of objects that are left out.
+            instant: its time, and what was drawn of lights and materials.
+            poses: of objects that are moved.
+        """
+        key = begin.tobytes(), frozenset(hidden), instant.state, frozenset(poses)
+        if key == self._shown:
+            return
+        self._shown = None  # until all is done
+        for name, values in self._unchanged.items():
+            getattr(self.m, name)[...] = values
+        self._advance(begin, self.settings.time if instant.time is None else instant.time)
+        # MuJoCo looks for what many rays meet only in boxes around the geoms of each body that collide.
+        self.m.bvh_aabb[self.m.body_bvhadr[self.m.body_bvhadr >= 0]] = _ANYWHERE
+        for name in sorted(poses, key=self._depth):
+            self._place(self.handles[name], poses[name])
+            self._compute()
+        names = list(self.handles)
+        gone = np.array([names[i] in hidden for i in self._object_of], np.bool_)
+        self.m.geom_matid[gone], self.m.geom_rgba[gone, 3] = -1, 0  # rays and the renderer pass through
+        for name, values in instant.varied.get("lights", {}).items():
+            self._set("light", self.lights()[name], values, LIGHT)
+        for name, values in instant.varied.get("materials", {}).items():
+            self._set("mat", self.m.material(name).id, values, MATERIAL)
+        self._compute()
+        self._shown = key
+
+    def lights(self) -> dict[str, int]:
+        """Return the number of each light by its name."""
+        return {self.m.light(i).name or f"light {i}": i for i in range(self.m.nlight)}
+
+    def materials(self) -> list[str]:
+        """Return the names of the materials."""
+        return [self.m.material(i).name for i in range(self.m.nmat)]
+
+    def _set(self, kind: str, index: int, values: Mapping[str, Any], known: Mapping[str, int]) -> None:
+        for key, value in values.items():
+            one_of(kind, key, known)
+            array = getattr(self.m, f"{kind}_{key}")
+            if array.ndim > 1:
+                array[index, : known[key]] = value
+            else:
+                array[index] = np.ravel(value)[0]
+
+    def _compute(self) -> None:
+        """Compute where everything is, without a step in time."""
+        for step in ("mj_kinematics", "mj_comPos", "mj_camlight", "mj_flex", "mj_tendon"):
+            getattr(self.mujoco, step)(self.m, self.d)
+
+    def _advance(self, begin: Array, time: float | None) -> None:
+        """Bring the data to a time: by steps of physics, or along a trajectory of ``qpos``."""
+        seconds = 0.0 if time is None else time
+        kind = self.mujoco.mjtState.mjSTATE_INTEGRATION
+        if self._track is not None:
+            self.mujoco.mj_setState(self.m, self.d, begin, kind)
+            self.d.qpos[:] = self._on_track(self._track, seconds)
+        else:
+            step = round(seconds / self.m.opt.timestep)
+            if step < 0:
+                raise ArgumentError(f"time: expected seconds of at least 0, got {seconds:g}")
+            same = self._walked[0] <= step and self._walked_from is begin
+            done, state = self._walked if same else (0, begin)
+            self.mujoco.mj_setState(self.m, self.d, state, kind)
+            for _ in range(step - done):
+                self.mujoco.mj_step(self.m, self.d)
+            self._walked, self._walked_from = (step, self.state_of(self.d)), begin
+        self._compute()
+
+    _walked_from: Array | None = None
+
+    def _on_track(self, track: Array, time: float) -> Array:
+        """Return ``qpos`` at a time: turned and moved at constant rates from one row to the next."""
+        times = track[:, 0]
+        if not times[0] <= time <= times[-1]:
+            span = f"{times[0]:g} to {times[-1]:g} s"
+            raise ArgumentError(f"time: expected {span}, which the trajectory of qpos covers, got {time:g}")
+        i = int(np.clip(np.searchsorted(times, time, "right") - 1, 0, max(0, len(times) - 2)))
+        qpos = track[i, 1:].copy()
+        if len(times) > 1:
+            rates = np.empty(self.m.nv)
+            span = times[i + 1] - times[i]
+            self.mujoco.mj_differentiatePos(self.m, rates, span, track[i, 1:], track[i + 1, 1:])
+            self.mujoco.mj_integratePos(self.m, qpos, rates, time - times[i])
+        return qpos
+
+    def _depth(self, name: str) -> int:
+        """Return how deep an object lies in the tree of bodies: those that carry others are placed first."""
+        kind, index = self.handles[name]
+        body, depth = index if kind == "body" else self.m.geom_bodyid[index], 0
+        while body:
+            body, depth = self.m.body_parentid[body], depth + 1
+        return 2 * depth + (kind == "geom")
+
+    def _place(self, handle: Handle, pose: Pose) -> None:
+        """Move a body, with all that hangs on it, or a geom."""
+        m, d, i = self.m, self.d, handle.number
+        free = self.mujoco.mjtJoint.mjJNT_FREE
+        if handle.kind == "geom":
+            body = m.geom_bodyid[i]
+            local = np.linalg.inv(_matrix(d.xpos[body], d.xmat[body])) @ _matrix(pose.position, pose.rotation)
+            m.geom_pos[i], m.geom_quat[i], m.geom_sameframe[i] = local[:3, 3], self._quaternion(local), 0
+            return
+        joints = range(m.body_jntadr[i], m.body_jntadr[i] + m.body_jntnum[i])
+        target = _matrix(pose.position, pose.rotation)
+        if joint := [joint for joint in joints if m.jnt_type[joint] == free]:
+            at = m.jnt_qposadr[joint[0]]
+            d.qpos[at : at + 3], d.qpos[at + 3 : at + 7] = pose.position, self._quaternion(target)
+        elif (mocap := m.body_mocapid[i]) >= 0:
+            d.mocap_pos[mocap], d.mocap_quat[mocap] = pose.position, self._quaternion(target)
+        else:  # its frame in its parent, such that the joints as they are give the pose
+            parent = m.body_parentid[i]
+            T_w_p, T_w_i = _matrix(d.xpos[parent], d.xmat[parent]), _matrix(d.xpos[i], d.xmat[i])
+            R = np.empty(9)
+            self.mujoco.mju_quat2Mat(R, m.body_quat[i])
+            frame = np.linalg.inv(T_w_p) @ target @ np.linalg.inv(T_w_i) @ T_w_p @ _matrix(m.body_pos[i], R)
+            m.body_pos[i], m.body_quat[i] = frame[:3, 3], self._quaternion(frame)
+
+    def _quaternion(self, matrix: Array) -> Array:
+        q = np.empty(4)
+        self.mujoco.mju_mat2Quat(q, np.ascontiguousarray(matrix[:3, :3]).ravel())
+        return q
+
+    # -- what is known of it ------------------------------------------------------------------------------
+
+    def pose(self, name: str) -> Pose:
+        """Return where an object is: its frame's position, and ``R_w_o``."""
+        kind, i = self.handles[name]
+        at, R = (self.d.xpos, self.d.xmat) if kind == "body" else (self.d.geom_xpos, self.d.geom_xmat)
+        u, _, v = np.linalg.svd(R[i].reshape(3, 3))
+        return Pose(at[i].copy(), u @ v)
+
+    def movable(self) -> list[str]:
+        """Return the names of the objects that physics moves."""
+        bodies = {
+            name: index if kind == "body" else self.m.geom_bodyid[index]
+            for name, (kind, index) in self.handles.items()
+        }
+        return [name for name, body in bodies.items() if self.m.body_weldid[body] and name in self.ids]
+
+    def box(self, name: str) -> ObjectBox | None:
+        """Return the box around an object's geoms, in its own axes; None around a plane, which has no end."""
+        names, frame = list(self.handles), self.pose(name)
+        of_object = self._object_of == names.index(name)
+        geoms = np.flatnonzero(of_object & (self.m.geom_type > int(self.mujoco.mjtGeom.mjGEOM_PLANE)))
+        if not len(geoms) or of_object.sum() > len(geoms):
+            return None
+        middles, halves = self.m.geom_aabb[geoms, None, :3], self.m.geom_aabb[geoms, None, 3:]
+        R_w_g = self.d.geom_xmat[geoms].reshape(-1, 1, 3, 3)
+        corners = ((middles + _CORNERS * halves)[..., None, :] @ np.swapaxes(R_w_g, -1, -2))[..., 0, :]
+        along = (corners + self.d.geom_xpos[geoms, None] - frame.position).reshape(-1, 3) @ frame.rotation
+        low, high = along.min(axis=0), along.max(axis=0)
+        center = frame.position + frame.rotation @ ((low + high) / 2)
+        return ObjectBox.of(center, frame.rotation.T, high - low, "vertices")
+
+    def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        """Return what rays meet: see :meth:`omniscv.sources.Source.trace`."""
+        shape = directions_w.shape[:-1]
+        rays = np.ascontiguousarray(directions_w.reshape(-1, 3), np.float64)
+        geom, distance = np.full(len(rays), -1, np.int32), np.full(len(rays), -1.0)
+        normal = np.zeros((len(rays), 3))
+        used = np.flatnonzero(np.isfinite(rays).all(axis=1))  # a ray with NaN meets nothing
+        points, of = np.reshape(origins_w, (-1, 3)), np.zeros(len(used), np.int64)
+        if np.ndim(origins_w) > 1:
+            points, of = np.unique(points[used], axis=0, return_inverse=True)
+        order = np.argsort(of.ravel(), kind="stable")
+        ends = np.cumsum(np.bincount(of.ravel(), minlength=len(points)))[:-1]
+        for point, rows in zip(points, np.split(used[order], ends), strict=False):
+            meet, at, n = np.full(len(rows), -1, np.int32), np.full(len(rows), -1.0), np.zeros(3 * len(rows))
+            aimed, count = rays[rows].ravel(), len(rows)
+            groups = self.groups
+            self.mujoco.mj_multiRay(self.m, self.d, point, aimed, groups, 1, -1, meet, at, n, count, _FAR_M)
+            geom[rows], distance[rows], normal[rows] = meet, at, n.reshape(-1, 3)
+        distance[(geom < 0) | (distance < 0)] = np.inf
+        label = self.label_of_geom[geom]
+        normal[np.einsum("ij,ij->i", normal, rays) > 0] *= -1  # towards the ray, also from inside
+        return Traced(distance.reshape(shape), label.reshape(shape), normal.reshape(*shape, 3))
+
+
+def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[np.int64]]:
+    """Return objects by name, and (ngeom,) the object of each geom.
+
+    Of bodies, what hangs on the world itself is an object a geom.
+    """
+    handles: dict[str, Handle] = {}
+    index_of: dict[Handle, int] = {}
+    object_of = []
+    for geom in range(m.ngeom):
+        body = int(m.geom_bodyid[geom])
+        handle = Handle("geom", geom) if by == "geom" or body == 0 else Handle("body", body)
+        if handle not in index_of:
+            form = mujoco.mjtGeom(m.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+            unnamed = f"{m.body(body).name or f'body {body}'}/{form}{geom - m.body_geomadr[body]}"
+            own = (
+                m.geom(geom).name or unnamed if handle.kind == "geom" else m.body(body).name or f"body {body}"
+            )
+            name = own if own not in handles else f"{own} ({handle.kind} {handle.number})"
+            index_of[handle] = len(handles)
+            handles[name] = handle
+        object_of.append(index_of[handle])
+    return handles, np.array(object_of, np.int64)
+
+
+def _alpha(m: Any) -> Array:
+    """(ngeom,) opacity: what is invisible, rays and the renderer pass through."""
+    own = m.geom_rgba[:, 3]
+    return np.asarray(np.where(m.geom_matid >= 0, m.mat_rgba[m.geom_matid, 3], own) if m.nmat else own)
+
+
+def _matrix(position: Any, rotation: Any) -> Array:
+    T = np.eye(4)
+    T[:3, 3], T[:3, :3] = position, np.reshape(rotation, (3, 3))
+    return T

@@ -1,0 +1,219 @@
+"""MuJoCo's renderer, in a thread of its own: OpenGL contexts belong to the thread that made them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.errors import SourceError
+from omniscv.geometry import Array
+from omniscv.sources.base import View
+
+if TYPE_CHECKING:
+    from omniscv.sources.mujoco.model import Model
+
+NEAR_M, FAR_M = 0.001, 10_000.0
+"""Of what is rendered: the renderer's depth is a float of 32 bits that is 0 at the far end, so that a near
+plane this near costs no digits."""
+DEPTH_ERROR = 1.2e-6
+"""Of the renderer's depth, relative: its buffer and its matrices are float32."""
+POSITION_ERROR = 2.0**-23
+"""Of vertices and cameras, relative to the coordinates: likewise."""
+_STEEPEST = 1e-3
+"""Cosine of the angle between a ray and the normal below which it is not told from 0."""
+_FIRST_PX = 256
+_LIT, _DATA = "lit", "data"
+_no_opengl: list[str] = []
+"""Why no context could be made in this process: MuJoCo hangs where it is tried once more."""
+
+
+class Renderer:
+    """Renders a model's pictures: colours with the model's samples a pixel, ids and depth with one.
+
+    Args:
+        model: whose state is shown.
+
+    Raises:
+        SourceError: no OpenGL context can be made here.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model, self._mujoco = model, model.mujoco
+        self._thread = ThreadPoolExecutor(1, "mujoco-gl")
+        try:
+            self._thread.submit(self._open).result()
+        except BaseException:
+            self._thread.shutdown()
+            raise
+
+    def colors(self, view: View) -> NDArray[np.uint8]:
+        """Return (H, W, 3) RGB."""
+        rgb, _ = self._thread.submit(self._render, view, _LIT).result()
+        return np.ascontiguousarray(rgb[::-1])
+
+    def geoms_and_depth(self, view: View) -> tuple[NDArray[np.int32], Array]:
+        """Return (H, W) the geom that each pixel shows, -1 for none; and its planar depth, metres, +inf."""
+        rgb, z = self._thread.submit(self._render, view, _DATA).result()
+        geom_of = np.full(self._scene.ngeom + 1, -1, np.int32)
+        for item in self._scene.geoms[: self._scene.ngeom]:
+            if item.segid >= 0 and item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM:
+                geom_of[item.segid + 1] = item.objid
+        codes = rgb[::-1] @ np.array([1, 1 << 8, 1 << 16])
+        near, far = np.float32(NEAR_M), np.float32(FAR_M)
+        # The renderer's own matrix, in its float32: with exact numbers depth is off by 0.4 mm.
+        shift = np.float32(-0.5) * (-(far + near) / (far - near)) - np.float32(0.5)
+        scale = np.float32(-0.5) * (-(np.float32(2) * far * near) / (far - near))
+        z = z[::-1].astype(np.float64)
+        with np.errstate(divide="ignore"):
+            return geom_of[codes], np.where(z > 0, scale / (z + shift), np.inf)
+
+    def close(self) -> None:
+        """Free the contexts, in their thread."""
+        self._thread.submit(self._free).result()
+        self._thread.shutdown()
+
+    def _open(self) -> None:
+        if not _no_opengl:
+            try:
+                self._make_contexts()
+                return
+            except Exception as cause:  # of the libraries behind it, each with errors of its own
+                _no_opengl.append(" ".join(str(cause).split()) or type(cause).__name__)
+        advice = "set MUJOCO_GL=egl, or osmesa where libosmesa6 is installed; data by rays need none"
+        raise SourceError(f"mujoco: expected OpenGL to render with, got: {_no_opengl[0][:100]}; {advice}")
+
+    def _make_contexts(self) -> None:
+        mujoco, m = self._mujoco, self._model.m
+        self._context = mujoco.GLContext(_FIRST_PX, _FIRST_PX)
+        self._context.make_current()
+        m.vis.quality.numslices = self._model.settings.numslices
+        m.vis.quality.numstacks = self._model.settings.numslices // 2
+        m.vis.global_.offwidth = m.vis.global_.offheight = _FIRST_PX
+        samples, self._contexts = m.vis.quality.offsamples, {}
+        for kind in (_LIT, _DATA):
+            m.vis.quality.offsamples = samples if kind == _LIT else 0
+            self._contexts[kind] = mujoco.MjrContext(m, mujoco.mjtFontScale.mjFONTSCALE_50.value)
+            self._contexts[kind].readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
+        m.vis.quality.offsamples = samples
+        self._scene = mujoco.MjvScene(m, maxgeom=2 * m.ngeom + 1000)
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[:] = self._model.groups
+        self._option.sitegroup[:] = 0
+
+    def _free(self) -> None:
+        for context in self._contexts.values():
+            context.free()
+        self._context.free()
+
+    def _render(self, view: View, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return (H, W, 3) bytes and (H, W) of the depth buffer, as OpenGL has them: the lowest row first."""
+        mujoco, context, size = self._mujoco, self._contexts[kind], (view.width, view.height)
+        if context.offWidth < size[0] or context.offHeight < size[1]:
+            larger = max(size[0], context.offWidth), max(size[1], context.offHeight)
+            mujoco.mjr_resizeOffscreen(*larger, context)
+        # Before every picture: after a change of size, ids are garbage without it.
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        m, d = self._model.m, self._model.d
+        mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
+        self._aim(view)
+        for light in self._scene.lights[: self._scene.nlight]:
+            if light.headlight:
+                self._set_headlight(light, view)
+        self._set_effects(kind == _LIT)
+        rectangle = mujoco.MjrRect(0, 0, *size)
+        rgb, z = np.empty((*size[::-1], 3), np.uint8), np.empty(size[::-1], np.float32)
+        mujoco.mjr_render(rectangle, self._scene, context)
+        mujoco.mjr_readPixels(rgb, z, rectangle, context)
+        return rgb, z
+
+    def _aim(self, view: View) -> None:
+        R_w_c, p = view.pose.R_w_c, view.projection
+        for camera in (self._scene.camera[0], self._scene.camera[1]):  # the renderer takes their mean
+            camera.pos, camera.forward, camera.up = view.pose.position, R_w_c[:, 2], -R_w_c[:, 1]
+            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+            camera.frustum_center = NEAR_M * (view.width / 2 - p.cx) / p.fx
+            camera.frustum_width = NEAR_M * view.width / 2 / p.fx
+            camera.frustum_top, camera.frustum_bottom = (
+                NEAR_M * p.cy / p.fy,
+                -NEAR_M * (view.height - p.cy) / p.fy,
+            )
+
+    def _set_effects(self, is_lit: bool) -> None:
+        flags, names = self._scene.flags, self._mujoco.mjtRndFlag
+        for name in (names.mjRND_SHADOW, names.mjRND_REFLECTION, names.mjRND_SKYBOX, names.mjRND_HAZE):
+            flags[name] = is_lit
+        flags[names.mjRND_FOG] = is_lit and self._model.settings.fog
+        flags[names.mjRND_SEGMENT] = flags[names.mjRND_IDCOLOR] = not is_lit
+        flags[names.mjRND_CULL_FACE] = False  # rays meet both sides of a mesh
+
+    def _set_headlight(self, light: Any, view: View) -> None:
+        """Make the lamp on the camera one on which all views of one optical centre agree."""
+        mode = self._model.settings.headlight
+        light.pos, light.dir = view.pose.position, view.pose.R_w_c[:, 2]
+        if mode == "camera":
+            return
+        light.headlight = 0
+        if mode == "center":  # a spot as wide as can be: the renderer draws no light of type point
+            light.type, light.cutoff = self._mujoco.mjtLightType.mjLIGHT_SPOT, 180
+            light.exponent, light.attenuation = 0, (1, 0, 0)
+            return
+        light.ambient = light.ambient + 0.5 * light.diffuse if mode == "ambient" else 0 * light.ambient
+        light.diffuse, light.specular = 0 * light.diffuse, 0 * light.specular
+
+
+def raster_error(model: Model, geom: NDArray[np.int32], depth: Array, view: View) -> Array:
+    """Return (H, W) how far the renderer's depth may be from the exact surface along the ray, metres.
+
+    It is that of float32, and on what is round that of its facets: with N around and M from pole to pole they
+    lie up to ``sag = r (1 - cos(pi / N) cos(pi / 2M))`` inside. A ray that meets the surface at an angle goes
+    ``1.5 sag / cos`` farther, where it touches it at most the chord behind that depth.
+
+    Args:
+        model: in the state that is shown.
+        geom: (H, W) of :meth:`Renderer.geoms_and_depth`.
+        depth: (H, W) planar, metres, +inf.
+        view: that was rendered.
+    """
+    lengths = view.ray_lengths()
+    seen = np.isfinite(depth)
+    distance = np.where(seen, depth, 0.0) * lengths
+    cos = np.maximum(_cosines(depth, lengths, view), _STEEPEST)
+    size = np.abs(view.pose.position).max() + distance
+    error = DEPTH_ERROR * distance + POSITION_ERROR * size / cos
+    slices = model.settings.numslices
+    kinds, radius_of = model.mujoco.mjtGeom, np.zeros(model.m.ngeom + 1)
+    round_ = {
+        int(kinds.mjGEOM_ELLIPSOID): 3,
+        **dict.fromkeys(map(int, (kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER)), 1),
+    }
+    for index in np.unique(geom[geom >= 0]):
+        radii = round_.get(int(model.m.geom_type[index]), 0)
+        radius_of[index] = model.m.geom_size[index, :radii].max(initial=0)
+    sag_of = radius_of * (1 - np.cos(np.pi / slices) * np.cos(np.pi / (2 * (slices // 2))))
+    sag, radius = sag_of[geom], radius_of[geom]
+    error += np.minimum(1.5 * sag / cos, np.sqrt(2 * radius * sag) + sag)
+    return np.where(seen, error, 0.0)
+
+
+def _cosines(depth: Array, lengths: Array, view: View) -> Array:
+    """(H, W) cosines between rays and normals, by the steepest neighbour: on a plane 1 / z is linear."""
+    with np.errstate(divide="ignore"):
+        w = np.where(np.isfinite(depth), 1 / depth, 0.0)
+    p = view.projection
+    slopes = []
+    for axis, focal in ((1, p.fx), (0, p.fy)):
+        step = np.diff(w, axis=axis) * focal
+        first, last = (
+            np.insert(step, 0, 0, axis=axis),
+            np.append(step, np.zeros_like(np.take(step, [0], axis)), axis),
+        )
+        slopes.append(np.where(np.abs(first) > np.abs(last), first, last))
+    x = (np.arange(view.width) + 0.5 - p.cx) / p.fx
+    y = (np.arange(view.height)[:, None] + 0.5 - p.cy) / p.fy
+    n = np.stack([slopes[0], slopes[1], w - x * slopes[0] - y * slopes[1]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(w / (np.linalg.norm(n, axis=0) * lengths)))

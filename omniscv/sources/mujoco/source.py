@@ -1,0 +1,316 @@
+"""Captures of a MuJoCo model; several instants of it share one renderer, and take turns."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import io
+import os
+import sys
+import threading
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import shown
+from omniscv.errors import ArgumentError, SourceError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.instant import Instant
+from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.records import read
+from omniscv.sources import codecs
+from omniscv.sources.base import (
+    Capabilities,
+    Capture,
+    ObjectTable,
+    ProcessBound,
+    Request,
+    SceneIdentity,
+    Source,
+    SourceView,
+    Traced,
+    View,
+    closed_error,
+    copy_with,
+    known_objects,
+)
+from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
+from omniscv.sources.mujoco.renderer import Renderer, raster_error
+from omniscv.sources.mujoco.settings import Settings
+from omniscv.sources.registry import split_address
+
+if TYPE_CHECKING:
+    from mujoco import MjData, MjModel
+
+CAPABILITIES = Capabilities(
+    frozenset(("lit", "object_mask", "depth", "normals")),
+    dialect="mujoco",
+    near_m=0.001,
+    varies=frozenset(("objects", "lights", "materials")),
+    traces=True,
+)
+_RASTER = replace(CAPABILITIES, modes=CAPABILITIES.modes - {"normals"}, traces=False)
+
+
+class MujocoSource(Source):
+    """Captures of one model. Threads take turns, one picture at a time.
+
+    Args:
+        model: with the state that is shown at first; it belongs to this source.
+        settings: what is shown of it, and how.
+        identity: of the scene.
+
+    Raises:
+        ArgumentError: settings that the model does not have, or that it cannot be shown with.
+    """
+
+    def __init__(self, model: Model, identity: SceneIdentity) -> None:
+        if model.settings.data == "rays" and (model.m.nskin or model.m.nflex):
+            what = "skins" if model.m.nskin else "flexes"
+            raise ArgumentError(
+                f"{identity.name}: expected a model whose rays meet all of it, got {what}; write data=raster"
+            )
+        self._shared = _Shared(model)
+        self._hidden, self._moved, self._begin = frozenset[str](), dict[str, Pose](), model.begin
+        self._instant = Instant()
+        self._objects, self._identity = ObjectTable({}, ids=model.ids), identity
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Without normals and rays where data come from the renderer, without colours where it is off."""
+        can = CAPABILITIES if self._settings.data == "rays" else _RASTER
+        return can if _renders(self._shared.model) else replace(can, modes=can.modes - {"lit"})
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._identity
+
+    def objects(self) -> ObjectTable:
+        self._check_open()
+        return self._objects
+
+    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
+        """As :meth:`Source.capture`; ids, depth and normals of a view are made once."""
+        last: View | None = None
+        data: dict[str, Any] = {}
+        for request in requests:
+            request.check_state(self.state, self._identity.name)
+            if request.mode not in (modes := self.capabilities.modes):
+                raise ArgumentError(f"mode: expected one of {', '.join(sorted(modes))}, got {request.mode!r}")
+            if request.mode == "lit":
+                with self._shown() as model:
+                    data["lit"] = _fixed(self._shared.renderer.colors(request.view))
+            elif request.view != last or request.mode not in data:
+                with self._shown() as model:
+                    make = self._by_rays if model.settings.data == "rays" else self._by_renderer
+                    last, data = request.view, make(model, request.view)
+            payload = data.get("bounded") if request.mode == "depth" else None
+            encoding = None if payload is None else codecs.BOUNDED
+            pixels = data[request.mode]
+            yield Capture(request, request.view, pixels, self._provenance(), payload, encoding)
+
+    def _by_rays(self, model: Model, view: View) -> dict[str, Any]:
+        directions_w = view.directions_w()
+        hits = model.trace(view.pose.position, directions_w)
+        return {
+            "object_mask": _fixed(hits.label),
+            "depth": _fixed((hits.distance / view.ray_lengths()).astype(np.float32)),
+            "normals": _fixed(hits.normal.astype(np.float32)),
+        }
+
+    def _by_renderer(self, model: Model, view: View) -> dict[str, Any]:
+        geom, depth = self._shared.renderer.geoms_and_depth(view)
+        error = raster_error(model, geom, depth, view)
+        file = io.BytesIO()
+        np.save(file, np.stack([depth, error], axis=-1).astype(np.float32))
+        mask, metres = model.label_of_geom[geom], depth.astype(np.float32)
+        return {"object_mask": _fixed(mask), "depth": _fixed(metres), "bounded": file.getvalue()}
+
+    def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        if self._settings.data == "raster":
+            return super().trace(origins_w, directions_w)
+        with self._shown() as model:
+            return model.trace(origins_w, directions_w)
+
+    def geometry(self) -> SceneGeometry:
+        """The boxes of all objects but planes, in their own axes."""
+        with self._shown() as model:
+            boxes = {name: model.box(name) for name in model.ids}
+        return SceneGeometry({name: box for name, box in boxes.items() if box is not None})
+
+    def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
+        with self._shown() as model:
+            names = {*model.movable(), *self._moved} if objects is None else objects
+            return {name: model.pose(name) for name in sorted(names) if name in model.handles}
+
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
+        model = self._shared.model
+        if kind == "objects":
+            return super().variable(kind)
+        return (
+            dict.fromkeys(model.lights(), LIGHT)
+            if kind == "lights"
+            else dict.fromkeys(model.materials(), MATERIAL)
+        )
+
+    def without(self, objects: Iterable[str]) -> Source:
+        """As :meth:`Source.without`; both may be used at the same time."""
+        hidden = self._hidden.union(objects)
+        known_objects(hidden, self._objects.ids, self._identity.name)
+        return SourceView(copy_with(self, _hidden=hidden))
+
+    @property
+    def instant(self) -> Instant:
+        return self._instant
+
+    def at(self, instant: Instant) -> Source:
+        """As :meth:`Source.at`; both may be used at the same time. A time is counted from the start."""
+        named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
+        known_objects(named, self._objects.ids, self._identity.name)
+        drawn, undrawn = instant.placed(self.poses)
+        hidden = self._hidden.union(instant.hidden, undrawn)
+        return SourceView(
+            copy_with(self, _hidden=hidden, _instant=instant, _moved={**instant.poses, **drawn})
+        )
+
+    def with_state(self, data: MjData) -> Source:
+        """Return a source of the same model in the state of another ``MjData``, which is copied.
+
+        Both may be used at the same time, as long as this source is open; the renderer is shared.
+        """
+        begin = self._shared.model.state_of(data)
+        name = f"state {hashlib.sha256(begin.tobytes()).hexdigest()[:16]}"
+        return SourceView(copy_with(self, _begin=begin, _instant=Instant(name=name), _moved={}))
+
+    def close(self) -> None:
+        self._shared.close()
+
+    @property
+    def _settings(self) -> Settings:
+        return self._shared.model.settings
+
+    @contextmanager
+    def _shown(self) -> Iterator[Model]:
+        """Yield the model in this source's state; nobody else uses it meanwhile."""
+        model = self._shared.model
+        with model.lock:
+            self._check_open()
+            model.show(self._begin, self._hidden, self._instant, self._moved)
+            yield model
+
+    def _check_open(self) -> None:
+        if self._shared.closed.is_set():
+            raise closed_error(self._identity.name)
+
+    def _provenance(self) -> dict[str, Any]:
+        server = f"MuJoCo {self._shared.model.mujoco.__version__}"
+        return {
+            "server": server,
+            "scene": self._identity.name,
+            "dialect": "mujoco",
+            "data": self._settings.data,
+        }
+
+
+class _Shared:
+    """What all instants of a model share; its renderer is made when the first picture is rendered."""
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.closed = model, threading.Event()
+
+    @cached_property
+    def renderer(self) -> Renderer:
+        return Renderer(self.model)
+
+    def close(self) -> None:
+        with self.model.lock:
+            if not self.closed.is_set() and "renderer" in vars(self):
+                self.renderer.close()
+            self.closed.set()
+
+
+def from_model(
+    model: MjModel, data: MjData | None = None, /, name: str = "model", **options: Any
+) -> MujocoSource:
+    """Return a source of a model of MuJoCo in the state that its data have; both are copied.
+
+    Args:
+        model: an ``MjModel``.
+        data: an ``MjData`` of it; its initial state if not given.
+        name: of the scene, for recordings.
+        options: the fields of :class:`omniscv.sources.mujoco.settings.Settings`.
+
+    Raises:
+        ArgumentError: an option that is unknown or out of its range.
+    """
+    mujoco = _mujoco(name)
+    settings = read(Settings, options, "options")
+    model = copy.copy(model)
+    data = mujoco.MjData(model) if data is None else copy.copy(data)
+    size = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, size)
+    shown_as = repr(sorted(asdict(settings).items())).encode()
+    digest = hashlib.sha256(size.tobytes() + shown_as).hexdigest()[:16]
+    return MujocoSource(Model(model, data, settings), SceneIdentity(name, content=digest))
+
+
+def open_mujoco(address: str, **options: Any) -> Source:
+    """Open ``mujoco://MODEL.xml?data=raster&by=geom``, a model of MuJoCo: MJCF, URDF or its binary form.
+
+    Args:
+        address: the file, with options behind a question mark.
+        options: the same: the fields of :class:`omniscv.sources.mujoco.settings.Settings`.
+
+    Raises:
+        ArgumentError: an option that is unknown or out of its range, or a file that is no model.
+        SourceError: MuJoCo is not installed.
+    """
+    path, written = split_address(address, {"time": float, "numslices": int, **dict.fromkeys(_TEXTS, str)})
+    mujoco = _mujoco(address)
+    try:
+        binary = path.endswith(".mjb")
+        model = (mujoco.MjModel.from_binary_path if binary else mujoco.MjModel.from_xml_path)(path)
+    except (ValueError, OSError) as wrong:
+        why = " ".join(str(wrong).split())
+        raise ArgumentError(
+            f"source: expected a model of MuJoCo in {shown(path)}, got: {why[:300]}"
+        ) from wrong
+    return ProcessBound(from_model(model, None, Path(path).stem, **{**options, **written}), address)
+
+
+_TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
+open_mujoco.capabilities = lambda address: CAPABILITIES if "data=raster" not in address else _RASTER  # type: ignore[attr-defined]  # for the registry
+
+
+def _mujoco(what: str) -> Any:
+    """Return the package; without a screen, it renders by EGL unless the environment says otherwise."""
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
+    try:
+        import mujoco
+    except ImportError as cause:
+        raise SourceError(f"{what}: expected MuJoCo; install omniscv[mujoco]") from cause
+    except (
+        AttributeError
+    ) as cause:  # of its wrapper of OpenGL, where the library that it is told to use is missing
+        how = os.environ.get("MUJOCO_GL", "")
+        wanted = f"expected the library of MUJOCO_GL={how}"
+        raise SourceError(
+            f"{what}: {wanted}, which is not there; set it to egl, or to disabled for data alone"
+        ) from cause
+    return mujoco
+
+
+def _renders(model: Model) -> bool:
+    return hasattr(model.mujoco, "GLContext")
+
+
+def _fixed(pixels: NDArray[Any]) -> NDArray[Any]:
+    pixels.flags.writeable = False
+    return pixels
