@@ -75,7 +75,9 @@ def import_(
     depth: Annotated[str | None, Option(help="planar-mm, ray-m, ray-1/512 and so on; or carla.")] = None,
     missing: Annotated[list[float] | None, Option(help="A number of no depth; repeatable.")] = None,
     names: Annotated[Path | None, Option(help="JSON of the objects in masks.")] = None,
-    poses: Annotated[Path | None, Option(help="CSV of panoramas' poses, names first.")] = None,
+    poses: Annotated[Path | None, Option(help="CSV or JSON of panoramas' poses, by name.")] = None,
+    frame: Annotated[str | None, Option(help="Axes of --poses: camera, body, unreal, opengl, ned.")] = None,
+    unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None,
     mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False,
     clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False,
 ) -> None:
@@ -90,7 +92,7 @@ def import_(
         "missing": missing or (),
         "names": names,
     }
-    said |= {"poses": poses, "mirrored": mirrored, "clip": clip}
+    said |= {"poses": poses, "frame": frame, "unit": unit, "mirrored": mirrored, "clip": clip}
     if (pictures / folders.INDEX).exists():
         if given := [name for name, value in said.items() if value not in (None, False, ())]:
             raise ArgumentError(f"{given[0]}: expected none, because {folders.INDEX} says it")

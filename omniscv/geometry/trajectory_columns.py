@@ -1,116 +1,302 @@
-"""How the rows of a trajectory's file are written: separator, comments, and what the columns are."""
+"""Rows of named columns, from which all poses of files are made: names, units, checks, axes.
+
+A row is a line of a trajectory (:mod:`omniscv.geometry.trajectory_files`) or an entry of JSON
+(:meth:`Rows.of_entries`). A rotation is a quaternion, angles or a matrix, from the camera to the file's
+world; ``frame`` says what axes both have.
+"""
+
+from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-from omniscv.arguments import shown
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError
+from omniscv.geometry.pose import FARTHEST, R_LEVEL, Array, Pose
+from omniscv.geometry.unreal_frame import rotation_from_unreal
+
+Frame = Literal["camera", "body", "object", "opengl", "ned", "unreal"] | Pose
 
 UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-_MANY = 5  # names of columns that a comment does not have by chance
-_TUM, _EUROC = (
-    ["time", "x", "y", "z", "qx", "qy", "qz", "qw"],
-    ["time", "x", "y", "z", "qw", "qx", "qy", "qz"],
-)
-MATRIX = [f"m{i}" for i in range(12)]
+PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+MATRIX = [f"m{i}" for i in range(16)]
 ANGLES, QUATERNION = ("yaw", "pitch", "roll"), ("qx", "qy", "qz", "qw")
+_LAST_ROW, _MOVED, _TURNED = MATRIX[12:], MATRIX[3:12:4], [m for m in MATRIX[:12] if m not in MATRIX[3:12:4]]
 _UNITS_OF: dict[str, tuple[str, ...]] = {
-    "time": (*UNITS, "sec"), **dict.fromkeys("xyz", ("m",)), **dict.fromkeys(ANGLES, ("deg", "rad")),
+    "time": (*UNITS, "sec"), **dict.fromkeys("xyz", tuple(PER_M)), **dict.fromkeys(ANGLES, ("deg", "rad")),
 }  # fmt: skip
 _POSE = r"(?:field\.)?(?:pose\.){0,2}(?:pano_)?"
 _SPELLINGS = (
-    (rf"{_POSE}(?:position[._]|pos_|p_rs_r_|[tp]_?)?([xyz])", r"\1"),
-    (rf"{_POSE}(?:orientation[._]|ori_|q_rs_|q_?)([wxyz])", r"q\1"),
-    (r"(yaw|pitch|roll)", r"\1"),
+    (rf"{_POSE}(?:(?:position|location|loc|pos|translation)[._ ]?|p_rs_r_|[tp]_?)?([xyz])", r"\1"),
+    (rf"{_POSE}(?:(?:orientation|ori|quat|rotation)[._ ]|q_rs_|q_?)([wxyz])", r"q\1"),
+    (r"(?:(?:rotation|rot|rotator)[._ ]?)?(yaw|pitch|roll)", r"\1"),
     (r"time|timestamp|t|stamp|secs?|seconds", "time"),
     (r"nsecs?|nanosecs?|nanoseconds", "nsec"),
-    (r"v_rs_r_[xyz]|b_[wa]_rs_s_[xyz]|id|seq|filename|field\.header\.\w+", ""),
+    (r"(?:file|image|frame|pano)?_?names?|file|image|filenames?", "name"),
+    (r"v_rs_r_[xyz]|b_[wa]_rs_s_[xyz]|id|seq|field\.header\.\w+|[fc][xy]", ""),
     (r"frame(?:_?(?:idx|id|index|number))?|state|is_\w+|(?:vel(?:ocity)?[._]?|v_?)[xyz]", ""),
-)
+)  # fmt: skip
 """Names of columns in lower case, and what each is; empty: nothing of a pose."""
-_MARKED = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(ns|us|ms|s|rad|deg))?")
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
-_WORD = re.compile(r"[^\W\d][\w.]*(?:\s*[\[(][^\])]*[\])])?")
+_MARKED = re.compile(r"(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|_(ns|us|ms|s|rad|deg|cm|mm|m))?")
+_KEYS = {
+    "position": ["x", "y", "z"], "translation": ["x", "y", "z"], "location": ["x", "y", "z"],
+    "rotation": _TURNED, "matrix": MATRIX, "transform_matrix": MATRIX,
+}  # fmt: skip
+"""Keys of JSON that hold several columns, row by row."""
+
+_MOST_ANGLE = 1e5  # degrees or radians; more digits than a turn has are lost
+_ROUNDING = 1e-3
+"""How far a quaternion's length, and the entries of R R^T, may be off: files have few digits."""
+_EXACT = 1e-9  # a matrix that is a rotation as it is
+_BLOCK = 1 << 16
+_I, _GL, _MIRROR = np.eye(3), np.diag([1.0, -1, -1]), np.diag([1.0, -1, 1])
+_AXES: dict[str, tuple[Array, Array, tuple[int, int, int]]] = {
+    "camera": (_I, _I, (1, -1, 1)),
+    "object": (_I, _I, (1, -1, 1)),
+    "opengl": (_I, _GL, (1, -1, 1)),
+    "body": (_I, R_LEVEL, (-1, -1, 1)),
+    "ned": (_GL, np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), (1, 1, 1)),
+    "unreal": (_MIRROR, _MIRROR @ R_LEVEL, (1, 1, 1)),
+}
+"""By frame W and C of ``R_w_c = W R C``: from the file's world to ours, from our camera to the file's; and
+the signs of pitch, yaw and roll against Unreal's: nose up +, turning right +, right side down +."""
+FRAMES = tuple(name for name in _AXES if name != "object")
 
 
-class Dialect(NamedTuple):
-    """How the rows of a file are written.
+def length_unit(name: str, value: object) -> str | float | None:
+    """Return a unit of positions: m, cm, mm, or metres; None where none is given."""
+    if value is None or value in PER_M:
+        return value
+    try:
+        return number(name, float(value) if isinstance(value, str) else value, above=0)
+    except ValueError as cause:
+        raise ArgumentError(f"{name}: expected m, cm, mm, or metres of one, got {shown(value)}") from cause
+
+
+# -- rows ---------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Rows:
+    """Rows of columns by what they are.
 
     Attributes:
-        name: TUM, KITTI, EuRoC, or empty where names say what the columns are.
-        columns: what each is; empty for one that is not read.
-        units: of columns that have one: ``ms``, ``rad``.
-        separator: None for blanks.
-        comment: what starts one.
-        named: the names in the file, for messages.
+        columns: x, y, z; qx ... qw, yaw, pitch, roll, or m0 ... m11, a matrix row by row, m12 ... m15 its
+            last row; time; name.
+        units: of columns that have one: ``ms``, ``rad``, ``cm``.
+        where: returns where a row is, and its text.
+        named: what the columns are called, for messages.
+        relative: whether poses are relative to the first camera, as KITTI's.
     """
 
-    name: str
-    columns: list[str]
+    columns: dict[str, NDArray[Any]]
     units: dict[str, str]
-    separator: str | None
-    comment: str
-    named: str
+    where: Callable[[int], tuple[str, str]]
+    named: str = "numbers of a pose"
+    relative: bool = False
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    @classmethod
+    def of_entries(cls, entries: Sequence[tuple[str, Mapping[str, Any]]]) -> Rows:
+        """Return the rows of JSON, with where each is: keys as columns are called, or lists of several."""
+        rows: list[dict[str, float]] = []
+        units: dict[str, str] = {}
+        for where, entry in entries:
+            with within(where):
+                rows.append(_columns_of(entry, units))
+                if rows[-1].keys() != rows[0].keys():
+                    raise ArgumentError(
+                        f"expected {', '.join(rows[0])}, as before, got {', '.join(rows[-1])}"
+                    )
+        columns = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+        return cls(columns, units, lambda i: (entries[i][0], " ".join(f"{n:.9g}" for n in rows[i].values())))
+
+    def listed(self, lossy: bool = False, **options: Any) -> dict[str, Pose | None]:
+        """Return poses by name, or by number from 0; ``lossy``: None for rows that are not finite."""
+        kept = self.finite() if lossy else np.ones(len(self), np.bool_)
+        rows = np.flatnonzero(kept)
+        names = [str(name).strip() for name in self.columns.get("name", np.arange(len(self)))]
+        self.refuse(np.array([name in names[:i] for i, name in enumerate(names)]), "each name once")
+        poses: dict[str, Pose | None] = dict.fromkeys(names)
+        finite = replace(
+            self,
+            columns={name: values[rows] for name, values in self.columns.items()},
+            where=lambda row: self.where(int(rows[row])),
+        )
+        positions, rotations = finite.poses(**options)
+        poses.update((names[row], Pose(*pose)) for row, *pose in zip(rows, positions, rotations, strict=True))
+        return poses
+
+    def refuse(self, wrong: NDArray[np.bool_], expected: str) -> None:
+        """Raise ArgumentError that names the first row that is wrong, if any is."""
+        if wrong.any():
+            where, text = self.where(int(wrong.argmax()))
+            raise ArgumentError(f"{where}: expected {expected}, got {shown(text)}")
+
+    def finite(self) -> NDArray[np.bool_]:
+        """Return which rows have finite numbers."""
+        numeric = [values for name, values in self.columns.items() if name != "name"]
+        return np.asarray(np.isfinite(np.stack(numeric)).all(axis=0))
+
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
+    def check(self) -> None:
+        """Refuse rows with numbers that no pose has."""
+        columns = self.columns
+        self.refuse(~self.finite(), f"finite numbers {shown(self.named)}")
+        limits = dict.fromkeys((*"xyz", *_MOVED), (FARTHEST, "coordinates"))
+        limits |= dict.fromkeys(ANGLES, (_MOST_ANGLE, "angles"))
+        for name in limits.keys() & columns.keys():
+            most, what = limits[name]
+            self.refuse(np.abs(columns[name]) > most, f"{what} of at most {most:g}")
+        if "m0" in columns:
+            self._check_matrices()
+        if "qw" in columns:
+            off = np.sqrt(sum(columns[name] ** 2 for name in QUATERNION)) - 1
+            self.refuse(~(np.abs(off) <= _ROUNDING), "a quaternion of length 1")
+
+    def _check_matrices(self) -> None:
+        if "m15" in self.columns:
+            last = self._stack(_LAST_ROW)
+            moved = np.abs(self._stack(_MOVED)).max(axis=1)
+            turned = (last[:, 3] == 1) & (last[:, :3] != 0).any(axis=1) & (moved == 0)
+            self.refuse(turned, "a matrix with the last row 0 0 0 1, not its transpose")
+            self.refuse((last != [0, 0, 0, 1]).any(axis=1), "a matrix with the last row 0 0 0 1")
+        R = self._stack(_TURNED).reshape(-1, 3, 3)
+        off = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
+        wrong = ~(off <= _ROUNDING) | (np.linalg.det(R) < 0)
+        self.refuse(wrong, "the numbers of a rigid 3x4 matrix, neither scaled nor mirrored")
+
+    def _stack(self, names: Sequence[str]) -> Array:
+        return np.stack([self.columns[name] for name in names], axis=1)
+
+    # -- poses ------------------------------------------------------------------------------------------
+
+    def poses(
+        self,
+        frame: Frame = "camera",
+        unit: str | float | None = None,
+        first: Pose | None = None,
+        inverse: bool = False,
+    ) -> tuple[Array, Array]:
+        """Return positions (N, 3) and rotations (N, 3, 3) of cameras, or of objects.
+
+        Args:
+            frame: the axes of the rows, or the pose of the camera on a body whose poses they are.
+            unit: of positions, a word or in metres; if not given centimetres of Unreal, else metres.
+            first: the pose of the first camera, where poses are relative to it.
+            inverse: whether rows are from the world to the camera.
+        """
+        self.check()
+        mounted, axes = isinstance(frame, Pose), frame if isinstance(frame, str) else "body"
+        W, C, _ = _AXES[axes]
+        if mounted:
+            W, C = np.eye(3), frame.rotation  # type: ignore[union-attr]
+        elif not {"m0", "qw"} & self.columns.keys():
+            C = np.eye(3) if frame == "object" else R_LEVEL
+        start, scale = np.zeros(3), self._scale(unit, frame)
+        if self.relative and first is not None:
+            if axes not in ("camera", "object", "body"):
+                raise ArgumentError(f"frame: expected camera or body, as poses are relative, got {axes}")
+            start, W = first.position, first.rotation
+            W = W @ R_LEVEL.T if axes == "body" else W  # the file's world is the first body
+        positions, rotations = np.empty((len(self), 3)), np.empty((len(self), 3, 3))
+        for begin in range(0, len(self), _BLOCK):
+            some = slice(begin, begin + _BLOCK)
+            block = replace(self, columns={name: values[some] for name, values in self.columns.items()})
+            R, t = block._turns(axes), block._stack(_MOVED if "m0" in block.columns else "xyz") * scale
+            if inverse:
+                R = R.swapaxes(1, 2)
+                t = -(R @ t[..., None])[..., 0]
+            t = t + R @ frame.position if mounted else t  # type: ignore[union-attr]
+            positions[some], rotations[some] = t @ W.T + start, W @ R @ C
+        return positions, rotations
+
+    def _scale(self, unit: str | float | None, frame: Frame) -> float:
+        """Return the metres of one unit of positions."""
+        of_columns = sorted({self.units[axis] for axis in "xyz" if axis in self.units})
+        if len(of_columns) > 1 or (of_columns and unit not in (None, *of_columns)):
+            raise ArgumentError(f"unit: expected one of positions, got {[unit or '', *of_columns]}")
+        given = unit if unit is not None else [*of_columns, "cm" if frame == "unreal" else "m"][0]
+        return 1 / PER_M[given] if isinstance(given, str) else given
+
+    def _turns(self, axes: str) -> Array:
+        """Return the rotations (N, 3, 3) that columns hold; without any, those of angles that are 0."""
+        from scipy.spatial.transform import Rotation  # slow to load
+
+        if "m0" in self.columns:
+            R = self._stack(_TURNED).reshape(-1, 3, 3)
+            off = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) > _EXACT
+            R[off] = Rotation.from_matrix(R[off]).as_matrix()  # the nearest rotation
+            return R
+        if "qw" in self.columns:
+            return np.asarray(Rotation.from_quat(self._stack(QUATERNION)).as_matrix())
+        W, _, signs = _AXES[axes]
+        rotators = np.zeros((len(self), 3))
+        for i, (name, sign) in enumerate(zip(("pitch", "yaw", "roll"), signs, strict=True)):
+            if name in self.columns:
+                is_rad = self.units.get(name) == "rad"
+                rotators[:, i] = sign * (np.degrees(self.columns[name]) if is_rad else self.columns[name])
+        return W @ rotation_from_unreal(rotators)
 
 
-def is_names(text: str) -> bool:
-    """Return whether a line has names of columns: words, none of which is a number."""
-    words = [word for word in re.split(r"[\s,;]+", text) if word]
-    return any(word[0].isalpha() for word in words) and not any(map(_NUMBER.fullmatch, words))
+def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, float]:
+    """Return the numbers of an entry of JSON by column."""
+    found: dict[str, float] = {}
+    for key, value in entry.items():
+        if value is None:
+            continue
+        if key.lower() in _KEYS:
+            names = _KEYS[key.lower()]
+            values = np.ravel(numbers(key, value, np.shape(value) if _is_listed(value) else (None,))).tolist()
+            if len(values) not in ((12, 16) if names is MATRIX else (len(names),)):
+                raise ArgumentError(f"{key}: expected {len(names)} numbers, got {shown(value)}")
+            own = dict(zip(names, values if names is not MATRIX else [*values, 0, 0, 0, 1], strict=False))
+        else:
+            column, unit = column_of(key)
+            if not column or column == "name":
+                known = ", ".join(("x, y, z", *ANGLES, *QUATERNION, *_KEYS))
+                raise ArgumentError(f"expected keys among {known}; got {shown(key)}")
+            own, units[column] = {column: number(key, value)}, unit or units.get(column, "")
+        if twice := own.keys() & found.keys():
+            raise ArgumentError(f"expected each of a pose once, got {min(twice)} twice, by {key}")
+        found |= own
+    if "m0" in found and "x" in found:
+        found |= dict(zip(_MOVED, (found.pop(axis) for axis in "xyz"), strict=True))
+    for column in [column for column, unit in units.items() if not unit]:
+        del units[column]
+    _check_columns(list(found))
+    return found
 
 
-def split(text: str, separator: str | None) -> list[str]:
-    return [word.strip().strip("\"'") for word in text.split(separator)]
+def _is_listed(value: object) -> bool:
+    return isinstance(value, list | tuple | np.ndarray)
 
 
-def dialect_of(names: str, comments: list[str], row: str) -> tuple[Dialect, list[str]]:
-    """Return how rows are written, and the types of columns, by the first row and what is above it."""
-    comment = comments[-1][0] if comments else "#"
-    row = row.partition(comment)[0].strip()
-    separator = next((mark for mark in ";," if mark in row), None)
-    check_decimals(row, separator)
-    words = split(row, separator)
-    count = len(words)
-    line = names
-    if names:
-        mark = separator or ("\t" if "\t" in names else None)
-        of_line = split(names, mark) if mark else re.split(r"\s+(?![\[(])", names)  # not before a unit
-    else:
-        line, of_line = _names_in_comments(comments, count, separator)
-    if of_line:
-        columns, units = _named(of_line, count)
-        name = "EuRoC" if "rs_r" in line.lower() else ""
-    else:
-        name, columns = _without_names(separator, count)
-        units, line = {}, " ".join(columns) if name != "KITTI" else "the 12 numbers of a rigid 3x4 matrix"
-    types = ["f8" if column else "S1" for column in columns]
-    if "time" in columns:
-        i = columns.index("time")
-        if (name == "EuRoC" and not of_line) or re.fullmatch(r"[+-]?\d{15,}", words[i]):
-            types[i] = "i8"  # a float64 would lose digits
-            units.setdefault("time", "ns" if name == "EuRoC" else "")
-    return Dialect(name, columns, units, separator, comment, line.strip()), types
+def _check_columns(columns: Sequence[str]) -> None:
+    """Refuse what is no pose, or is given twice."""
+    if twice := [column for column in columns if column and columns.count(column) > 1]:
+        raise ArgumentError(f"expected each column once, got {twice[0]} twice")
+    if missing := [name for name in ("xyz" if "m0" not in columns else _MOVED) if name not in columns]:
+        raise ArgumentError(f"expected columns x, y and z, got no {missing[0]}")
+    turned = [name for name in QUATERNION if name in columns]
+    ways = bool(turned) + bool({*ANGLES} & {*columns}) + ("m0" in columns)
+    if turned and (len(turned) < 4 or ways > 1):
+        raise ArgumentError("expected qx, qy, qz and qw, or yaw, pitch and roll; got some of them")
+    if ways > 1:
+        raise ArgumentError("expected a rotation once, got a matrix and angles")
 
 
-def _names_in_comments(comments: list[str], count: int, separator: str | None) -> tuple[str, list[str]]:
-    """Return the last comment that names the columns, and the names; none if there is no such.
-
-    Raises:
-        ArgumentError: it names many, but not each.
-    """
-    for line in reversed(comments):
-        words = split(line.lstrip("#% "), separator) if separator else _WORD.findall(line)
-        words = [word for word in words if _column(word)[0] is not None]
-        known = {_column(word)[0] for word in words}
-        if len(words) == count and {*"xyz"} <= known:
-            return line, words
-        if len(known) >= _MANY:
-            raise ArgumentError(f"expected {count} names of columns, got {len(words)} in {shown(line)}")
-    return "", []
+# -- names of columns ---------------------------------------------------------------------------------------
 
 
-def _column(word: str) -> tuple[str | None, str]:
+def column_of(word: str) -> tuple[str | None, str]:
     """Return what a name stands for, None if it is not known, and its unit."""
     match = _MARKED.fullmatch(word.lower())
     name, *units = match.groups() if match else (word,)
@@ -120,9 +306,11 @@ def _column(word: str) -> tuple[str | None, str]:
     return None, ""
 
 
-def _named(words: list[str], count: int) -> tuple[list[str], dict[str, str]]:
+def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str], dict[str, str]]:
     """Return what columns are, and their units, by their names."""
-    found = [_column(word) for word in words]
+    found = [column_of(word) for word in words]
+    if keyed and all(column != "name" for column, _ in found) and not found[0][0]:
+        found[0] = "name", ""
     columns = [column or "" for column, _ in found]
     if unknown := [word for word, (column, _) in zip(words, found, strict=True) if column is None]:
         known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
@@ -131,13 +319,10 @@ def _named(words: list[str], count: int) -> tuple[list[str], dict[str, str]]:
         raise ArgumentError(
             f"expected {len(words)} columns, as there are names, got {count} in the first row"
         )
-    if twice := [column for column in columns if column and columns.count(column) > 1]:
-        raise ArgumentError(f"expected each column once, got {twice[0]} twice")
-    if missing := [name for name in "xyz" if name not in columns]:
-        raise ArgumentError(f"expected columns x, y and z, got no {missing[0]}")
-    turned = [name for name in QUATERNION if name in columns]
-    if turned and (len(turned) < 4 or {*ANGLES} & {*columns}):
-        raise ArgumentError("expected qx, qy, qz and qw, or yaw, pitch and roll; got some of them")
+    columns = columns if keyed else ["" if column == "name" else column for column in columns]
+    if keyed and "name" not in columns:
+        raise ArgumentError(f"expected a column 'name', got {shown(' '.join(words))}")
+    _check_columns(columns)
     units = {column: unit for column, unit in found if column and unit}
     if "nsec" in columns and "time" not in columns:
         columns[columns.index("nsec")], units["time"] = "time", "ns"
@@ -148,21 +333,3 @@ def _named(words: list[str], count: int) -> tuple[list[str], dict[str, str]]:
                 f"expected {column} in {' or '.join(fitting) or 'no unit'}, got {shown(unit)}"
             )
     return columns, units
-
-
-def _without_names(separator: str | None, count: int) -> tuple[str, list[str]]:
-    """Return the layout, and the columns, of rows without names."""
-    if separator and count in (8, 17):
-        return "EuRoC", _EUROC + [""] * (count - 8)
-    if not separator and count in (8, 12):
-        return ("TUM", _TUM) if count == 8 else ("KITTI", MATRIX)
-    known = "8 or 17 columns with a separator (EuRoC), 8 (TUM) or 12 (KITTI) with blanks"
-    raise ArgumentError(f"expected names of the columns, or {known}; got {count} columns without names")
-
-
-def check_decimals(row: str, separator: str | None) -> None:
-    """Refuse decimal commas."""
-    cells = split(row, ";") if separator == ";" else row.split()
-    alone = len(cells) > 1 and not any(cell.strip(",") != cell for cell in cells)
-    if alone and any(map(_DECIMAL_COMMA.fullmatch, cells)):
-        raise ArgumentError(f"expected decimal points, got a comma in {shown(row[:60])}")

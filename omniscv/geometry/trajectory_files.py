@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from warnings import catch_warnings
 
 import numpy as np
@@ -29,37 +30,25 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry.pose import FARTHEST, R_LEVEL, Array, Pose
+from omniscv.geometry.pose import R_LEVEL, Array, Pose
 from omniscv.geometry.trajectory import Poses, Trajectory
-from omniscv.geometry.trajectory_columns import (
-    ANGLES,
-    MATRIX,
-    QUATERNION,
-    UNITS,
-    Dialect,
-    check_decimals,
-    dialect_of,
-    is_names,
-    split,
-)
-from omniscv.storage.bounded import open_regular
-
-Frame = Literal["camera", "body", "object"] | Pose
+from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
+from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
+from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, read_bytes
 
 _NS = 10**9
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
 _SLOW, _TOO_SLOW = 10.0, 1e4  # seconds from row to row: no camera is so slow
-_MOST_BYTES, _BLOCK = 1 << 28, 1 << 16
-_MOST_ANGLE = 1e5  # degrees or radians; more digits than a turn has are lost
+_MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
-_KITTI_ROUNDING = 1e-4
-"""Largest entry of |R R^T - I| in a file: those of KITTI have seven digits."""
-_UNIT = {"TUM": 1e-2, "EuRoC": 1e-3}
-"""How far the length of a quaternion may be off 1 where no names say that it is one."""
 _SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
+_CONVERTED = "cameraposes.csv"
+"""EasySynth's file, in lower case: metres, x forward, y left, z up, by its own description."""
 
 
-def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None) -> Trajectory:
+def read_trajectory(
+    path: Path, first: Pose = _FIRST, frame: Frame | None = None, unit: str | float | None = None
+) -> Trajectory:
     """Return the poses of a TUM, KITTI, EuRoC or CSV file in its order; its lines show which it is.
 
     Args:
@@ -71,6 +60,8 @@ def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None
             ``body``: x forward, y left, z up, angles as ROS has them (pitch down +); poses are then those of
             a camera that looks along its x, and KITTI's world is the first body. A pose: the same of a camera
             that has this pose on the body. ``object``: as ``body``, and the poses are the object's own.
+            ``unreal``: Unreal's axes, rotators and centimetres. ``opengl`` and ``ned``, as for imports.
+        unit: of positions: m, cm, mm, or metres of one.
 
     Returns:
         The trajectory; ``says`` has what was assumed.
@@ -80,16 +71,14 @@ def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None
             do not increase, or two rows of one time have different poses.
     """
     with within(path):
-        dialect, rows = _rows(path)
-        columns = {name: rows[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
-        _check(path, dialect, columns)
-        times, says = _times_of(dialect, columns)
+        dialect, rows = read_rows(path)
+        check_frame(path, frame)
+        positions, rotations = rows.poses(frame or "camera", unit, first)
+        times, says = _times_of(dialect, rows.columns)
         if times is None and dialect.name == "KITTI":
             times = _kitti_times(path)
-        positions, rotations = _poses_of(dialect, columns, frame or "camera", first)
-        del rows, columns
         if times is not None:
-            kept, again = _without_repeats(path, dialect, times, positions, rotations)
+            kept, again = _without_repeats(rows, times, positions, rotations)
             if again:
                 times, positions, rotations = times[kept], positions[kept], rotations[kept]
                 says.append(f"{again} rows that repeat the row before are left out")
@@ -106,7 +95,36 @@ def read_trajectory(path: Path, first: Pose = _FIRST, frame: Frame | None = None
         return Trajectory(Poses(positions, rotations), seconds, says=tuple(says))
 
 
-# -- rows --------------------------------------------------------------------------------
+def read_poses(path: Path, *, keyed: bool, whole: bool = False, **options: Any) -> dict[str, Pose | None]:
+    """Return the poses of a file by name, or by number from 0.
+
+    Args:
+        path: a text of rows, or ``.json``: entries by name, or a list of entries with ``name``.
+        keyed, whole: as :func:`read_rows`.
+        options: as :meth:`Rows.listed`.
+    """
+    check_frame(path, options.get("frame"))
+    if path.suffix.lower() != ".json":
+        return read_rows(path, keyed, whole)[1].listed(**options)
+    data = parse_json(read_bytes(path, MOST_JSON_BYTES))
+    items = (
+        [(f"[{i}]", dict(entry)) for i, entry in enumerate(data)] if isinstance(data, list) else data.items()
+    )
+    names = [str(entry.pop("name", where)) if isinstance(data, list) else where for where, entry in items]
+    rows = Rows.of_entries([*items])
+    return replace(rows, columns={"name": np.array(names, object), **rows.columns}).listed(**options)
+
+
+def check_frame(path: Path, frame: Frame | None) -> None:
+    """Refuse a file of Unreal's poses without the word that says in which axes they are."""
+    if frame is None and path.name.lower() == _CONVERTED:
+        raise ArgumentError(
+            "expected frame: unreal (Unreal's own axes, centimetres) or frame: body (as EasySynth writes: "
+            "metres, x forward, y left, z up), got no frame"
+        )
+
+
+# -- rows ------------------------------------------------------------------------------------------------
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -119,9 +137,16 @@ def _lines(path: Path) -> Iterator[str]:
         raise ArgumentError(str(cause)) from cause
 
 
-def _rows(path: Path) -> tuple[Dialect, NDArray[Any]]:
-    """Return how a file is written, and its rows, a structured array with a field for each column."""
-    comments, names, where, lines = list[str](), "", 0, _lines(path)
+def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dialect, Rows]:
+    """Return how a file is written, and its rows.
+
+    Args:
+        path: the file.
+        keyed: whether rows have names, in a column that is called so, or in the first one.
+        whole: whether all numbers of the file are one row, as of a matrix in four lines.
+    """
+    comments, names, where = list[str](), "", 0
+    lines: Iterator[str] = _lines(path) if not whole else iter([" ".join(_lines(path)).replace("\n", " ")])
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if text.startswith(("#", "%")):
@@ -134,19 +159,26 @@ def _rows(path: Path) -> tuple[Dialect, NDArray[Any]]:
         wanted = "expected rows of numbers below the names" if names else "expected rows of a trajectory"
         raise ArgumentError(f"{wanted}, such as 'time tx ty tz qx qy qz qw', got none")
     with within(f"line {where or number}"):
-        dialect, types = dialect_of(names, comments, text)
+        dialect, types = dialect_of(names, comments, text, keyed)
     try:
         with catch_warnings(action="error"):  # a fraction of a nanosecond
-            rows = np.loadtxt(
+            table = np.loadtxt(
                 (line for line in chain([text], lines) if not line.isspace()),
                 np.dtype([(f"c{i}", kind) for i, kind in enumerate(types)]),
                 comments=dialect.comment,
                 delimiter=dialect.separator,
+                quotechar='"' if keyed else None,
                 ndmin=1,
             )
     except (ValueError, OverflowError, DeprecationWarning) as cause:
         raise _wrong_line(path, dialect, types) from cause
-    return dialect, rows
+
+    def where_is(row: int) -> tuple[str, str]:
+        number, text = next(line for i, line in enumerate(_data_lines(path, dialect)) if whole or i == row)
+        return f"line {number}", text
+
+    columns = {name: table[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
+    return dialect, Rows(columns, dialect.units, where_is, dialect.named, dialect.name == "KITTI")
 
 
 def _data_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
@@ -164,14 +196,14 @@ def _data_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
 
 def _wrong_line(path: Path, dialect: Dialect, types: Sequence[str]) -> ArgumentError:
     """Return the error of the first line that is no row."""
-    readers = {"f8": float, "i8": int, "S1": str}
+    readers: dict[str, Any] = {"f8": float, "i8": int}
     for number, text in _data_lines(path, dialect):
         words = split(text, dialect.separator)
         try:
             with within(f"line {number}"):
                 check_decimals(text, dialect.separator)
             for kind, word in zip(types, words, strict=True):
-                np.array([readers[kind](word)], kind)
+                np.array([readers.get(kind, str)(word)], kind)
         except ArgumentError as cause:
             return cause
         except (ValueError, OverflowError):
@@ -179,45 +211,7 @@ def _wrong_line(path: Path, dialect: Dialect, types: Sequence[str]) -> ArgumentE
     return ArgumentError(f"expected rows {shown(dialect.named)}, got others")
 
 
-def _refuse(path: Path, dialect: Dialect, wrong: NDArray[np.bool_], expected: str) -> None:
-    """Raise ArgumentError that names the line of the first row that is wrong, if any is."""
-    if wrong.any():
-        row = int(wrong.argmax())
-        number, text = next(line for i, line in enumerate(_data_lines(path, dialect)) if i == row)
-        raise ArgumentError(f"line {number}: expected {expected}, got {shown(text)}")
-
-
 # -- from columns to poses ---------------------------------------------------------------------------------
-
-
-@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
-def _check(path: Path, dialect: Dialect, columns: dict[str, NDArray[Any]]) -> None:
-    """Refuse rows with numbers that no pose has."""
-    wrong = np.zeros(len(next(iter(columns.values()))), np.bool_)
-    for values in columns.values():
-        wrong |= ~np.isfinite(values)
-    _refuse(path, dialect, wrong, f"finite numbers {shown(dialect.named)}")
-    limits = dict.fromkeys((*"xyz", *MATRIX[3::4]), (FARTHEST, "coordinates"))
-    limits |= dict.fromkeys(ANGLES, (_MOST_ANGLE, "angles"))
-    for name in limits.keys() & columns.keys():
-        most, what = limits[name]
-        _refuse(path, dialect, np.abs(columns[name]) > most, f"{what} of at most {most:g}")
-    if "m0" in columns:
-        rotations = _matrices(columns)
-        off = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-        wrong = ~(off < _KITTI_ROUNDING) | (np.linalg.det(rotations) < 0)
-        _refuse(path, dialect, wrong, dialect.named)
-    if "qw" in columns:
-        length = np.sqrt(sum(columns[name] ** 2 for name in QUATERNION))
-        _refuse(
-            path,
-            dialect,
-            ~((length > 1e-12) & (length < 1e12)),
-            "a quaternion of length 1, as the rotation is zero",
-        )
-        if (not dialect.units and dialect.name in _UNIT) or dialect.name == "EuRoC":
-            off = np.abs(length - 1) > _UNIT[dialect.name]
-            _refuse(path, dialect, off, "a quaternion of length 1, or names of the columns")
 
 
 def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArray[Any] | None, list[str]]:
@@ -252,53 +246,8 @@ def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArr
     return seconds, says
 
 
-def _poses_of(
-    dialect: Dialect, columns: dict[str, NDArray[Any]], frame: Frame, first: Pose
-) -> tuple[Array, Array]:
-    """Return positions (N, 3) and rotations (N, 3, 3) of cameras, or of objects."""
-    is_level = frame == "body" or (frame == "camera" and not {"m0", "qw"} & {*columns})
-    turn = R_LEVEL if is_level else np.eye(3)
-    mounted = frame if isinstance(frame, Pose) else Pose(np.zeros(3), turn)
-    if dialect.name != "KITTI":
-        first = Pose(np.zeros(3), np.eye(3))
-    elif frame not in ("camera", "object"):  # the file's world is the first body, not the first camera
-        first = Pose(first.position, first.rotation @ R_LEVEL.T)
-    count = len(next(iter(columns.values())))
-    positions, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
-    for start in range(0, count, _BLOCK):
-        rows = slice(start, start + _BLOCK)
-        block = {name: values[rows] for name, values in columns.items()}
-        axes = MATRIX[3::4] if "m0" in block else "xyz"
-        turns, at = _turns(dialect, block, frame), np.stack([block[axis] for axis in axes], axis=1)
-        positions[rows] = (at + turns @ mounted.position) @ first.rotation.T + first.position
-        rotations[rows] = first.rotation @ turns @ mounted.rotation
-    return positions, rotations
-
-
-def _turns(dialect: Dialect, columns: dict[str, NDArray[Any]], frame: Frame) -> Array:
-    """Return the rotations (N, 3, 3) that columns hold; without any, those of angles that are 0."""
-    from scipy.spatial.transform import Rotation  # slow to load
-
-    if "m0" in columns:  # the nearest rotation
-        return np.asarray(Rotation.from_matrix(_matrices(columns)).as_matrix())
-    if "qw" in columns:
-        return np.asarray(Rotation.from_quat(np.stack([columns[q] for q in QUATERNION], axis=1)).as_matrix())
-    angles = np.zeros((len(columns["x"]), 3))
-    for i, name in enumerate(ANGLES):
-        if name in columns:
-            is_rad = dialect.units.get(name) == "rad"
-            angles[:, i] = np.degrees(columns[name]) if is_rad else columns[name]
-    if frame in ("camera", "object"):
-        angles[:, 1] *= -1  # ours: nose up +; ROS: down +
-    return np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_matrix())
-
-
-def _matrices(columns: dict[str, NDArray[Any]]) -> Array:
-    return np.stack([columns[name] for name in MATRIX if name not in MATRIX[3::4]], axis=1).reshape(-1, 3, 3)
-
-
 def _without_repeats(
-    path: Path, dialect: Dialect, times: NDArray[Any], positions: Array, rotations: Array
+    file: Rows, times: NDArray[Any], positions: Array, rotations: Array
 ) -> tuple[NDArray[np.bool_], int]:
     """Return which rows stay, without those that repeat the time and the pose of the row before, and how many
     go."""
@@ -309,7 +258,7 @@ def _without_repeats(
         moved |= np.abs(rotations[rows] - rotations[rows - 1]).max(axis=(1, 2)) > _SAME_ENTRY
         different = np.zeros(len(again), np.bool_)
         different[rows] = moved
-        _refuse(path, dialect, different, "one pose at a time, or two equal ones")
+        file.refuse(different, "one pose at a time, or two equal ones")
     return ~again, rows.size
 
 

@@ -34,13 +34,14 @@ def direction_from_unreal(directions: NDArray[np.floating]) -> None:
     directions[..., 1] *= -1
 
 
-def rotation_from_unreal(rotator_deg: Array) -> Array:
-    """(3, 3) how a body turned by a rotator (pitch, yaw, roll) is turned in the world."""
-    (sp, cp), (sy, cy), (sr, cr) = map(_sin_cos_deg, rotator_deg.tolist())
+def rotation_from_unreal(rotators_deg: Array) -> Array:
+    """(..., 3, 3) how bodies turned by rotators (..., 3), pitch, yaw, roll, are turned in the world."""
+    (sp, cp), (sy, cy), (sr, cr) = map(_sin_cos_deg, np.moveaxis(rotators_deg, -1, 0))
     forward = (cp * cy, cp * sy, sp)
     right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
     up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
-    return np.asarray(_MIRROR @ np.array([forward, right, up]).T @ _MIRROR)
+    rows = np.stack([np.stack(axis, axis=-1) for axis in zip(forward, right, up, strict=True)], axis=-2)
+    return np.asarray(_MIRROR @ rows @ _MIRROR)
 
 
 def rotation_to_unreal(rotation: Array) -> Triple:
@@ -55,8 +56,13 @@ def rotation_to_unreal(rotation: Array) -> Triple:
     return float(np.degrees(pitch)), float(np.degrees(yaw)), float(np.degrees(roll))
 
 
-def _sin_cos_deg(angle_deg: float) -> tuple[float, float]:
+def _sin_cos_deg(angles_deg: Array) -> tuple[Array, Array]:
     """Sine and cosine, exact at multiples of 90 degrees, so that cube faces are exact."""
-    turned = angle_deg % 360.0
-    exact = {0.0: (0.0, 1.0), 90.0: (1.0, 0.0), 180.0: (0.0, -1.0), 270.0: (-1.0, 0.0)}
-    return exact.get(turned) or (float(np.sin(np.radians(turned))), float(np.cos(np.radians(turned))))
+    turned = angles_deg % 360.0
+    quarter = turned % 90.0 == 0
+    index = np.where(quarter, turned // 90, 0).astype(np.int64) % 4
+    exact = np.array([0.0, 1.0, 0.0, -1.0]), np.array([1.0, 0.0, -1.0, 0.0])
+    radians = np.radians(turned)
+    return np.where(quarter, exact[0][index], np.sin(radians)), np.where(
+        quarter, exact[1][index], np.cos(radians)
+    )

@@ -28,7 +28,8 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Curve, Poses, Trajectory
-from omniscv.geometry.trajectory_files import Frame, read_trajectory
+from omniscv.geometry.trajectory_columns import FRAMES, Frame, length_unit
+from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job.sampling import SampledPoses, read_sampling
 from omniscv.records import checked, mapping, optional, read, record
 
@@ -63,13 +64,16 @@ class PoseFile:
     frame: str | None = checked(
         optional(text),
         default=None,
-        help="frame of the file's rotations: camera (z forward), body (x forward), or a file with T_BS",
+        help="camera (z forward), body (x forward), unreal, opengl, ned, or a file with T_BS",
+    )
+    unit: str | float | None = checked(
+        length_unit, default=None, help="unit of positions: m, cm, mm, or metres; of unreal cm, else m"
     )
 
     def load(self) -> Posed:
         """Return the poses; say what was assumed, as of a body if nothing says that rotations are of one."""
         path, frame, says = Path(self.file), self.frame, list[str]()
-        on_body: Frame | None = frame if frame in ("camera", "body") else None  # type: ignore[assignment]
+        on_body: Frame | None = frame if frame in FRAMES else None  # type: ignore[assignment]
         if frame is not None and on_body is None:
             with within("poses.frame"):
                 cameras = load_on_body(frame)
@@ -77,7 +81,7 @@ class PoseFile:
             says = [f"frame: the poses are of {name}, the first of {len(cameras)} cameras"] * (
                 len(cameras) > 1
             )
-        trajectory = read_trajectory(path, frame=on_body)
+        trajectory = read_trajectory(path, frame=on_body, unit=self.unit)
         says += [f"poses: {path.name}: {line}" for line in trajectory.says]
         poses = Poses.of(trajectory.poses)
         upward = np.mean(np.abs(poses.rotations[:, 2, 2]) > _STEEP)

@@ -160,7 +160,7 @@ def test_poses_that_contradict_each_other_are_named(tmp_path):
     ("write", "file", "text", "says"),
     [
         (ob3d, "cameras/00001_cam.json", "[{}]", "expected a folder of layout ob3d, got KeyError"),
-        (tartanair, "pose_lcam_front.txt", "1 2\n", "expected lines x y z qx qy qz qw"),
+        (tartanair, "pose_lcam_front.txt", "1 2\n", "line 1: expected names of the columns, or 8 or 17"),
         (tartanair, "depth_lcam_top/000001_lcam_top_depth.png", "x", "expected a PNG"),
     ],
 )

@@ -595,7 +595,7 @@ def test_a_bent_picture_of_nerfstudio_is_made_straight(tmp_path, capsys):
     frame["transform_matrix"] = (2 * matrix).tolist()
     (tmp_path / "n/transforms.json").write_text(json.dumps(given))
     assert run(tmp_path / "n", tmp_path / "b.sqlite") == 2
-    assert "frames[0]: expected a rotation, neither scaled nor mirrored" in capsys.readouterr().err
+    assert "frames[0]: expected a matrix with the last row 0 0 0 1" in capsys.readouterr().err
 
 
 def test_a_sequence_of_the_tum_benchmark(tmp_path, capsys):

@@ -11,15 +11,15 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from omniscv import modalities, storage
-from omniscv.arguments import label, number, optional_number, shown, text, whole_number, within
+from omniscv.arguments import label, optional_number, shown, text, whole_number, within
 from omniscv.errors import (
     ArgumentError,
     BadReplyError,
     RecordingError,
     RecordingNotWritableError,
 )
-from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.geometry.trajectory_columns import Rows
 from omniscv.records import checked, listed, mapping, named, optional, read, record
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, without_zeros
@@ -44,8 +44,6 @@ J = TypeVar("J", dict[str, Any], list[Any])
 
 INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
 GEOMETRY, STATES = "geometry.json", "states.json"
-
-_ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
 
 
 def export(path: Path | str, folder: Path | str) -> int:
@@ -179,15 +177,12 @@ def _write_folder(store: Store, folder: Path) -> int:
 
 
 def _view(name: str, value: object) -> View:
-    """Return a view with a rotation matrix, or with yaw, pitch and roll."""
-    data = mapping(name, value, ("position", "fov_deg", "width", "height", "rotation", *_ANGLES, "lens"))
-    angles = [number(f"{name}.{key}", data.pop(key, None) or 0.0) for key in _ANGLES]
+    """Return a view, whose pose is a rotation matrix, a quaternion, or yaw, pitch and roll."""
+    data = mapping(name, value)
+    pose = {key: data.pop(key) for key in [*data] if key not in ("fov_deg", "width", "height", "lens")}
+    (position,), (rotation,) = Rows.of_entries([(name, pose)]).poses()
     with within(name):
-        if data.get("rotation") is None:
-            data["rotation"] = Pose.from_angles((0, 0, 0), *angles).rotation
-        elif any(angles):
-            raise ArgumentError("expected a rotation or angles, got both")
-        return view_from_dict(data)
+        return view_from_dict({**data, "position": position, "rotation": rotation})
 
 
 def _file_name(name: str, value: object) -> str:

@@ -16,6 +16,7 @@ from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.instant import turn_about_z
+from omniscv.geometry.trajectory_columns import FRAMES, length_unit
 from omniscv.pictures import foreign
 from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
@@ -62,7 +63,8 @@ class Said(TypedDict, total=False):
         depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
         missing: numbers of depth that stand for no surface.
         names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
-        poses: file of the poses of panoramas, the first column their names.
+        poses: file of the poses of panoramas, by their names.
+        frame, unit: the axes and the unit of ``poses``, as of a job's.
         mirrored: whether all pictures show left and right exchanged.
         clip: take negative and NaN light as 0.
     """
@@ -73,6 +75,8 @@ class Said(TypedDict, total=False):
     missing: Iterable[float]
     names: Path | None
     poses: Path | None
+    frame: str | None
+    unit: str | float | None
     mirrored: bool
     clip: bool
 
@@ -100,10 +104,13 @@ def import_pictures(
     form = DepthForm.parse(depth) if (depth := said.get("depth")) else None
     center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
     pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
+    frame = said.get("frame")
     options = Options(
         form,
         None if position is yaw_deg is None else pose,
         said.get("poses"),
+        None if frame is None else one_of("frame", frame, FRAMES),
+        length_unit("unit", said.get("unit")),
         missing,
         said.get("mirrored", False),
         said.get("clip", False),
@@ -132,6 +139,7 @@ def import_pictures(
             "names": names and "object_mask" not in modes,
         }
         idle_if["poses"] = options.poses and not sequence
+        idle_if["frame or unit"] = bool(frame or options.unit) and not options.poses
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"
             raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")

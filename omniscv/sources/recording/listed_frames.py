@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from functools import cache
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.arguments import number, one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.trajectory_files import read_trajectory
+from omniscv.geometry.trajectory_columns import Rows
+from omniscv.geometry.trajectory_files import read_poses, read_trajectory
 from omniscv.pictures import foreign
 from omniscv.sources.pictures import read_picture
 from omniscv.sources.recording.posed_frames import (
@@ -23,17 +21,12 @@ from omniscv.sources.recording.posed_frames import (
     Options,
     Pinhole,
     Sequence,
-    listed_numbers,
     mode_of,
     pictures_in,
 )
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
-OPENGL = np.diag([1.0, -1, -1])
-"""From our camera's axes to OpenGL's."""
-_I, _RIGID = np.eye(3), 1e-3  # of a rotation's entries: poses have six digits or fewer
 _LATEST_S = 0.02  # between stamps of colour, depth and pose of the TUM benchmark
-_COLUMNS = ("x", "y", "z", "yaw", "pitch", "roll", "qx", "qy", "qz", "qw")
 
 _TUM = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
@@ -50,55 +43,18 @@ def inside(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def rigid(value: Any) -> Array:
-    """Return the rotation nearest to a matrix, which has six digits or fewer."""
-    R = numbers("rotation", value, (3, 3))
-    if (off := np.abs(R @ R.T - _I).max()) > _RIGID or np.linalg.det(R) < 0:
-        got = f"determinant {np.linalg.det(R):.6g}, |R R^T - I| {off:.3g}"
-        raise ArgumentError(f"expected a rotation, neither scaled nor mirrored, got {got}")
-    return np.asarray(Rotation.from_matrix(R).as_matrix())
-
-
 @cache
-def poses_in(file: Path, named: bool, whole: bool = False) -> dict[str, Pose | None]:
-    """Return the poses of a text, None where they are not finite: of each line, or of all numbers.
-
-    A pose is ``x y z``, ``x y z qx qy qz qw``, or a matrix; or as the names in the first line say. Keys are
-    the names in the first column, or the lines' numbers.
-    """
+def poses_in(file: Path, keyed: bool, **options: Any) -> dict[str, Pose | None]:
+    """Return the poses of a file by name or number; see :func:`read_poses`."""
     if not file.exists():
         raise ArgumentError("expected a file of poses, got none")
-    lines = read_bytes(file, MOST_JSON_BYTES).decode("utf-8-sig", "replace").splitlines()
-    rows = [line.partition("#")[0].replace(",", " ").replace(";", " ").split() for line in lines]
-    rows = [row for row in rows if row]
-    columns = [word.lower() for word in rows.pop(0)][named:] if rows and {"x", "X"} & {*rows[0]} else []
-    if columns and not ({*"xyz"} <= {*columns} <= {*_COLUMNS} and len({*columns}) == len(columns)):
-        raise ArgumentError(f"expected columns {', '.join(_COLUMNS)}, each once, got {shown(columns)}")
-    poses: dict[str, Pose | None] = {}
-    for i, row in enumerate([[*chain(*rows)]] if whole else rows):
-        name, words = (row[0], row[1:]) if named else (str(i), row)
-        if name in poses or len(words) not in ([len(columns)] if columns else (3, 7, 12, 16)):
-            expected = f"{'a name once, and ' * named}x y z qx qy qz qw, x y z, or a matrix"
-            raise ArgumentError(f"expected lines {expected}; got {shown(' '.join(row))}")
-        if any(word.lstrip("+-").lower() in ("inf", "nan") for word in words):
-            poses[name] = None
-            continue
-        values = listed_numbers(f"line {i + 1}", words)
-        known = defaultdict(float, zip(columns or (*"xyz", *_COLUMNS[6:]), values, strict=False))
-        xyz = [known[axis] for axis in "xyz"]
-        if len(values) >= 12 and not columns:
-            poses[name] = Pose(np.array(values[3:12:4]), rigid(np.reshape(values[:12], (3, 4))[:, :3]))
-        elif "qw" in known:
-            poses[name] = Pose.from_quaternion(xyz, [known[column] for column in _COLUMNS[6:]])
-        else:
-            poses[name] = Pose.from_angles(xyz, *(known[column] for column in _COLUMNS[3:6]))
-    return poses
+    return read_poses(file, keyed=keyed, **options)
 
 
-def named_pose(file: Path, names: list[str]) -> Pose | None:
+def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
     """Return the pose of the first of some names that a file has."""
     with within(file.name):
-        poses = poses_in(file, True)
+        poses = poses_in(file, True, **options)
         if (name := next((name for name in names if name in poses), None)) is None:
             raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
         return poses[name]
@@ -109,10 +65,12 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
     of_file = [parse_json(read_bytes(file, MOST_JSON_BYTES)) for file in files]
     frames, ignored = list[Frame](), 0
-    for i, (data, entry) in enumerate((data, entry) for data in of_file for entry in data["frames"]):  # noqa: B020
+    entries = [(data, entry) for data in of_file for entry in data["frames"]]
+    keys = [{"transform_matrix": {**data, **entry}["transform_matrix"]} for data, entry in entries]
+    poses = Rows.of_entries([(f"frames[{i}]", key) for i, key in enumerate(keys)]).poses("opengl")
+    for i, ((data, entry), *pose) in enumerate(zip(entries, *poses, strict=True)):
         with within(f"frames[{i}]"):
             values = {**data, **entry}
-            matrix = numbers("transform_matrix", values["transform_matrix"][:3], (3, 4))
             lit = inside(folder, values["file_path"])
             depth = values.get("depth_file_path") or values.get("depth_path")
             paths = {
@@ -122,7 +80,7 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
             lens = _nerfstudio_lens(values, paths["lit"])
             unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else "mm"
             holds = {"depth": Files(kind="planar" if lens else "ray", unit=unit)}
-            frames.append(Frame(paths, Pose(matrix[:, 3], rigid(matrix[:, :3]) @ OPENGL), lens, holds))
+            frames.append(Frame(paths, Pose(*pose), lens, holds))
             ignored += "mask_path" in values
     says = [f"masks of {ignored} frames are not taken: all pixels of captures count"] if ignored else []
     says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in of_file[0]]
@@ -206,7 +164,8 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         names = [name for file in files.values() for name in (file.name, file.stem)]
         pose = options.pose or Pose.from_angles((0, 0, 0))
         if options.poses:
-            pose = named_pose(options.poses, [*names, "_".join(words)]) or pose
+            said = {"frame": options.frame, "unit": options.unit}
+            pose = named_pose(options.poses, [*names, "_".join(words)], **said) or pose
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, None, {"depth": Files(kind="ray")}))
     return Sequence(frames, says=("resampled to six faces",), of_openexr=of_openexr)

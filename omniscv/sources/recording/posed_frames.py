@@ -44,6 +44,8 @@ class Options(NamedTuple):
     depth: DepthForm | None = None
     pose: Pose | None = None
     poses: Path | None = None
+    frame: str | None = None
+    unit: str | float | None = None
     missing: tuple[float, ...] = ()
     mirrored: bool = False
     clip: bool = False

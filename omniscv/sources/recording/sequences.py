@@ -19,21 +19,19 @@ from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import R_LEVEL, Pose, cube_rotations
+from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
+from omniscv.geometry.trajectory_columns import FRAMES, Rows, length_unit
 from omniscv.records import checked, mapping, nested, optional, read, record
-from omniscv.sources import pictures
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.recording.listed_frames import (
-    OPENGL,
     inside,
     is_panoramas,
     named_pose,
     nerfstudio,
     panoramas,
     poses_in,
-    rigid,
     tum,
 )
 from omniscv.sources.recording.posed_frames import (
@@ -50,14 +48,6 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, rea
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
 """Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
 _FRONT = cube_rotations()[0][1]
-_I = np.eye(3)
-_AXES = {
-    "camera": (_I, _I),
-    "opengl": (_I, OPENGL),
-    "body": (_I, R_LEVEL),
-    "ned": (OPENGL, np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])),
-}
-"""W and C of ``R_w_c = W R C``: from the file's world to ours, and from our camera to the file's."""
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
 _SAME_PLACE_M = 1e-3
 
@@ -87,9 +77,9 @@ class _Poses:
     row: str = checked(text, default="")
     position: str = checked(text, default="")
     rotation: str = checked(text, default="")
-    axes: str = checked(one_of, words=_AXES, default="camera")
+    axes: str = checked(one_of, words=FRAMES, default="camera")
     inverse: bool = checked(flag, default=False)
-    unit: str = checked(one_of, words=pictures.PER_M, default="m")
+    unit: str | float | None = checked(length_unit, default=None)
     yaw_deg: float = checked(number, default=0.0)
     agrees: str = checked(text, default="")
 
@@ -228,27 +218,25 @@ def _pose(folder: Path, layout: Layout, match: re.Match[str]) -> Pose | None:
 
 def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | None:
     """Return the pose that a file has of a frame, in our axes and metres."""
-    pose: Pose | None
+    options: Any = {"frame": poses.axes, "unit": poses.unit, "inverse": poses.inverse}
     with within(file.name):
         if poses.position:
             data = parse_json(read_bytes(file, MOST_JSON_BYTES))
-            t = numbers("position", _at(data, poses.position), (3,))
-            pose = Pose(t, rigid(_at(data, poses.rotation)) if poses.rotation else R_LEVEL)
+            paths = {"position": poses.position, "rotation": poses.rotation}
+            entry = {key: _at(data, path) for key, path in paths.items() if path}
+            pose = Rows.of_entries([("pose", entry)]).listed(**options)["0"]
         elif "{" in poses.file or poses.row:
-            rows = poses_in(file, False, not poses.row)
+            rows = poses_in(file, False, whole=not poses.row, lossy=True, **options)
             row = int(match[poses.row]) if poses.row else 0
             if str(row) not in rows:
                 raise ArgumentError(f"expected a pose in row {row + 1}, got {len(rows)} rows")
             pose = rows[str(row)]
         else:
             names = [name for name in (*match.groups(), match[0], Path(match[0]).name) if name]
-            pose = named_pose(file, names)
-    if pose is None:
-        return None
-    pose = pose.inverse() if poses.inverse else pose
-    W, C = _AXES[poses.axes]
-    R = W @ pose.R_w_c @ C if poses.yaw_deg == 0 else turn_about_z(poses.yaw_deg) @ pose.R_w_c
-    return Pose(W @ pose.position / pictures.PER_M[poses.unit], R)
+            pose = named_pose(file, names, lossy=True, **options)
+    return pose and Pose(
+        pose.position, turn_about_z(poses.yaw_deg) @ pose.R_w_c if poses.yaw_deg else pose.R_w_c
+    )
 
 
 def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str]) -> Pose:
