@@ -1,5 +1,6 @@
 """A recording holds one scene: captures of another one are refused, a resumed recording never is."""
 
+import json
 from contextlib import closing
 
 import numpy as np
@@ -96,14 +97,24 @@ def test_levels_of_one_project_are_scenes_of_their_own(tmp_path):
         assert replay.scene_identity == kitchen
 
 
-def test_captures_of_two_scenes_are_found_and_not_imported(room, tmp_path):
-    with omniscv.open_source("mock://six-wall") as source, closing(Store(room, write=True)) as store:
+def test_captures_of_two_scenes_are_neither_recorded_nor_imported(room, tmp_path):
+    before = room.read_bytes()
+    says = "expected captures of the scene 'four-wall', got 'six-wall'"
+    with (
+        omniscv.open_source("mock://six-wall") as source,
+        closing(Store(room, write=True)) as store,
+        pytest.raises(RecordingNotWritableError, match=says),
+    ):
         store.add(next(source.capture(ELSEWHERE)))
-    says = "expected captures of one scene, got some of 'four-wall' and 'six-wall'"
-    assert verify(room).faults == [f"{room}: {says}"]
+    assert room.read_bytes() == before
     export(room, tmp_path / "faces")
+    index = json.loads((tmp_path / "faces" / "captures.json").read_text())
+    index[0]["provenance"]["scene"] = "six-wall"
+    (tmp_path / "faces" / "captures.json").write_text(json.dumps(index))
     (tmp_path / "faces" / "scene.json").unlink()
-    with pytest.raises(ArgumentError, match=says):
+    with pytest.raises(
+        ArgumentError, match="expected captures of one scene, got some of 'four-wall' and 'six"
+    ):
         import_folder(tmp_path / "faces", tmp_path / "again.sqlite")
     assert not (tmp_path / "again.sqlite").exists()
 

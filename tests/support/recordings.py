@@ -5,8 +5,9 @@ import zlib
 from contextlib import closing
 
 from omniscv.sources import SourceWrapper
-from omniscv.sources.recording.rows import Head, Row, object_checksum
+from omniscv.sources.recording.rows import Head, Row
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import object_checksum
 
 
 def contents(path):

@@ -34,7 +34,8 @@ from omniscv.errors import (
     RecordingError,
     RecordingNotWritableError,
 )
-from omniscv.sources.recording.rows import Head, checked_json
+from omniscv.sources.recording.rows import Head
+from omniscv.sources.recording.world_rows import checked_json
 from omniscv.storage.local import move_new, remove_scratch, scratch_folder
 
 SCHEMA_VERSION = 4
@@ -79,9 +80,8 @@ def create(path: Path) -> None:
         database.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
         database.executescript(_TABLES)
         database.execute(f"INSERT INTO recording VALUES ({', '.join('?' * len(head))})", head)
-        database.execute(
-            "INSERT INTO geometry VALUES (?, ?)", checked_json({"boxes": {}, "room": None}, head.id)
-        )
+        content = checked_json({"boxes": {}, "room": None}, dict, head.id)
+        database.execute("INSERT INTO geometry VALUES (?, ?)", content)
 
 
 def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:

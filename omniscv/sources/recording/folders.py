@@ -24,18 +24,16 @@ from omniscv.records import checked, listed, mapping, named, optional, read, rec
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, without_zeros
 from omniscv.sources.recording.operations import add_objects, opened_whole
-from omniscv.sources.recording.rows import (
+from omniscv.sources.recording.rows import Row, labelled_modes, view_from_dict
+from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import (
     DEFAULT_TOLERANCE,
     MOST_OBJECTS,
-    Row,
     WorldState,
-    labelled_modes,
     listed_scenes,
     object_from_json,
     scene_of,
-    view_from_dict,
 )
-from omniscv.sources.recording.store import Store
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, parse_json, read_bytes
 from omniscv.storage.local import folder_beside, refusal
 

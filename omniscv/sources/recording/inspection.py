@@ -18,14 +18,9 @@ from omniscv.geometry.instant import Instant
 from omniscv.sources.base import View
 from omniscv.sources.recording.files import SCHEMA_VERSION
 from omniscv.sources.recording.replay import in_words
-from omniscv.sources.recording.rows import (
-    Row,
-    listed_scenes,
-    object_from_json,
-    scene_of,
-    view_from_json,
-)
+from omniscv.sources.recording.rows import Row, view_from_json
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import listed_scenes, object_from_json, scene_of
 
 T = TypeVar("T")
 

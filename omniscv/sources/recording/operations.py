@@ -17,13 +17,9 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording.files import kind_of, publish_new, target_of, written_for
 from omniscv.sources.recording.replay import in_words
-from omniscv.sources.recording.rows import (
-    Row,
-    object_from_json,
-    table_conflict,
-    view_from_json,
-)
+from omniscv.sources.recording.rows import Row, view_from_json
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import object_from_json, table_conflict
 from omniscv.storage.local import remove_scratch, scratch_folder
 
 Address = TypeVar("Address", str, Path)

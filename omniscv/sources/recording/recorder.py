@@ -21,8 +21,9 @@ from omniscv.sources.base import (
     copy_with,
     not_picklable,
 )
-from omniscv.sources.recording.rows import WorldState, labelled_modes
+from omniscv.sources.recording.rows import labelled_modes
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import WorldState
 from omniscv.sources.requests import Held, in_order
 from omniscv.sources.world import SharedExposure
 

@@ -28,8 +28,9 @@ from omniscv.sources.base import (
     View,
     copy_with,
 )
-from omniscv.sources.recording.rows import Row, WorldState, object_from_json, sizes_of, view_from_json
+from omniscv.sources.recording.rows import Row, sizes_of, view_from_json
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import WorldState, object_from_json
 from omniscv.sources.requests import Response, ViewKey, exposures_of, merge_exposures, response_of
 
 _AXIS_DECIMALS = 6  # optical axes that agree to these decimals are the same

@@ -21,17 +21,17 @@ from omniscv.errors import (
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import files
-from omniscv.sources.recording.rows import (
+from omniscv.sources.recording.rows import Head, Row, key_of, labelled_modes
+from omniscv.sources.recording.world_rows import (
     MOST_OBJECTS,
-    Head,
-    Row,
     WorldState,
     checked_json,
     json_of_row,
-    key_of,
-    labelled_modes,
     object_checksum,
+    object_from_json,
+    object_rows,
     object_table,
+    readable,
     scene_from_json,
     scene_in_words,
     scene_to_json,
@@ -201,8 +201,13 @@ class Store(files.Forkable):
         if len(row.payload) + len(row.provenance) > files.LARGEST_BYTES - 10_000:
             expected = f"expected a capture of at most {files.LARGEST_BYTES} bytes"
             raise RecordingNotWritableError(f"{expected}, got {len(row.payload)}", self.path)
+        with files.errors_of(self.path, write=True), readable():
+            "".join(row[1:7]).encode()
+            scene = row.description()[2].get("scene")
         with self._changing() as database:
             head = self.head()
+            if scene:
+                self._check_named(scene)
             (number,) = database.execute("SELECT coalesce(max(number), 0) + 1 FROM capture").fetchone()
             row = row.in_recording(number, head.id)
             if row.state and self.state(row.state) is None:
@@ -243,7 +248,7 @@ class Store(files.Forkable):
             if head.captures and strange:
                 known, new = (shown(min(colors)) for colors in (before.colors, table.colors))
                 self._refuse(f"objects of its scene, such as {known}, got only others, such as {new}")
-            table_rows = [(name, *after.colors[name], after.ids.get(name)) for name in after.names()]
+            table_rows = object_rows(after)
             if after != before:
                 database.execute("DELETE FROM object")
                 database.executemany("INSERT INTO object VALUES (?, ?, ?, ?, ?)", table_rows)
@@ -264,7 +269,7 @@ class Store(files.Forkable):
             known = self.geometry()
             merged = SceneGeometry({**known.boxes, **geometry.boxes}, geometry.room or known.room)
             if merged.to_dict() != known.to_dict():
-                content = checked_json(merged.to_dict(), self._recording_id())
+                content = checked_json(merged.to_dict(), SceneGeometry.from_dict, self._recording_id())
                 database.execute("UPDATE geometry SET content = ?, checksum = ?", content)
 
     def states(self) -> dict[str, WorldState]:
@@ -282,7 +287,8 @@ class Store(files.Forkable):
     def set_state(self, name: str, state: WorldState) -> None:
         """Note what is known of a state."""
         with self._changing() as database:
-            content = checked_json(state.to_dict(), self._recording_id(), name)
+            read = partial(WorldState.from_dict, name)
+            content = checked_json(state.to_dict(), read, self._recording_id(), name)
             database.execute("INSERT OR REPLACE INTO state VALUES (?, ?, ?)", (name, *content))
 
     def exposure(self) -> Exposure | None:
@@ -313,8 +319,10 @@ class Store(files.Forkable):
             words = scene_in_words(known), scene_in_words(identity)
             self._refuse("captures of the scene {}, got {}".format(*words))
         if known.merged(identity) != known:
-            with self._changing():
-                self._head = self.head()._replace(scene=scene_to_json(known.merged(identity)))
+            with self._changing(), readable():
+                scene = scene_to_json(known.merged(identity))
+                scene.encode()
+                self._head = self.head()._replace(scene=scene)
 
     def _states(self, where: str, *names: str) -> dict[str, WorldState]:
         statement = f"SELECT name, content, checksum FROM state {where} ORDER BY name LIMIT {_MOST_STATES}"
@@ -325,6 +333,16 @@ class Store(files.Forkable):
                 prefix = self._recording_id(), name
                 states[name] = json_of_row(f"state {shown(name)}", read, content, crc, *prefix)
         return states
+
+    def _check_named(self, scene: object) -> None:
+        """Raise OtherSceneError if a capture's provenance names another scene than that of an earlier one."""
+        latest = (
+            "SELECT provenance FROM capture WHERE instr(provenance, '\"scene\"') ORDER BY number DESC LIMIT 1"
+        )
+        for (text,) in self._query(latest):
+            known = object_from_json(text).get("scene")
+            if known and known != scene:
+                self._refuse(f"captures of the scene {shown(known)}, got {shown(scene)}")
 
     def _refuse(self, expected: str) -> NoReturn:
         raise OtherSceneError(f"expected {expected}; record into another file", self.path)
