@@ -4,7 +4,7 @@ import inspect
 import json
 import re
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -91,12 +91,13 @@ def _typical(name: str) -> dict[str, str]:
     "from-unreal",
     epilog="Example: omniscv cameras from-unreal unreal://localhost:9000 --number 1 --out hero.json",
 )
+@options.with_blocks
 def from_unreal(
     address: Annotated[str, Argument(help="unreal://host:port.")],
     number: Annotated[int | None, Option(min=0, help="One of the cameras, for --out.")] = None,
     out: Annotated[Path | None, Option(help="A file for its camera, which --camera takes.")] = None,
-    timeout: options.Timeout = None,
-    patience: options.Patience = None,
+    *,
+    waiting: options.Waiting,
 ) -> None:
     """List the cameras of a game's level as poses and pinhole cameras, cine models included.
 
@@ -106,7 +107,7 @@ def from_unreal(
     from omniscv.cameras import create
     from omniscv.diagnostics.server import cameras_of
 
-    every = cameras_of(address, **options.deadlines(timeout, patience))
+    every = cameras_of(address, **waiting.deadlines())
     listed = every if number is None else every[number : number + 1]
     if not listed or (out is not None and len(listed) > 1):
         got = "none" if number is None else str(number)
@@ -124,18 +125,41 @@ def from_unreal(
         console.line(f"  --position {position} {rotation}")
 
 
+@dataclass(frozen=True)
+class _Fitted:
+    """Options of the camera that another one is fitted to."""
+
+    name: Annotated[str | None, Option(help="The camera of a file that holds several.")] = None
+    size: Annotated[str, Option(help="Width x height of the image of a model, px.")] = "1024x1024"
+    settings: Annotated[
+        list[str] | None, Option("--set", help="KEY=VALUE: a parameter of a model, as alpha=0.6; repeatable.")
+    ] = None
+
+    def camera(self, source: str) -> Any:
+        """Return the camera of a model or of a calibration file."""
+        from omniscv.calibration import load
+        from omniscv.cameras import create, names
+
+        if source in names():
+            parameters = dict(options.setting(text, "alpha=0.6") for text in self.settings or [])
+            if {"width", "height"} & parameters.keys():
+                wanted = "expected width and height in --size WIDTHxHEIGHT"
+                raise ArgumentError(f"--set: {wanted}, got them as keys")
+            return create(source, *options.size(self.size), **parameters)
+        cameras = load(source)
+        only = next(iter(cameras)) if len(cameras) == 1 and self.name is None else self.name
+        return cameras[one_of("--name", only, cameras)]
+
+
 @app.command(
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
     "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap",
 )
+@options.with_blocks
 def fit(
     source: Annotated[str, Argument(help="A calibration file, or a model, with --size and --set.")],
     model: Annotated[str, Argument(help="The model to fit.")],
-    name: Annotated[str | None, Option(help="The camera of a file that holds several.")] = None,
-    size: Annotated[str, Option(help="Width x height of the image of a model, px.")] = "1024x1024",
-    settings: Annotated[
-        list[str] | None, Option("--set", help="KEY=VALUE: a parameter of a model, as alpha=0.6; repeatable.")
-    ] = None,
+    fitted: _Fitted,
     out: Annotated[Path | None, Option(help="A file for the fitted camera.")] = None,
     format: Annotated[str, Option(help="Of --out: opencv, kalibr, ...; see docs/calibration.md.")] = "json",
     as_json: options.AsJson = False,
@@ -144,22 +168,12 @@ def fit(
 
     For programs that lack a model. The errors are the distances, in px, between the two images of a ray.
     """
-    from omniscv.calibration import fit, load, save
+    from omniscv.calibration import fit, save
     from omniscv.calibration.files import FORMS
-    from omniscv.cameras import create, names
 
-    if source in names():
-        parameters = dict(options.setting(text, "alpha=0.6") for text in settings or [])
-        if {"width", "height"} & parameters.keys():
-            raise ArgumentError("--set: expected width and height in --size WIDTHxHEIGHT, got them as keys")
-        camera = create(source, *options.size(size), **parameters)
-    else:
-        cameras = load(source)
-        only = next(iter(cameras)) if len(cameras) == 1 and name is None else name
-        camera = cameras[one_of("--name", only, cameras)]
-    result = fit(camera, model)
+    result = fit(fitted.camera(source), model)
     if out is not None:
-        label = FORMS[one_of("--format", format, FORMS)].label.format(0, 1, name=name or "cam0")
+        label = FORMS[one_of("--format", format, FORMS)].label.format(0, 1, name=fitted.name or "cam0")
         save(out, {label: result.camera}, format)
     if as_json:
         errors = {"max_px": result.max_px, "rms_px": result.rms_px, "coverage": result.coverage}

@@ -1,6 +1,6 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +8,7 @@ from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
 from omniscv.cli.console import StyleOption, display
-from omniscv.cli.options import IMAGES, AsJson, JobArguments, setting, with_job
+from omniscv.cli.options import IMAGES, AsJson, JobArguments, setting, with_blocks, with_job
 from omniscv.errors import ArgumentError
 
 _HELP = "Images with all their truth, as files that other programs read."
@@ -22,71 +22,84 @@ Settings = Annotated[
     list[str] | None,
     Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100."),
 ]
-Shard = Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")]
 _CLUSTER_HELP = "Workers of Dask: local:N processes here, or a scheduler's address."
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Options of how a dataset is made."""
+
+    resume: Annotated[bool, Option("--resume", help="Complete an existing dataset.")] = False
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing dataset.")] = False
+    keep_going: Annotated[
+        bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
+    ] = False
+    shard: Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")] = (
+        None
+    )
+    limit: Annotated[
+        int | None, Option(min=1, help="So many frames only, spread over worlds and poses by a hash.")
+    ] = None
+    cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None
+    workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1
+
+    def part(self) -> tuple[int, int] | None:
+        """Return ``--shard`` as numbers, after refusing options that exclude each other."""
+        with_cluster = self.shard or self.limit or self.workers != 1 or self.keep_going or self.overwrite
+        if self.cluster is not None and with_cluster:
+            others = "--shard, --limit, --workers, --keep-going and --overwrite"
+            raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
+        if self.overwrite and (self.resume or self.shard):
+            raise ArgumentError("--overwrite: expected it without --resume and --shard, got several of them")
+        if self.shard is None:
+            return None
+        index, _, count = self.shard.partition("/")
+        if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
+            wanted = "expected I/N with I from 0 to N - 1, such as 0/4"
+            raise ArgumentError(f"--shard: {wanted}, got {self.shard!r}")
+        return int(index), int(count)
 
 
 @app.command(epilog="Example: omniscv dataset make dataset.yaml --resume")
 @with_job(IMAGES, needs_file=True)
-def make(
-    job: JobArguments,
-    resume: Annotated[bool, Option("--resume", help="Complete an existing dataset.")] = False,
-    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing dataset.")] = False,
-    keep_going: Annotated[
-        bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
-    ] = False,
-    shard: Shard = None,
-    limit: Annotated[
-        int | None, Option(min=1, help="So many frames only, spread over worlds and poses by a hash.")
-    ] = None,
-    cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None,
-    workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1,
-    progress: StyleOption = None,
-) -> None:
+@with_blocks
+def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
     """Make a dataset: images, labels, classes, truths, the manifest and exports.
 
     The same job gives the same bytes, whatever the workers, shards, clusters and interruptions. Shards and
     clusters go on with a dataset that is there; see docs/scale.md.
     """
+    from omniscv.job import FailureLimit
     from omniscv.make import make as make_dataset
 
-    if cluster is not None and job.file is not None:  # workers may be in another folder
+    if how.cluster is not None and job.file is not None:  # workers may be in another folder
         job = replace(job, file=job.file.absolute())
     loaded = job.load()
-    if cluster is not None and (shard or limit or workers != 1 or keep_going or overwrite):
-        others = "--shard, --limit, --workers, --keep-going and --overwrite"
-        raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
-    part = None
-    if shard is not None:
-        index, _, count = shard.partition("/")
-        if not (index.isdecimal() and count.isdecimal() and int(index) < int(count)):
-            wanted = "expected I/N with I from 0 to N - 1, such as 0/4"
-            raise ArgumentError(f"--shard: {wanted}, got {shard!r}")
-        part = int(index), int(count)
+    part = how.part()
+    if how.keep_going:
+        loaded = replace(loaded, failures=FailureLimit(1.0))
     with display("frames", progress) as show:
-        if cluster is not None:
+        if how.cluster is not None:
             from omniscv.cluster import make, workers_of
 
             result = make(
-                loaded, workers_of(cluster), progress=show.steps, warn=console.error, note=console.line
+                loaded, workers_of(how.cluster), progress=show.steps, warn=console.error, note=console.line
             )
             console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept; complete")
             return
         result = make_dataset(
             loaded,
-            resume=resume,
-            overwrite=overwrite,
-            keep_going=keep_going,
+            existing="resume" if how.resume else "replace" if how.overwrite else "refuse",
             shard=part,
-            limit=limit,
-            workers=workers,
+            limit=how.limit,
+            workers=how.workers,
             progress=show,
             warn=console.error,
         )
     state = f"{result.missing} frames are missing: finish with --resume" if result.missing else "complete"
     failed = f", {result.failed} failed: try them again with --resume" if result.failed else ""
     console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept{failed}; {state}")
-    raise Exit(1 if result.failed and keep_going else 0)
+    raise Exit(1 if result.failed and how.keep_going else 0)
 
 
 @app.command(

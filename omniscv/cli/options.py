@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -23,8 +23,28 @@ if TYPE_CHECKING:
     from omniscv.sources.registry import Deadlines
 
 AsJson = Annotated[bool, Option("--json", help="As JSON, for programs.")]
-Timeout = Annotated[float | None, Option(help="Seconds for connecting, and for each reply of a server; 15.")]
-Patience = Annotated[float | None, Option(help="Seconds of retries after a fault; 10.")]
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Options of commands that ask a live server; see :func:`with_blocks`."""
+
+    timeout: Annotated[
+        float | None, Option(help="Seconds for connecting, and for each reply of a server; 15.")
+    ] = None
+    patience: Annotated[float | None, Option(help="Seconds of retries after a fault; 10.")] = None
+
+    def deadlines(self) -> Deadlines:
+        """Return the options that are given, as those of a source."""
+        from omniscv.arguments import number  # loads NumPy, which help does without
+
+        values: Deadlines = {}
+        if self.timeout is not None:
+            values["timeout_s"] = number("--timeout", self.timeout, above=0)
+        if self.patience is not None:
+            values["patience_s"] = number("--patience", self.patience, above=0)
+        return values
+
 
 Keys = dict[str, Any]
 """Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
@@ -35,18 +55,6 @@ _SET_HELP = (
     "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as strategy=exact, camera.fov_deg=185, "
     "source_options.timeout_s=60; repeatable. 'omniscv job --keys' lists the keys."
 )
-
-
-def deadlines(timeout: float | None, patience: float | None) -> Deadlines:
-    """Return ``--timeout`` and ``--patience``, where given, as options of a source."""
-    from omniscv.arguments import number  # loads NumPy, which help does without
-
-    values: Deadlines = {}
-    if timeout is not None:
-        values["timeout_s"] = number("--timeout", timeout, above=0)
-    if patience is not None:
-        values["patience_s"] = number("--patience", patience, above=0)
-    return values
 
 
 def size(text: str) -> tuple[int, int]:
@@ -288,6 +296,35 @@ def _only_place(source: object) -> str | None:
 
     places = {center.center for center in centers(source)}
     return ",".join(map(repr, places.pop())) if len(places) == 1 else None
+
+
+def with_blocks(body: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that has the fields of its dataclass parameters as options of their own."""
+    parameters = signature(body, eval_str=True).parameters.values()
+    blocks: dict[str, Any] = {
+        parameter.name: parameter.annotation
+        for parameter in parameters
+        if is_dataclass(parameter.annotation) and parameter.annotation is not JobArguments
+    }
+
+    @wraps(body)
+    def command(**values: Any) -> None:
+        for name, block in blocks.items():
+            values[name] = block(**{option.name: values.pop(option.name) for option in fields(block)})
+        body(**values)
+
+    options = [
+        option.replace(kind=Parameter.KEYWORD_ONLY)
+        for parameter in parameters
+        for option in (
+            signature(blocks[parameter.name], eval_str=True).parameters.values()
+            if parameter.name in blocks
+            else [parameter]
+        )
+    ]
+    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    command.__annotations__ = {}
+    return command
 
 
 def with_job(

@@ -1,6 +1,6 @@
 """``omniscv recording``: inspect, check and convert recordings."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -61,7 +61,33 @@ def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or n
     console.line(f"{folder}: {folders.export(file, folder)} captures")
 
 
+@dataclass(frozen=True)
+class _Said:
+    """Options that say of pictures what they do not."""
+
+    position: Annotated[str | None, Option(metavar="X,Y,Z", help="Of one place, metres.")] = None
+    yaw: Annotated[float | None, Option(help="Of the front face, degrees to the left.")] = None
+    depth: Annotated[str | None, Option(help="planar-mm, ray-m, ray-1/512 and so on; or carla.")] = None
+    missing: Annotated[list[float] | None, Option(help="A number of no depth; repeatable.")] = None
+    names: Annotated[Path | None, Option(help="JSON of the objects in masks.")] = None
+    poses: Annotated[Path | None, Option(help="CSV or JSON of panoramas' poses, by name.")] = None
+    frame: Annotated[str | None, Option(help="Axes of --poses: camera, body, unreal, opengl, ned.")] = None
+    unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None
+    mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False
+    clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False
+
+    def given(self) -> dict[str, Any]:
+        """Return the options that are given, as :class:`omniscv.sources.recording.importing.Said`."""
+        values = {name: value for name, value in vars(self).items() if value}
+        if "position" in values:
+            values["position"] = options.numbers("--position", values["position"])
+        if (yaw := values.pop("yaw", self.yaw)) is not None:
+            values["yaw_deg"] = yaw
+        return values
+
+
 @app.command("import", epilog="Example: omniscv recording import skybox/ mine.sqlite --position 0,0,1.5")
+@options.with_blocks
 def import_(
     pictures: Annotated[
         Path, Argument(help="A folder of captures, faces, panoramas or frames; or a picture.")
@@ -70,35 +96,18 @@ def import_(
     layout: Annotated[
         str, Option(help="auto, one of docs/capture-folders.md, or a file .yaml that describes one.")
     ] = "auto",
-    position: Annotated[str | None, Option(metavar="X,Y,Z", help="Of one place, metres.")] = None,
-    yaw: Annotated[float | None, Option(help="Of the front face, degrees to the left.")] = None,
-    depth: Annotated[str | None, Option(help="planar-mm, ray-m, ray-1/512 and so on; or carla.")] = None,
-    missing: Annotated[list[float] | None, Option(help="A number of no depth; repeatable.")] = None,
-    names: Annotated[Path | None, Option(help="JSON of the objects in masks.")] = None,
-    poses: Annotated[Path | None, Option(help="CSV or JSON of panoramas' poses, by name.")] = None,
-    frame: Annotated[str | None, Option(help="Axes of --poses: camera, body, unreal, opengl, ned.")] = None,
-    unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None,
-    mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False,
-    clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False,
+    *,
+    said: _Said,
 ) -> None:
     """Add pictures that other tools rendered, or an exported folder, to a recording."""
     from omniscv.sources.recording import folders, importing
 
-    at = None if position is None else options.numbers("--position", position)
-    said: dict[str, Any] = {
-        "position": at,
-        "yaw_deg": yaw,
-        "depth": depth,
-        "missing": missing or (),
-        "names": names,
-    }
-    said |= {"poses": poses, "frame": frame, "unit": unit, "mirrored": mirrored, "clip": clip}
     if (pictures / folders.INDEX).exists():
-        if given := [name for name, value in said.items() if value not in (None, False, ())]:
-            raise ArgumentError(f"{given[0]}: expected none, because {folders.INDEX} says it")
+        if given := said.given():
+            raise ArgumentError(f"{next(iter(given))}: expected none, because {folders.INDEX} says it")
         console.line(f"{file}: {folders.import_folder(pictures, file)} captures")
         return
-    added = importing.import_pictures(pictures, file, layout, **said)
+    added = importing.import_pictures(pictures, file, layout, **said.given())
     for line in (*added.lines, f"{file}: {added.captures} captures"):
         console.line(line)
 

@@ -75,11 +75,11 @@ def _describe_scene(name: str, as_json: bool) -> None:
 @app.command(
     epilog="Example: omniscv send mock://four-wall 'vget /unrealcv/status' 'vget /object/Table/location'"
 )
+@options.with_blocks
 def send(
     uri: Annotated[str, Argument(help="unreal://host:port or mock://scene.")],
     commands: Annotated[list[str], Argument(metavar="COMMAND...", help="Of UnrealCV: 'vget /objects'.")],
-    timeout: options.Timeout = None,
-    patience: options.Patience = None,
+    waiting: options.Waiting,
 ) -> None:
     """Send commands to a server, and print its replies; of a binary one, what it is and its size.
 
@@ -89,11 +89,12 @@ def send(
 
     if commands[0] in _VERBS:
         raise ArgumentError(f"COMMAND: expected it in quotes, such as '{' '.join(commands)}', got words")
-    for reply in replies_to(uri, commands, **options.deadlines(timeout, patience)):
+    for reply in replies_to(uri, commands, **waiting.deadlines()):
         console.document(reply)
 
 
 @app.command(epilog="Example: omniscv doctor mock://four-wall\n\nExample: omniscv doctor --self")
+@options.with_blocks
 def doctor(
     uri: Annotated[
         str | None,
@@ -110,8 +111,8 @@ def doctor(
         Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
     ] = None,
     as_json: options.AsJson = False,
-    timeout: options.Timeout = None,
-    patience: options.Patience = None,
+    *,
+    waiting: options.Waiting,
 ) -> None:
     """Measure what a server is, and what would spoil captures there; or check this installation.
 
@@ -131,7 +132,7 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
-        deadlines = options.deadlines(timeout, patience)
+        deadlines = waiting.deadlines()
         findings = examine_address(uri, where, quick, picture=picture, **deadlines)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])

@@ -14,7 +14,7 @@ import shutil
 from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from omniscv.errors import (
 )
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.job import FailureLimit, Job
+from omniscv.job import Job
 from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import Failures, FrameMaker
 from omniscv.make.instants import frames_by_instant, keys_of
@@ -121,9 +121,7 @@ def parts_of(job: Job) -> list[Part]:
 def make(
     job: Job,
     *,
-    resume: bool = False,
-    overwrite: bool = False,
-    keep_going: bool = False,
+    existing: Literal["refuse", "resume", "replace"] = "refuse",
     shard: tuple[int, int] | None = None,
     limit: int | None = None,
     workers: int = 1,
@@ -134,9 +132,8 @@ def make(
 
     Args:
         job: what to make.
-        resume: continue a dataset; frames whose files have their checksums are kept.
-        overwrite: remove a dataset that is there.
-        keep_going: report frames that fail, and leave them out; ``resume`` tries them again.
+        existing: what happens to a dataset that is there: ``refuse``, ``resume`` it, where frames whose files
+            have their checksums are kept, or ``replace`` it.
         shard: (i, n): only part i of n (:class:`Part`), into a dataset that may exist. The last
             one finishes the dataset. The folders of shards are joined by copying them into one, and are
             finished by ``resume``.
@@ -153,15 +150,14 @@ def make(
     whole_number("workers", workers, most=256)
     part = Part() if shard is None else Part(*shard)
     folder = storage.folder(job.out)
-    if overwrite and (resume or shard):
-        raise ArgumentError("overwrite: expected it without resume and shard, got several of them")
-    if not (resume or shard or overwrite):
+    if existing == "replace" and shard:
+        raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
+    if existing == "refuse" and not shard:
         make_room(folder)
-    if keep_going:
-        job = replace(job, failures=FailureLimit(1.0))
     chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
-    made, worlds, frames = _run(job, part, workers, progress, warn, overwrite, chosen=chosen)
+    how = _How(workers, progress, warn, existing == "replace", chosen)
+    made, worlds, frames = _run(job, part, how)
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
@@ -209,26 +205,30 @@ def run_part(
     Raises:
         OmniscvError: as :func:`make`.
     """
-    return _run(job, part, source=source, warn=warn)[0]
+    return _run(job, part, _How(warn=warn), source)[0]
+
+
+class _How(NamedTuple):
+    """How a part is made: the arguments of :func:`make`, and the keys of the frames that are chosen."""
+
+    workers: int = 1
+    progress: Report | None = None
+    warn: Callable[[str], None] | None = None
+    replaces: bool = False
+    chosen: Collection[str] | None = None
 
 
 def _run(
-    job: Job,
-    part: Part,
-    workers: int = 1,
-    progress: Report | None = None,
-    warn: Callable[[str], None] | None = None,
-    overwrite: bool = False,
-    source: Source | None = None,
-    chosen: Collection[str] | None = None,
+    job: Job, part: Part, how: _How, source: Source | None = None
 ) -> tuple[Made, list[Job], list[Frame]]:
     """Make a part, as :func:`run_part`; return the counts, the worlds with their poses, and the frames.
 
     Worlds are opened one after the other.
     """
+    chosen, warn = how.chosen, how.warn or (lambda line: None)
     contents = [check_dataset(world) for world in job.each]
     folder, settings = storage.folder(job.out), contents[0].settings(job)
-    failures = Failures(job.failures.skip * sum(map(_count, job.each)), warn or (lambda line: None))
+    failures = Failures(job.failures.skip * sum(map(_count, job.each)), warn)
     labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
     ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
     worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
@@ -241,8 +241,8 @@ def _run(
                 frames = [frame for shared in planned for frame in shared.frames]
                 frames = [frame for frame in frames if chosen is None or frame.key in chosen]
                 check_source(world, contents[at], live, planned)
-                if overwrite and at == 0:
-                    make_room(folder, overwrite)
+                if how.replaces and at == 0:
+                    make_room(folder, overwrite=True)
                 names = live.objects().names() if labelled else ()  # those that the source has now
                 writer = Writer(
                     job.out,
@@ -259,8 +259,8 @@ def _run(
                 marked, _ = _read_marker(folder, writer.manifest, part) or ((), ())
                 writer.keep_marked(marked)
                 missing = writer.missing(frames)
-                maker = FrameMaker(world, contents[at], live, writer, workers, warn, failures)
-                maker.run(planned, missing, progress)
+                maker = FrameMaker(world, contents[at], live, writer, how.workers, warn, failures)
+                maker.run(planned, missing, how.progress)
                 written += writer.frames(frame.key for frame in frames if frame.key not in failures.lines)
                 kept += len(frames) - len(missing)
                 made += len(missing - failures.lines.keys())

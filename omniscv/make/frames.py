@@ -79,11 +79,11 @@ class FrameMaker:
         source: Source,
         writer: Writer,
         workers: int,
-        warn: Callable[[str], None] | None,
+        warn: Callable[[str], None],
         failures: Failures,
     ) -> None:
         self._job, self._contents, self._writer = job, contents, writer
-        self._workers, self._failures, self._warn = workers, failures, warn or (lambda line: None)
+        self._workers, self._failures, self._warn = workers, failures, warn
         self._skipped = set[tuple[str, str]]()
         # Shapes take a game one request per object: read them for truths and recordings only.
         self._shapes = bool(contents.truth or job.recipe.watch) or job.record is not None

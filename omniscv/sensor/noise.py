@@ -102,30 +102,25 @@ def _poisson(mean: float, half: Any, table: Any) -> float:
 
 
 @njit(cache=True, nogil=True)
-def expose(
-    light: Floats, words: Any, prnu: Floats, dsnu: Floats, row_noise: Any, rows: Any, codes: Any,
-    table: Any, electrons: Any, left: int, dark: float, well: float, read: float, gain: float, black: float,
-    top: float,
-) -> None:  # fmt: skip
+def expose(light: Floats, words: Any, fixed: Any, rows: Any, codes: Any, table: Any, numbers: Any) -> None:
     """Write the codes (h, w) of some rows of a sensor.
 
     Args:
-        light, words, prnu, dsnu, codes: (h, w); non-uniformity as a share and in electrons.
-        row_noise, rows: (h,) electrons, and the rows' numbers.
+        light, words, codes: (h, w).
+        fixed: (h, w, 2) non-uniformity, as a share and in electrons.
+        rows: (h, 3) electrons: of light 1.0 in the 1st, 3rd, ... and in the other columns; noise of the row.
         table: of :func:`quantiles`.
-        electrons: (2, 2) of light 1.0, of even and odd rows and columns.
-        left: number of the first column.
-        dark, well, read: electrons: dark signal, full well, standard deviation of read noise.
-        gain, black, top: codes per electron, of no light, and the highest.
+        numbers: electrons of dark signal, full well, standard deviation of read noise; codes per electron, of
+            no light, and the highest.
     """
     height, width = light.shape
+    dark, well, read, gain, black, top = numbers
     for y in range(height):
-        of_row = electrons[rows[y] & 1]
         for x in range(width):
             word = words[y, x]
-            mean = light[y, x] * of_row[(left + x) & 1] * (1.0 + prnu[y, x]) + dark
+            mean = light[y, x] * rows[y, x & 1] * (1.0 + fixed[y, x, 0]) + dark
             n = min(max(_poisson(mean, word >> np.uint64(32), table), 0.0), well)
-            total = n + dsnu[y, x] + row_noise[y]
+            total = n + fixed[y, x, 1] + rows[y, 2]
             if read > 0.0:
                 total += read * _normal(word & np.uint64(0xFFFFFFFF), table)
             codes[y, x] = min(max(np.rint(gain * total + black), 0.0), top)

@@ -266,22 +266,22 @@ class Sensor:
         height, columns = light.shape
         step, across = max(1, _BLOCK_PX // width), slice(left, left + columns)
         electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
-        patterns = [
-            _fixed_pattern(tuple(fixed.tolist()), purpose, plane, top * width, height, width, scale)
-            for purpose, scale in ((noise.PRNU, self.prnu), (noise.DSNU, self.dsnu))
-        ]
+        electrons = np.roll(electrons, left % 2, axis=1)  # of the part's own columns
+        dark = self.dark_current * self.exposure_s
+        numbers = np.array(
+            [dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1]
+        )
+        scales = self.prnu, self.dsnu
+        patterns = _fixed_patterns(tuple(fixed.tolist()), plane, top * width, (height, width), scales)
         for first in range(0, height, step):
             rows = slice(first, min(first + step, height))
-            numbers = np.arange(top + first, top + rows.stop)
-            words = noise.words(key, noise.PIXEL, plane, int(numbers[0]) * width, len(numbers) * width)
-            offsets = self.row_noise * noise.normals(key, noise.ROW, plane, int(numbers[0]), len(numbers))
-            fixed_rows = [values[rows, across] for values in patterns]
+            start, count = top + first, rows.stop - first
+            words = noise.words(key, noise.PIXEL, plane, start * width, count * width)
+            offsets = self.row_noise * noise.normals(key, noise.ROW, plane, start, count)
+            of_rows = np.column_stack([electrons[np.arange(start, start + count) & 1], offsets])
             words = words.reshape(-1, width)[:, across]
-            run(
-                noise.expose, (light[rows], words, *fixed_rows, offsets, numbers, codes[rows]),
-                noise.quantiles(), electrons, left, self.dark_current * self.exposure_s, self.full_well,
-                self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1,
-            )  # fmt: skip
+            arrays = light[rows], words, patterns[rows, across], of_rows, codes[rows]
+            run(noise.expose, arrays, noise.quantiles(), numbers)
         return codes
 
     def develop(self, codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
@@ -349,15 +349,17 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 
-@lru_cache(16)
-def _fixed_pattern(
-    key: tuple[int, ...], purpose: int, plane: int, start: int, height: int, width: int, scale: float
+@lru_cache(8)
+def _fixed_patterns(
+    key: tuple[int, ...], plane: int, start: int, size: tuple[int, int], scales: tuple[float, float]
 ) -> Floats:
-    """Return (height, width) of a camera's fixed pattern; cached, because all its frames have it."""
-    if scale == 0:
-        return np.zeros((height, width), np.float32)
-    values = noise.normals(np.array(key, np.uint64), purpose, plane, start, height * width)
-    return np.asarray(scale * values, np.float32).reshape(height, width)
+    """Return (height, width, 2), the PRNU and DSNU of a camera; cached, because all its frames have them."""
+    patterns = np.zeros((*size, 2), np.float32)
+    for i, (purpose, scale) in enumerate(zip((noise.PRNU, noise.DSNU), scales, strict=True)):
+        if scale:
+            values = noise.normals(np.array(key, np.uint64), purpose, plane, start, size[0] * size[1])
+            patterns[..., i] = np.asarray(scale * values, np.float32).reshape(size)
+    return patterns
 
 
 @lru_cache(8)

@@ -52,7 +52,8 @@ def on_the_fly(path: Path, camera: omniscv.cameras.Camera, count: int, turns: in
 
     draw = RandomTurns((camera,), pitch_deg=(-20, 20))
     kept = RecordingDataset(path, draw, MODES, per_center=count)
-    fresh = RecordingDataset(path, draw, MODES, per_center=count, cache_bytes=0)
+    fresh = RecordingDataset(path, draw, MODES, per_center=count)
+    fresh.cache_bytes = 0
     poses = [record["record"].pose for record in kept]
     with omniscv.open_source(path) as source:
         renderer, faces = omniscv.Renderer(source), Faces(source, CENTER, MODES)

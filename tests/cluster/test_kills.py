@@ -84,7 +84,7 @@ def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_tha
         assert printed.startswith("dashboard: http://127.0.0.1:")
         assert psutil.wait_procs(below_it, timeout=30)[1] == []
         assert not (out / "frames.jsonl").exists()
-        assert make(load(job), resume=True).kept >= 12
+        assert make(load(job), existing="resume").kept >= 12
     assert tree(out) == tree(tmp_path / "single")
     assert dataset.check(out, deep=True) == []
 

@@ -49,7 +49,7 @@ def test_parts_on_s3_are_the_bytes_of_one_process(single, job, tmp_path):
         made = make(there, shard=(0, 2))
         assert (made.written, made.missing) == (2, 0)
         assert tree_at(url) == tree(single / "dataset")
-        again = make(there, resume=True)
+        again = make(there, existing="resume")
         assert (again.written, again.kept) == (0, 6)
         assert tree_at(url) == tree(single / "dataset")
         with pytest.raises(OmniscvError, match="expected a new folder, got a dataset"):
@@ -63,7 +63,7 @@ def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_p
         assert make(there, shard=(0, 1)).written == 6
         assert 4 <= store.most_waiting <= 64
         store.requests, store.fault = 0, lambda number: ""
-        assert make(there, resume=True).kept == 6
+        assert make(there, existing="resume").kept == 6
         assert store.requests < 60
         assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
 

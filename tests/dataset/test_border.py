@@ -165,7 +165,7 @@ def test_pipes_and_links_in_place_of_files_are_replaced(copied):
         os.mkfifo(copied / name)
     (copied / "pano-1.lit.png").rename(copied.parent / "private.png")
     (copied / "pano-1.lit.png").symlink_to(copied.parent / "private.png")
-    made = make(load(copied.parent / "dataset.yaml"), resume=True)
+    made = make(load(copied.parent / "dataset.yaml"), existing="resume")
     assert (made.written, made.kept) == (3, 3)
     assert tree(copied) == before
     assert not (copied / "pano-1.lit.png").is_symlink()

@@ -140,7 +140,7 @@ def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys
     assert "1 frames made, 0 kept, 1 failed: try them again with --resume; complete" in printed.out
     assert [frame.key for frame in dataset.open("made")] == ["pano"]
     faults.clear()
-    assert make.make(load("job.yaml"), resume=True) == make.Made(1, 1)
+    assert make.make(load("job.yaml"), existing="resume") == make.Made(1, 1)
     assert [frame.key for frame in dataset.open("made")] == ["ahead", "pano"]
 
 

@@ -121,7 +121,7 @@ def test_a_dataset_has_one_store(stores, tmp_path):
     job = load(job_file(tmp_path, more=more))
     before = tree(out)
     with pytest.raises(ArgumentError, match="store"):
-        make(job, resume=True)
+        make(job, existing="resume")
     assert tree(out) == before
 
 

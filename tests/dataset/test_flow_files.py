@@ -249,7 +249,7 @@ def test_frames_of_another_motion_are_made_again(made, tmp_path):
     shutil.copytree(made / "moving", tmp_path / "other")
     first, last = job.motions["Cabinet"].waypoints
     other = Motion(Trajectory((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
-    done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), resume=True)
+    done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), existing="resume")
     assert (done.written, done.kept) == (2, 1)
 
 

@@ -34,7 +34,7 @@ def test_workers_and_shards_make_the_same_bytes(whole, tmp_path):
     for i in range(2):
         make(replace(job, out=tmp_path / f"part-{i}"), shard=(i, 2))
         shutil.copytree(tmp_path / f"part-{i}", tmp_path / "joined", dirs_exist_ok=True)
-    joined = make(replace(job, out=tmp_path / "joined"), resume=True)
+    joined = make(replace(job, out=tmp_path / "joined"), existing="resume")
     assert (joined.written, joined.kept, joined.missing) == (0, 6, 0)
     assert sum(each.written for each in done) == 6
     assert [each.missing > 0 for each in done] == [True, True, False]
@@ -47,7 +47,7 @@ def test_a_frame_is_made_again_where_a_file_of_it_is_damaged(copied):
     (copied / "lens-0.depth.exr").unlink()
     (copied / "pano-1.lit.png").write_bytes(b"damaged")
     (copied / "pano-2.json").write_text("{", encoding="utf-8")
-    done = make(load(copied.with_name("dataset.yaml")), resume=True)
+    done = make(load(copied.with_name("dataset.yaml")), existing="resume")
     assert (done.written, done.kept) == (3, 3)
     assert tree(copied) == wanted
 
@@ -106,18 +106,18 @@ def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
     changed["other classes"] = load(path)
     for what, other in changed.items():
         with pytest.raises(ArgumentError, match=what):
-            make(other, resume=True)
+            make(other, existing="resume")
     assert dataset.check(copied) == []
 
 
 def test_another_scene_s_frames_are_made_again(copied):
     """A frame is kept only where the scene, the pose, the time and the place are the same."""
     job = load(copied.with_name("dataset.yaml"))
-    done = make(replace(job, source="scene://six-wall"), resume=True)
+    done = make(replace(job, source="scene://six-wall"), existing="resume")
     assert (done.written, done.kept) == (6, 0)
     assert {entry.scene.split("/")[0] for entry in manifest.read_frames(copied)} == {"six-wall"}
     moved = replace(job, source="scene://six-wall", times=(0.0, 0.5, 2.0))
-    done = make(moved, resume=True)
+    done = make(moved, existing="resume")
     assert (done.written, done.kept) == (2, 4)
     assert dataset.check(copied, deep=True) == []
 

@@ -14,7 +14,7 @@ from support.datasets import job_file, made, tree
 
 import omniscv
 from omniscv import dataset
-from omniscv.dataset import writer
+from omniscv.dataset.beginning import SCRATCH
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.geometry import Pose
 from omniscv.job import load
@@ -166,7 +166,7 @@ def test_finishing_removes_scratch_of_killed_writers(tmp_path):
     left.mkdir(parents=True)
     (left / "pano-0.lit.png").write_bytes(b"half")
     (job.out / ".dataset.0123456789abcdef.json").write_bytes(b"half")
-    make(job, resume=True)
+    make(job, existing="resume")
     assert tree(job.out) == tree(tmp_path / "single")
     assert not left.exists()
 
@@ -184,7 +184,7 @@ def test_hidden_files_of_the_user_stay(tmp_path):
 
 
 def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):
-    with scratch_folder(tmp_path, writer._SCRATCH) as mine:
+    with scratch_folder(tmp_path, SCRATCH) as mine:
         (mine / "pano-0.lit.png").write_bytes(b"half")
         with dataset.Writer(tmp_path):
             pass

@@ -220,7 +220,7 @@ def test_shards_and_limits_give_the_same_bytes(tmp_path):
     lines = (tmp_path / "limit" / "frames.jsonl").read_text().splitlines()
     assert len(lines) == 5
     assert set(lines) < set((tmp_path / "whole" / "frames.jsonl").read_text().splitlines())
-    make.make(job(tmp_path / "limit", **some), resume=True)
+    make.make(job(tmp_path / "limit", **some), existing="resume")
     assert tree(tmp_path / "limit") == whole
 
 
@@ -288,10 +288,10 @@ def test_a_world_may_vary_what_the_others_do_not_have(tmp_path):
         for frame in frames_of(tmp_path / "d").values()
     }
     assert names == {"four": ["Vase"], "six": ["Ball"]}
-    assert make.make(job(tmp_path / "d", **some), resume=True).written == 0
+    assert make.make(job(tmp_path / "d", **some), existing="resume").written == 0
     worlds["six"]["vary"] = None
     with pytest.raises(ArgumentError, match=r"options\.vary_of_worlds\.six"):
-        make.make(job(tmp_path / "d", **some), resume=True)
+        make.make(job(tmp_path / "d", **some), existing="resume")
 
 
 def test_a_world_that_dies_fails_its_frames_only_and_resume_tries_them_again(tmp_path, monkeypatch):
@@ -318,7 +318,7 @@ def test_a_world_that_dies_fails_its_frames_only_and_resume_tries_them_again(tmp
     assert info(tmp_path / "d")["failed"] == 3
     assert not check(tmp_path / "d")
     dead.clear()
-    assert make.make(kept, resume=True).written == 3
+    assert make.make(kept, existing="resume").written == 3
     assert not (tmp_path / "d" / "failed.jsonl").exists()
     assert len(frames_of(tmp_path / "d")) == 11
 

@@ -117,7 +117,7 @@ def test_parts_resuming_and_order_change_no_bytes(recorded, tmp_path):
     assert len(expected) == 12
     assert bytes_of(tmp_path / "parts", "raw", "sensor", "lit") == expected
     (tmp_path / "whole" / "eye-2.raw.png").unlink()
-    make(whole, resume=True)
+    make(whole, existing="resume")
     assert bytes_of(tmp_path / "whole", "raw", "sensor", "lit") == expected
     run(job(recorded, tmp_path / "turned", sensor=NOISY, poses=JOB["poses"][::-1]))
     for i in range(4):
@@ -127,7 +127,7 @@ def test_parts_resuming_and_order_change_no_bytes(recorded, tmp_path):
 def test_a_dataset_of_another_sensor_is_not_resumed(recorded, tmp_path):
     make(job(recorded, tmp_path, sensor=NOISY))
     with pytest.raises(ArgumentError, match=r"options\.sensor\.seed is 3"):
-        make(job(recorded, tmp_path, sensor=NOISY | {"seed": 4}), resume=True)
+        make(job(recorded, tmp_path, sensor=NOISY | {"seed": 4}), existing="resume")
 
 
 def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):

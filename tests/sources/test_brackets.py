@@ -190,7 +190,8 @@ def test_a_command_records_them_and_a_job_composes_light(exposing, tmp_path, cap
     assert np.abs(shown - np.rint(255 * light.light_to_srgb(np.minimum(lit, 1)))).max() <= 1
     with pytest.raises(ArgumentError, match=r"options\.brackets"):
         make(
-            load(keys | {"source": exposing, "brackets": [0, 2], "out": str(tmp_path / "live")}), resume=True
+            load(keys | {"source": exposing, "brackets": [0, 2], "out": str(tmp_path / "live")}),
+            existing="resume",
         )
 
 

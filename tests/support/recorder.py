@@ -95,7 +95,7 @@ ACTIONS = {
     "replace": replace,
     "change": change,
     "states": record_states,
-    "make": lambda job: make(load(Path(job)), resume=True),
+    "make": lambda job: make(load(Path(job)), existing="resume"),
 }
 
 
