@@ -288,6 +288,10 @@ class Writer:
             if not _damaged(frame, deep=False):
                 self._frames[frame.key] = frame
 
+    def refuse(self, keys: Iterable[str]) -> None:
+        """Refuse to write frames of these keys, as those that this run has written."""
+        self._written.update(key.casefold() for key in keys)
+
     def _camera_name(self, camera: Camera) -> str:
         """Return the name of a camera; a new camera is named after its model."""
         with self._lock:

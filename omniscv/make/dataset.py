@@ -37,7 +37,7 @@ from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check_dataset, check_source
 from omniscv.make.frames import Failures, FrameMaker
-from omniscv.make.instants import frames_by_instant, keys_of
+from omniscv.make.instants import check_keys, frames_by_instant, keys_of
 from omniscv.make.source import open_source, opened
 from omniscv.progress import Report
 from omniscv.sources.base import Source
@@ -227,6 +227,7 @@ def _run(
     """
     chosen, warn = how.chosen, how.warn or (lambda line: None)
     contents = [check_dataset(world) for world in job.each]
+    check_keys(job)
     folder, settings = storage.folder(job.out), contents[0].settings(job)
     failures = Failures(job.failures.skip * sum(map(_count, job.each)), warn)
     labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
@@ -258,6 +259,7 @@ def _run(
                 )
                 marked, _ = _read_marker(folder, writer.manifest, part) or ((), ())
                 writer.keep_marked(marked)
+                writer.refuse(frame.key for frame in written)  # of the worlds before
                 missing = writer.missing(frames)
                 maker = FrameMaker(world, contents[at], live, writer, how.workers, warn, failures)
                 maker.run(planned, missing, how.progress)

@@ -109,9 +109,28 @@ def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
         yield from (frame.key for frame in path.frames(i))
 
 
-def pose_number(job: Job, i: int) -> str:
-    """Return the number of a pose, with as many digits as the last one has."""
-    return f"{i:0{len(str(max(0, len(job.poses) - 1)))}d}"
+def check_keys(job: Job) -> None:
+    """Raise ArgumentError if two frames of a job's worlds would have one key, in any case of letters."""
+    owners: dict[str, str] = {}
+    for world in job.each:
+        count = len(world.poses) or getattr(world.sampling, "count", 1)
+        for name in world.cameras:
+            for key in (_key(world, name, i, count).casefold() for i in range(count)):
+                owner = f"camera {name!r} of world {world.world!r}"
+                if owners.setdefault(key, owner) != owner:
+                    got = f"that of {owners[key]} and {owner}; rename one"
+                    raise ArgumentError(f"{key}: expected a key of one frame, got {got}")
+
+
+def _key(job: Job, camera: str, i: int, count: int) -> str:
+    key = f"{camera}-{pose_number(job, i, count)}" if count > 1 else camera
+    # The cameras that are drawn for a world are named after it.
+    return f"{job.world}-{key}" if job.world and not camera.startswith(f"{job.world}-") else key
+
+
+def pose_number(job: Job, i: int, count: int = 0) -> str:
+    """Return the number of a pose, with as many digits as the last one of ``count``, or of all, has."""
+    return f"{i:0{len(str(max(0, (count or len(job.poses)) - 1)))}d}"
 
 
 class JobPath:
@@ -144,9 +163,7 @@ class JobPath:
         mounts = {} if job.rig is None else job.rig.cameras
         mounted = {} if job.rig is None else job.rig.poses(pose if self._timed is None else self._timed, time)
         for name, camera in job.cameras.items():
-            key = f"{name}-{pose_number(job, i)}" if len(job.poses) > 1 else name
-            if job.world and not name.startswith(f"{job.world}-"):  # as a camera that is drawn for it
-                key = f"{job.world}-{key}"
+            key = _key(job, name, i, len(job.poses))
             offset = mounts[name].time_offset if name in mounts else 0.0
             at = None if time is None else time + offset
             yield Frame(key, name, camera, mounted.get(name, pose), time=at)

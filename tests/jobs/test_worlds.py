@@ -347,6 +347,22 @@ def test_wrong_worlds_are_refused(tmp_path, keys, match):
         job(tmp_path, **(SOME | keys))
 
 
+def test_two_frames_of_one_key_are_refused_before_the_first_capture(tmp_path):
+    """World hall-left with camera eye, and world hall with camera left-eye: eight frames, six files."""
+    eye = {"model": "pinhole", "width": 16, "height": 16, "fov_deg": 90}
+    worlds = {"hall": {"source": "scene://nowhere"}, "hall-left": {"source": "scene://nowhere"}}
+    some = {"cameras": {"left-eye": eye, "eye": eye}, "worlds": worlds, "source": None, "vary": None}
+    with pytest.raises(ArgumentError, match="hall-left-eye-0: expected a key of one frame, got"):
+        make.make(job(tmp_path / "d", **some))
+    with omniscv.dataset.Writer(tmp_path / "w") as writer:
+        writer.refuse(["a"])
+        camera = omniscv.cameras.create("pinhole", 16, 16, fov_deg=90)
+        with omniscv.open_source("scene://four-wall") as source:
+            image = omniscv.render(camera, omniscv.Pose.from_angles((0, 0, 1.5)), source)
+        with pytest.raises(ArgumentError, match="expected one that no other frame has"):
+            writer.add("A", image)
+
+
 def test_other_commands_refuse_several_worlds(tmp_path):
     with pytest.raises(ArgumentError, match="worlds: expected one world here; 'omniscv dataset make'"):
         make.run(job(tmp_path, **SOME))
