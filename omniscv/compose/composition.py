@@ -1,17 +1,17 @@
-"""One image, from the rounds of its plan to its layers."""
+"""Compose one image, from the rounds of its plan to its layers."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv import light, modalities
 from omniscv.compose.beat import compare
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
+from omniscv.compose.layers import Canvas, derived_layers, mark_beyond_reach
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
 from omniscv.compose.rounding import round_depth
@@ -19,71 +19,81 @@ from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, reads_few, stacked
-from omniscv.planning import Kept, Round, Task, Viewpoint, captured, captured_progress
+from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
+from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.relief import depth_relief
+from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
-from omniscv.planning.strategy import FINER, pixels_of
 from omniscv.progress import Progress, Report
 from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
-from omniscv.sources.base import Capture, Color, ObjectTable, Source, View
-from omniscv.sources.labels import labels_of, labels_of_ids
-
-_ROWS = 64
-"""Rows whose directions are turned at a time: they are float64 meanwhile."""
+from omniscv.sources.base import Capture, Source, View
 
 
-class Composition:
-    """One image while it is captured and composed.
+def compose(
+    plan: Plan,
+    source: Source,
+    sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
+    once: Once,
+    report: Report,
+) -> tuple[OmniImage, Mask | None]:
+    """Capture and compose an image.
 
     Args:
-        task: the image.
-        modes: its modalities.
+        plan: of the image; its ``modes`` are those that are sampled.
         source: where captures come from.
         sampler_of: makes a sampler of rays, (3, 3) from their frame to the world, views, and whether they are
             the rays of the whole image.
         once: makes what may serve several images.
         report: called after each viewpoint, and when the image is done.
+
+    Returns:
+        The image, and (H, W) where masks show objects that stand for the sky; None if none were looked for.
     """
+    composing = _Composing(plan, source, sampler_of, once, report)
+    drive(replace(plan, doubt=lambda: composing.image().doubt).rounds(), composing.capture)
+    composing.finish()
+    return composing.image(), composing.sky
+
+
+class _Composing:
+    """An image while it is captured and composed; arguments as :func:`compose`."""
 
     def __init__(
         self,
-        task: Task,
-        modes: tuple[str, ...],
+        plan: Plan,
         source: Source,
         sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
         once: Once,
         report: Report,
     ) -> None:
-        self._task, self._source = task, source
-        self._modes = task.options.sampled(modes)
+        self._plan, self._source, self._modes = plan, source, plan.modes
         self._make_sampler, self._once, self._report = sampler_of, once, report
-        track = self._modes if task.options.unseen == "blank" else ()
-        self._canvas = _Canvas(task.rays.valid, task.rays.origins is None, track)
-        self._finer = _Canvas(task.rays.valid, task.rays.origins is None)
-        self._filter: str = task.options.filter
+        track = self._modes if plan.options.unseen == "blank" else ()
+        self._canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
+        self._finer = Canvas(plan.rays.valid, plan.rays.origins is None)
+        self._filter: str = plan.options.filter
         self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
-        self._pixels, self._stopped, self._strategy = 0, "", task.options.strategy
+        self._pixels, self._stopped, self._strategy = 0, "", plan.options.strategy
 
-    def capture(self, round_: Round) -> Kept:
+    def capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
-        task, serving = self._task, [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
+        plan, serving = self._plan, [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         self._stopped, self._strategy = round_.stopped or self._stopped, round_.instead or self._strategy
         if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
-        kept = Kept(doubt=lambda: self._composed().doubt)
+        kept: Captures = []
         requests = round_.requests(self._modes)
         self._pixels += pixels_of(request.view for request in requests)
         self._progress += Progress(of_captures=len(requests))
         for viewpoint in serving:
             finer = [request.view for request in viewpoint.finer(self._modes)]
-            lacking = finer and task.recorded is not None and not task.recorded.hold(finer)
-            if lacking and task.available(viewpoint.views):
+            lacking = finer and plan.recorded is not None and not plan.recorded.hold(finer)
+            if lacking and plan.available(viewpoint.views):
                 expected = "checks: expected a recording with ground truth in a second size for 'beat'"
                 raise MissingCaptureError(f"{expected}, got one size", None, "record with checks=beat")
         for viewpoint, captures in captured(round_, self._source, self._modes):
@@ -101,31 +111,35 @@ class Composition:
         """(H, W) where masks show objects that stand for the sky; None if they were not looked for."""
         return self._canvas.sky
 
-    def image(self) -> OmniImage:
-        """Return the image."""
+    def finish(self) -> None:
+        """Report that the image is done."""
         self._report(self._progress + Progress(images=1))
-        return self._composed()
 
-    def _composed(self) -> OmniImage:
+    def image(self) -> OmniImage:
         """Return the image as far as it is composed."""
-        task, valid = self._task, self._canvas.valid
+        plan, valid = self._plan, self._canvas.valid
         sampled = self._canvas.layers()
-        layers, objects, unknown = self._derived({m: sampled[m] for m in self._modes if m in sampled})
+        layers, objects, unknown = derived_layers(
+            {mode: sampled[mode] for mode in self._modes if mode in sampled},
+            valid,
+            plan.pose.R_w_c,
+            self._source.objects,
+        )
         marks = {"unsure", "occluded", "relit", "light"}
         marks |= {modalities.get(mode).marked_by for mode in self._modes}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
-        if task.options.unseen == "blank":
-            layers["unseen"] = task.rays.valid & ~valid
-        _mark_beyond_reach(layers, valid)
+        if plan.options.unseen == "blank":
+            layers["unseen"] = plan.rays.valid & ~valid
+        mark_beyond_reach(layers, valid)
         if "depth" in layers and "depth_error" in layers:
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
         return OmniImage(
-            camera=task.rays.camera, pose=task.pose, valid=valid, layers=layers,
+            camera=plan.rays.camera, pose=plan.pose, valid=valid, layers=layers,
             centers_w=self._canvas.centers_w, objects=objects, unknown_colors=unknown,
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
-            options=task.options,
+            options=plan.options,
             effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
         )  # fmt: skip
 
@@ -149,7 +163,7 @@ class Composition:
             # Captured along other directions, and from the centre.
             nearer = known.distance - np.linalg.norm(toward_w, axis=-1)
             self._finer.flat["depth"][viewpoint.pixels] += np.where(np.isfinite(nearer), nearer, 0)
-        compare(finer, canvas.flat, self._finer.flat, viewpoint.pixels, self._task.rays.valid.shape)
+        compare(finer, canvas.flat, self._finer.flat, viewpoint.pixels, self._plan.rays.valid.shape)
 
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
@@ -229,7 +243,7 @@ class Composition:
                 depth = depth._replace(error=np.maximum(depth.error, off + beside))
         else:
             depth = sampler.sample_depth(self._filter, pictures, None)
-            rays_w = viewpoint.center_w + offsets_w, self._task.directions_w(viewpoint.pixels)
+            rays_w = viewpoint.center_w + offsets_w, self._plan.directions_w(viewpoint.pixels)
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             behind = _may_begin_behind(depth.distance, depth.error)
@@ -270,7 +284,7 @@ class Composition:
         else:
             values = sample(sampler, self._filter, faces)
         self._canvas.put(row.name, viewpoint.pixels, values)
-        if row.name == "lit" and self._task.options.checks == "light" and faces[0].dtype == np.uint8:
+        if row.name == "lit" and self._plan.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
             self._canvas.put(
@@ -282,7 +296,7 @@ class Composition:
         if seen is None:
             edges = sampler.label_edges(changes, parallax)
         else:
-            blocks = self._task.rays.blocks(viewpoint.pixels, seen.toward_w)
+            blocks = self._plan.rays.blocks(viewpoint.pixels, seen.toward_w)
             views = tuple(capture.view for capture in captures)
             there = self._make_sampler(lambda: blocks, np.eye(3), views, False)
             edges = seen.label_edges(there, faces, changes, values)
@@ -307,7 +321,7 @@ class Composition:
             self._viewpoint, self._samplers = viewpoint, {}
         if views in self._samplers:
             return self._samplers[views]
-        rays, R_w_d, toward_w = self._task.rays, self._task.pose.R_w_c, viewpoint.toward_w
+        rays, R_w_d, toward_w = self._plan.rays, self._plan.pose.R_w_c, viewpoint.toward_w
         if rays.origins is None and len(viewpoint.pixels) == rays.valid_count:  # all of the image
             sampler = self._make_sampler(rays.blocks, R_w_d, views, True)
         else:
@@ -320,108 +334,10 @@ class Composition:
         """Return (N, 3) from the viewpoint's centre to the pixels' own, world frame; None where they
         coincide, and where depth is compared along other directions."""
         known_ray = viewpoint.toward_w is None or viewpoint.known_depth is not None
-        if self._task.rays.origins is None or not known_ray:
+        if self._plan.rays.origins is None or not known_ray:
             return None
-        offsets_w = self._task.origins_w(viewpoint.pixels) - viewpoint.center_w
+        offsets_w = self._plan.origins_w(viewpoint.pixels) - viewpoint.center_w
         return offsets_w if np.abs(offsets_w).max() > SAME_M else None
-
-    def _derived(
-        self, sampled: Mapping[str, NDArray[Any]]
-    ) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
-        """Return the image's modalities, in the camera's frame, with the layers that are derived from them.
-
-        Args:
-            sampled: mode to (H, W, ...); directions in the world frame.
-
-        Returns:
-            layers, objects (None without masks), unknown mask colours and the number of their pixels.
-        """
-        layers: dict[str, NDArray[Any]] = {}
-        objects: ObjectTable | None = None
-        unknown: dict[Color, int] = {}
-        for mode, values in sampled.items():
-            row = modalities.get(mode)
-            name = "normals" if row.interpolation == "plane" else mode
-            turned = row.interpolation in ("direction", "plane")
-            layers[name] = _turned(values, self._task.pose.R_w_c) if turned else values
-            if "labels" in row.derives:
-                objects = self._source.objects()
-                if values.ndim == 2:
-                    labels, layers[name] = labels_of_ids(values, objects)
-                    ids, counts = np.unique(values[(labels == 0) & (values > 0)], return_counts=True)
-                    unknown = {
-                        (0, i >> 8, i & 255): n for i, n in zip(ids.tolist(), counts.tolist(), strict=True)
-                    }
-                else:
-                    labels, unknown = labels_of(values, objects)
-                layers["labels"] = np.where(self._canvas.valid, labels, np.uint16(0))
-        return layers, objects, unknown
-
-
-class _Canvas:
-    """The layers of an image while they are filled, flat.
-
-    Args:
-        valid: (H, W) of the image.
-        central: whether depth is measured from one centre.
-        needed: the modes without which a pixel is not valid, where views need not see all of them.
-    """
-
-    def __init__(self, valid: Mask, central: bool, needed: Collection[str] = ()) -> None:
-        self._valid, self._central = valid, central
-        self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
-        self.flat: dict[str, NDArray[Any]] = {}
-        self.sky: Mask | None = None  # (H, W)
-        self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
-
-    def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
-        """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values."""
-        if name in self._seen:
-            self._seen[name][pixels] = True
-        if self._central and len(values) == self._valid.size:
-            self.flat[name] = values
-        else:
-            self.put_part(name, pixels, values)
-
-    def put_part(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
-        """Set a layer's values (N, ...) at (N,) flat indices."""
-        if name not in self.flat:
-            self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
-        self.flat[name][pixels] = values
-
-    def put_sky(self, pixels: Ints, sky: Mask) -> None:
-        """Set whether the pixels of a viewpoint show an object that stands for the sky."""
-        self.sky = np.zeros_like(self._valid) if self.sky is None else self.sky
-        self.sky.reshape(-1)[pixels] = sky
-
-    def put_centers(self, pixels: Ints, centers_w: Array) -> None:
-        """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
-        if self._central:
-            self._centers_w = centers_w
-        else:
-            self._centers_w[pixels] = centers_w
-
-    def layers(self) -> dict[str, NDArray[Any]]:
-        """Return the layers, (H, W, ...)."""
-        shaped = {}
-        for name, values in self.flat.items():
-            shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
-            if (outside := modalities.get(name).outside) or self._seen:
-                shaped[name][~self.valid] = outside
-        return shaped
-
-    @property
-    def valid(self) -> Mask:
-        """(H, W) the image's valid pixels, as far as views see them in all needed modes."""
-        if not self._seen:
-            return self._valid
-        seen = np.logical_and.reduce([self._valid.reshape(-1), *self._seen.values()])
-        return np.asarray(seen.reshape(self._valid.shape))
-
-    @property
-    def centers_w(self) -> Array:
-        """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
-        return self._centers_w if self._central else self._centers_w.reshape(*self._valid.shape, 3)
 
 
 def _unseen(
@@ -442,35 +358,6 @@ def _unseen(
     )
 
 
-def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
-    """Return (H, W, 3) directions in a camera's frame."""
-    turned = np.empty(directions.shape, np.float32)
-    for first in range(0, len(directions), _ROWS):
-        turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
-    return turned
-
-
 def _may_begin_behind(distance: Floats, error: Floats) -> Mask:
     """Return which rays from beside a shared centre may begin behind a surface: their bound reaches 0 m."""
     return np.isfinite(error) & (error >= distance)
-
-
-def _mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
-    """Distinguish surfaces that are farther than captures reach from the sky, by their labels.
-
-    Depth is +inf for both. Without a label it is right; with one, it is unsure.
-
-    Args:
-        layers: of an image; ``depth_error`` and ``unsure`` are changed.
-        valid: (H, W).
-    """
-    if "depth" not in layers or "labels" not in layers:
-        return
-    endless = valid & (layers["depth"] == np.inf)
-    if not endless.any():
-        return
-    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"] & ~layers["unsure"]
-    layers["depth_error"][sky] = 0
-    beyond = endless & (layers["labels"] > 0)
-    if beyond.any():
-        layers["unsure"] = beyond | layers["unsure"]

@@ -11,7 +11,7 @@ from omniscv.arguments import did_you_mean, shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures, T
-from omniscv.compose.composition import Composition
+from omniscv.compose.composition import compose
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
@@ -20,10 +20,9 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import (
     ImageRays,
+    Plan,
     RenderKeywords,
     RenderOptions,
-    Task,
-    drive,
     share_captures,
 )
 from omniscv.planning.rays import BYTES_PER_RAY
@@ -86,15 +85,15 @@ class Renderer:
         """Bytes kept between images."""
         return self._cache.nbytes + (self._held[1].nbytes if self._held else 0)
 
-    def task(
+    def plan(
         self,
         camera: Camera,
         pose: Pose,
         options: RenderOptions | None = None,
         *,
         border_px: int | None = None,
-    ) -> Task:
-        """Return the task of an image, for which a strategy plans; see :class:`omniscv.planning.Task`.
+    ) -> Plan:
+        """Return the plan of an image; see :class:`omniscv.planning.Plan`.
 
         Raises:
             ArgumentError: a camera, pose or options of another type.
@@ -108,7 +107,7 @@ class Renderer:
         needed = BYTES_PER_RAY * camera.width * camera.height
         in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
         block_bytes = self._tile_bytes if in_blocks else None
-        return Task(
+        return Plan(
             self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes)),
             pose,
             self.source.capabilities,
@@ -191,8 +190,8 @@ class Renderer:
     ) -> Iterator[OmniImage]:
         """Yield the images of a moment, captured from a source in place of the renderer's own."""
         sampled = options.sampled(modes)
-        tasks = [replace(self.task(camera, pose, options), modes=sampled) for camera, pose in shots]
-        plans = share_captures(tasks, sampled)
+        alone = [replace(self.plan(camera, pose, options), modes=sampled) for camera, pose in shots]
+        plans = share_captures(alone, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
         captured, once = source, partial(self._once, _development(options))
         source = self._developed(source, options)
@@ -205,23 +204,15 @@ class Renderer:
             return image
 
         needed = Counter(request for plan in plans for request in plan.requests)
-        aimed = Counter(tuple(plan.task.pose.position) for plan in plans if plan.task.aim is not None)
+        aimed = Counter(tuple(plan.pose.position) for plan in plans if plan.aim is not None)
         adapts = any(count > 1 for count in aimed.values())
         if needed or adapts:
             source = SharedCaptures(source, needed, all_=adapts)
         meter = Meter(len(plans), progress)
         for plan in plans:
-            composition = Composition(
-                plan.task,
-                modes,
-                source,
-                partial(self._sampler_of, plan.task.rays),
-                once,
-                meter.part(),
-            )
-            drive(plan.rounds(), composition.capture)
+            sampler_of = partial(self._sampler_of, plan.rays)
+            image, sky = compose(plan, source, sampler_of, once, meter.part())
             self._cache.trim()
-            image, sky = composition.image(), composition.sky
             examined = options.checks == "light" or options.sky
             yield examine(image, sky, self.source, another) if examined else image
 

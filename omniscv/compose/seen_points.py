@@ -18,7 +18,8 @@ from omniscv.compose.samplers import Sampler
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels
 from omniscv.planning.depth_shell import depth_shell
-from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
+from omniscv.planning.hits import FAR_M, Hits, KnownDepth
+from omniscv.planning.ray_marching import march
 from omniscv.sources.base import Capture
 
 _ROUNDED = 2.0**-22

@@ -115,8 +115,8 @@ def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[SharedFrames
         for instant, views, modes in shared.captured:
             with renderer_at(renderer, instant) as still:
                 recorded = frozenset(still.source.recorded_views() or ())
-                tasks = [still.task(camera, pose, job.options) for camera, pose in views]
-                plans = planning.share_captures(tasks, job.options.sampled(modes))
+                alone = [still.plan(camera, pose, job.options) for camera, pose in views]
+                plans = planning.share_captures(alone, job.options.sampled(modes))
                 missing = (
                     request for plan in plans for request in plan.requests if request.view not in recorded
                 )

@@ -25,8 +25,8 @@ from omniscv.make.contents import check, check_face_size
 from omniscv.make.instants import frames_by_instant, images_of, renderer_at
 from omniscv.make.source import opened
 from omniscv.parallel import ahead
-from omniscv.planning import ImageRays, Kept, Plan, RenderOptions, Round, Task, drive
-from omniscv.planning.plans import Cost, cost
+from omniscv.planning import Captures, ImageRays, Plan, RenderOptions, Round, drive
+from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
@@ -42,7 +42,7 @@ _PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
 _FACE_PER_OVERSCAN = 16
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
 _AIMS = (0.01, 0.003, 0.001)
-_Planned = list[tuple[tuple[str, ...], list[list[Task]]]]
+_Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
 
 
 def run(
@@ -95,7 +95,7 @@ _WARNINGS = {
 }
 """By layer, what its marks mean."""
 
-_KNOBS = ("strategy", "viewpoints", "face_size", "truth_scale")
+_KNOBS = ("viewpoints", "face_size", "truth_scale")
 """Options that win against ``accuracy``."""
 
 
@@ -172,17 +172,17 @@ def capture(
             for done, (instant, views, shown) in enumerate(shared.captured, start=1):
                 report = meter.part() if done == len(shared.captured) else without_images(meter.part())
                 with renderer_at(renderer, instant) as renderer_then:
-                    tasks = [
-                        renderer_then.task(camera, pose, job.options, border_px=border_px)
+                    plans = [
+                        renderer_then.plan(camera, pose, job.options, border_px=border_px)
                         for camera, pose in views
                     ]
-                    if job.options.checks == "light" or any(task.aim is not None for task in tasks):
+                    if job.options.checks == "light" or any(plan.aim is not None for plan in plans):
                         noting = _Noting(renderer_then.source, needed)
                         list(renderer.of(noting).render_together(views, shown, job.options))
                         report(Progress(images=len(views)))
                         continue
                     modes = job.options.sampled(shown)
-                    plans = planning.share_captures(tasks, modes)
+                    plans = planning.share_captures(plans, modes)
                     capture_plans = partial(
                         _capture_plans, plans=plans, modes=modes, before=needed, report=report
                     )
@@ -232,16 +232,16 @@ def _capture_plans(
         plans: of one instant.
         modes: of their images.
         before: requests that are not captured again.
-        report: called after each viewpoint and task.
+        report: called after each viewpoint and plan.
     """
     new: dict[Request, None] = {}
     known, progress = ChainMap(new, before), Progress()
 
-    def capture_round(round_: Round) -> Kept:
+    def capture_round(round_: Round) -> Captures:
         nonlocal progress
         missing = {request for request in round_.requests(modes) if request not in known}
         progress += Progress(of_captures=len(missing))
-        kept = Kept()
+        kept: Captures = []
         for viewpoint, captures in planning.captured(round_, source, modes, skip=known):
             requests = dict.fromkeys(request for request in viewpoint.requests(modes) if request not in known)
             new.update(requests)
@@ -270,24 +270,24 @@ def costs(job: Job) -> list[Cost]:
         **{name: {"strategy": name, "accuracy": None} for name in planning.names() if name != "auto"},
     }
     found = []
-    with _tasks(job) as planned:
+    with _plans(job) as planned:
         for way, changes in ways.items():
             with suppress(ArgumentError):
-                found.append(reduce(add, (cost(way, tasks, modes, **changes) for modes, tasks in planned)))
+                found.append(reduce(add, (cost(way, plans, modes, **changes) for modes, plans in planned)))
     return found
 
 
 @contextmanager
-def _tasks(job: Job) -> Iterator[_Planned]:
-    """Yield the modes and tasks of a job, while its source is open if that is needed."""
+def _plans(job: Job) -> Iterator[_Planned]:
+    """Yield the modes and plans of a job, while its source is open if that is needed."""
     check(job)
     capabilities = known_capabilities(job.sources[0])
     if capabilities is not None and job.sampling is None and job.vary is None:
         rays = cache(ImageRays)
-        yield _planned(job, lambda camera, pose: Task(rays(camera), pose, capabilities, job.options))
+        yield _planned(job, lambda camera, pose: Plan(rays(camera), pose, capabilities, job.options))
         return
     with opened(replace(job, record=None)) as (job, source):
-        yield _planned(job, partial(Renderer(source).task, options=job.options))
+        yield _planned(job, partial(Renderer(source).plan, options=job.options))
 
 
 def measured_price(job: Job) -> Price:
@@ -298,15 +298,15 @@ def measured_price(job: Job) -> Price:
     return Price(1e3 * small, 1e3 * max(0.0, large - small) / (_LARGE_PX**2 / 1e6))
 
 
-def _planned(job: Job, task_of: Callable[[Camera, Pose], Task]) -> _Planned:
-    """Return the modes and tasks of each state of the world, whose captures are shared."""
-    tasks_of: dict[tuple[str, tuple[str, ...]], list[list[Task]]] = {}
+def _planned(job: Job, plan_of: Callable[[Camera, Pose], Plan]) -> _Planned:
+    """Return the modes and plans of each state of the world, whose captures are shared."""
+    plans_of: dict[tuple[str, tuple[str, ...]], list[list[Plan]]] = {}
     for shared in frames_by_instant(job):
         for instant, views, modes in shared.captured:
-            tasks = [task_of(camera, pose) for camera, pose in views]
-            tasks_of.setdefault((instant.state, modes), []).append(tasks)
-    planned = [(job.options.sampled(modes), tasks) for (_, modes), tasks in tasks_of.items()]
-    exposures = [(("lit",), tasks) for modes, tasks in planned if "lit" in modes]
+            plans = [plan_of(camera, pose) for camera, pose in views]
+            plans_of.setdefault((instant.state, modes), []).append(plans)
+    planned = [(job.options.sampled(modes), plans) for (_, modes), plans in plans_of.items()]
+    exposures = [(("lit",), plans) for modes, plans in planned if "lit" in modes]
     return planned + exposures * max(0, len(job.brackets) - 1)
 
 

@@ -1,28 +1,12 @@
 """From a camera and a pose to the views that its image needs."""
 
-from omniscv.planning.plans import Plan, rounds, share_captures
-from omniscv.planning.ray_marching import KnownDepth
+from omniscv.planning.auto import Auto
+from omniscv.planning.hits import KnownDepth
+from omniscv.planning.plan import Plan, Strategy, get, names, register
 from omniscv.planning.rays import ImageRays, RayGroup
-from omniscv.planning.strategies import (
-    Auto,
-    Cube,
-    Exact,
-    face_viewpoints,
-)
-from omniscv.planning.strategy import (
-    Kept,
-    Round,
-    Rounds,
-    Strategy,
-    Task,
-    Viewpoint,
-    captured,
-    captured_progress,
-    drive,
-    get,
-    names,
-    register,
-)
+from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, captured, captured_progress, drive
+from omniscv.planning.sharing import share_captures
+from omniscv.planning.strategies import Cube, Exact, face_viewpoints
 from omniscv.render_options import FILTERS, Filter, RenderKeywords, RenderOptions
 
 for _strategy in (Auto, Exact, Cube):
@@ -30,9 +14,9 @@ for _strategy in (Auto, Exact, Cube):
 
 __all__ = [
     "FILTERS",
+    "Captures",
     "Filter",
     "ImageRays",
-    "Kept",
     "KnownDepth",
     "Plan",
     "RayGroup",
@@ -41,7 +25,6 @@ __all__ = [
     "Round",
     "Rounds",
     "Strategy",
-    "Task",
     "Viewpoint",
     "captured",
     "captured_progress",
@@ -50,6 +33,5 @@ __all__ = [
     "get",
     "names",
     "register",
-    "rounds",
     "share_captures",
 ]

@@ -20,9 +20,11 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.ray_marching import FAR_M, Hits, KnownDepth, march
+from omniscv.planning.hits import FAR_M, Hits, KnownDepth
+from omniscv.planning.plan import Plan
+from omniscv.planning.ray_marching import march
 from omniscv.planning.rays import Groups
-from omniscv.planning.strategy import Task, Viewpoint
+from omniscv.planning.rounds import Viewpoint
 from omniscv.planning.views import FACE_BORDER_PX, CubeFaces, faces_hit
 from omniscv.sources.base import Capture, View
 
@@ -44,11 +46,11 @@ class Search:
         shell_of: (N,) the number of the centre that serves the ray; -1: none does.
     """
 
-    def __init__(self, task: Task, groups: Groups) -> None:
-        rays = task.rays
-        self._task = task
+    def __init__(self, plan: Plan, groups: Groups) -> None:
+        rays = plan.rays
+        self._plan = plan
         self.pixels = np.flatnonzero(rays.valid)
-        self.origins_w, self.directions_w = task.origins_w(self.pixels), task.directions_w(self.pixels)
+        self.origins_w, self.directions_w = plan.origins_w(self.pixels), plan.directions_w(self.pixels)
         own = rays.own_viewpoints
         self.center_of = own.index.ravel()[self.pixels].astype(np.int64)
         steps = rays.steps.ravel()[self.pixels]
@@ -56,14 +58,14 @@ class Search:
         self.shell_of = np.full(len(self.pixels), -1)
         self.hits = Hits.unknown(len(self.pixels))
         self.shells: list[DepthShell] = []
-        self._faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
-        self._first_w = [task.pose.to_world(group.center_c) for group in groups]
+        self._faces = CubeFaces(plan, plan.edge, plan.border(FACE_BORDER_PX))
+        self._first_w = [plan.pose.to_world(group.center_c) for group in groups]
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
-        hit = [faces_hit(group.directions, task.pose.R_w_c) for group in groups]
+        hit = [faces_hit(group.directions, plan.pose.R_w_c) for group in groups]
         some = slice(None, None, max(1, len(self.origins_w) // tuned.SAMPLED_RAYS))
         for group in groups:  # and those that see parts of the rays' way
             offset, directions_w = (
-                self.origins_w[some] - task.pose.to_world(group.center_c),
+                self.origins_w[some] - plan.pose.to_world(group.center_c),
                 self.directions_w[some],
             )
             away = np.linalg.norm(offset, axis=1, keepdims=True)
@@ -73,7 +75,7 @@ class Search:
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
         """Return a viewpoint whose depth is kept, and that serves no pixel yet."""
         views = self._faces.views(center_w, self._hit)
-        scale, no_pixel = self._task.options.truth_scale, np.zeros(0, np.int64)
+        scale, no_pixel = self._plan.options.truth_scale, np.zeros(0, np.int64)
         return Viewpoint(center_w, views, no_pixel, modes=("depth",), keep=True, truth_scale=scale)
 
     def first_views(self) -> list[View]:
@@ -192,9 +194,9 @@ class Search:
             toward_w=toward_w,
             known_depth=self.hits.of(rows).known_depth(),
             occluded=occluded,
-            truth_scale=self._task.options.truth_scale if views is None else 1,
+            truth_scale=self._plan.options.truth_scale if views is None else 1,
         )
-        return self._task.finished(viewpoint)
+        return self._plan.finished(viewpoint)
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
         """Return (N, 3) from the centre of each of N rays to a point of it, metres, world frame.

@@ -10,20 +10,21 @@ from __future__ import annotations
 import heapq
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from omniscv import modalities
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
-from omniscv.planning import strategy, tuned
+from omniscv.planning import tuned
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
-from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
+from omniscv.planning.plan import Plan
+from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
@@ -61,7 +62,7 @@ class Refinement(ABC):
     """The captures of one image whose accuracy is given.
 
     Attributes:
-        task: the image.
+        plan: the image.
         price: of captures.
         truth, colors: its modes.
         patched: those of patches; a beat spoils colours, too.
@@ -74,60 +75,68 @@ class Refinement(ABC):
 
     serves: ClassVar[bool] = True
 
-    def __init__(self, task: Task) -> None:
-        self.task, options = task, task.options
-        assert task.aim is not None
+    def __init__(self, plan: Plan) -> None:
+        self.plan, options = plan, plan.options
+        assert plan.aim is not None
         self.price = Price(*options.capture_ms)
-        self.truth = tuple(mode for mode in task.modes if modalities.get(mode).truth)
-        self.colors = tuple(mode for mode in task.modes if mode not in self.truth)
+        self.truth = tuple(mode for mode in plan.modes if modalities.get(mode).truth)
+        self.colors = tuple(mode for mode in plan.modes if mode not in self.truth)
         beats = options.checks == "beat"
-        self.patched = task.modes if beats else self.truth
+        self.patched = plan.modes if beats else self.truth
         self._modes = max(1, len(self.patched) + beats * len(self.truth))  # captures of a patch
-        self.aim = task.aim * task.rays.valid_count
+        self.aim = plan.aim * plan.rays.valid_count
         self.expected_ms = 0.0
-        self.focal_px: Floats = np.full(task.rays.valid.size, task.edge / 2 * options.truth_scale, np.float32)
+        self.focal_px: Floats = np.full(plan.rays.valid.size, plan.edge / 2 * options.truth_scale, np.float32)
         self.reserved = 0, 0
         self._requests, self._pixels, self._limited = 0, 0, False
 
-    def rounds(self) -> Rounds:
-        """Yield the first rounds, and finer ones; a last one has no viewpoints and says why they end.
-
-        They are in the task's state of the world.
-        """
-        yield from pass_on(self._rounds(), self._count)
+    def counted(self) -> Rounds:
+        """Return the first rounds, and finer ones; a last one has no viewpoints and says why they end."""
+        return pass_on(self.planned(), self._count)
 
     @abstractmethod
-    def _rounds(self) -> Rounds:
-        """Yield what :meth:`rounds` yields, in an unchanged world."""
+    def planned(self) -> Rounds:
+        """Yield these rounds."""
 
     @abstractmethod
     def doubts(self, pixels: Ints) -> list[Doubt]:
         """Return pixels in doubt by the centre from which finer captures resolve them."""
 
     @abstractmethod
-    def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
-        """Yield the rounds of patches, and return what was sent for the last one."""
+    def capture(self, choice: Choice) -> Rounds:
+        """Yield the rounds of patches."""
+
+    def exact(self, **options: Any) -> Plan:
+        """Return the plan by the strategy ``exact``, with other options."""
+        return self.plan.by(strategy="exact", accuracy=None, **options)
 
     def expected(self) -> tuple[int, int]:
         """Return how many requests and pixels are expected in a furnished room."""
-        requests = [request for round_ in self.rounds() for request in round_.requests(self.task.modes)]
+        requests = [request for round_ in self.counted() for request in round_.requests(self.plan.modes)]
         local = self.expected_ms / (self.price.of(1, tuned.PATCH_PX) or 1)
         pixels = pixels_of(request.view for request in requests)
         return len(requests) + round(local), pixels + round(local * tuned.PATCH_PX)
 
     def _count(self, planned: Round) -> Round:
-        planned = planned.changed(self.task.finished)
-        requests = planned.requests(self.task.modes)
+        # Views of finer truth are as fine as they are given here.
+        planned = planned.changed(
+            lambda each: self.plan.finished(replace(each, truth_scale=each.truth_scale or 1))
+        )
+        requests = planned.requests(self.plan.modes)
         self._requests += len(requests)
         self._pixels += pixels_of(request.view for request in requests)
         return planned
 
-    def finer(self, kept: Kept) -> Rounds:
+    def doubtful(self) -> Ints:
+        """Return the pixels that the image doubts, as far as it is composed."""
+        assert self.plan.doubt is not None
+        return np.flatnonzero(self.plan.doubt())
+
+    def finer(self) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
         before, stuck, promised = np.inf, 0, 0.0
         for _ in range(tuned.MOST_ROUNDS):
-            assert kept.doubt is not None
-            doubt = np.flatnonzero(kept.doubt())
+            doubt = self.doubtful()
             if len(doubt) <= self.aim:
                 yield Round((), AIM)
                 return
@@ -140,15 +149,13 @@ class Refinement(ABC):
                 yield Round((), choice)
                 return
             promised = choice.promised
-            sent = yield from self.capture(choice)
-            assert sent is not None
-            kept = sent
-        yield Round((), SPENT if self._limited else STUCK if self.task.recorded is None else RECORDED)
+            yield from self.capture(choice)
+        yield Round((), SPENT if self._limited else STUCK if self.plan.recorded is None else RECORDED)
 
     def choice(self, pixels: Ints) -> Choice | str:
         """Return the patches that promise to reach the aim for least, or why there are none."""
-        task = self.task
-        if not task.capabilities.can_set_size:
+        plan = self.plan
+        if not plan.capabilities.can_set_size:
             return "the source captures one size"
         doubts = self.doubts(pixels)
         if not doubts:
@@ -163,7 +170,7 @@ class Refinement(ABC):
             if best is not None and choice.patches and choice.ms >= best.ms:
                 break  # finer ones are dearer still
             best = choice if choice.patches else best
-        recorded = task.recorded
+        recorded = plan.recorded
         if recorded is not None and not (best and recorded.hold(each.view for each in best.patches)):
             return self._most_held(recorded, len(pixels), doubts, lengths) or RECORDED
         return best or (SPENT if self._limited else "no finer view fits")
@@ -200,12 +207,12 @@ class Refinement(ABC):
 
     def _patches(self, doubt: Doubt, focal_px: float) -> Iterator[Patch]:
         """Return patches of a centre, those first that resolve the most doubt at their price."""
-        task = self.task
+        plan = self.plan
         worth = np.maximum(0, 1 - tuned.DOUBT_LEFT * doubt.focal_px / focal_px)
         _, where, repeated = np.unique(doubt.pixels, return_inverse=True, return_counts=True)
         worth /= repeated[where]
-        if task.capabilities.can_set_fov:
-            return patches(doubt, worth, focal_px, self._modes, self.price, task.capabilities)
+        if plan.capabilities.can_set_fov:
+            return patches(doubt, worth, focal_px, self._modes, self.price, plan.capabilities)
         return iter(self._finer_faces(doubt, focal_px, worth))
 
     def _finer_faces(self, doubt: Doubt, focal_px: float, worth: Array) -> list[Patch]:
@@ -213,7 +220,7 @@ class Refinement(ABC):
         edge, faces = int(2 * focal_px), []
         if edge > LARGEST_FACE_PX:
             return []
-        views = CubeFaces(self.task, edge, 0).views(doubt.center_w, ALL_FACES)
+        views = CubeFaces(self.plan, edge, 0).views(doubt.center_w, ALL_FACES)
         view_of = first_view(doubt.directions_w, views, 0) % len(views)  # rounding: the last one
         for number, view in enumerate(views):
             rows = np.flatnonzero(view_of == number)
@@ -224,7 +231,7 @@ class Refinement(ABC):
 
     def local_ms(self, share: float) -> float:
         """Return what patches are expected to take after faces that leave a share of the pixels in doubt."""
-        rays, price = self.task.rays, self.price
+        rays, price = self.plan.rays, self.price
         edges = share / tuned.ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
         dearer = (price.request / PRICE[0] + price.megapixel / PRICE[1]) / 2 * len(self.truth) / 2
         further = math.sqrt(share * rays.valid_count / max(1.0, self.aim)) - 1
@@ -232,7 +239,7 @@ class Refinement(ABC):
 
     def full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""
-        options, most = self.task.options, self.task.options.most_captures
+        options, most = self.plan.options, self.plan.options.most_captures
         if most is None and options.accuracy is None:
             most = tuned.DEFAULT_MOST_CAPTURES
         requests += self._requests + self.reserved[0]
@@ -244,47 +251,45 @@ class Refinement(ABC):
 class OneCenter(Refinement):
     """The captures of an image whose rays start at one optical centre."""
 
-    def _rounds(self) -> Rounds:
-        kept = yield from self._first()
-        if kept is not None:
-            yield from self.finer(kept)
+    def planned(self) -> Rounds:
+        yield from self._first()
+        if self.plan.doubt is not None:
+            yield from self.finer()
 
     def doubts(self, pixels: Ints) -> list[Doubt]:
-        directions_w = self.task.directions_w(pixels)
-        return [Doubt(0, self.task.pose.t_w_c, pixels, directions_w, self.focal_px[pixels])]
+        directions_w = self.plan.directions_w(pixels)
+        return [Doubt(0, self.plan.pose.t_w_c, pixels, directions_w, self.focal_px[pixels])]
 
-    def capture(self, choice: Choice) -> Generator[Round, Kept | None, Kept | None]:
+    def capture(self, choice: Choice) -> Rounds:
         for each in choice.patches:
             self.focal_px[each.pixels] = choice.focal_px
         by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
         viewpoints = (
             Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.patched) for each in by_size
         )
-        return (yield Round(tuple(viewpoints)))
+        yield Round(tuple(viewpoints))
 
-    def _first(self) -> Generator[Round, Kept | None, Kept | None]:
+    def _first(self) -> Rounds:
         """Yield captures of all that the image shows: ground truth in the smallest faces."""
-        task = self.task
-        base, options = self._faces(task.edge), task.options
+        plan = self.plan
+        base, options = self._faces(plan.edge), plan.options
         one_size = (
-            options.face_size != "auto" or options.truth_scale > 1 or not task.capabilities.can_set_size
+            options.face_size != "auto" or options.truth_scale > 1 or not plan.capabilities.can_set_size
         )
         if base is None or one_size or not self.truth:
-            kept: Kept | None = yield from pass_on(strategy.rounds(task))
-            return kept
+            yield from self.exact().rounds()
+            return
         if self.colors:
             yield Round((replace(base, modes=self.colors),))
         first = self._faces(SMALLEST) or base
         self.expected_ms = self.local_ms(tuned.ROOM)
         self.focal_px[:] = tuned.FINER_FACES * first.views[0].focal_px
-        return (yield Round((replace(first, modes=self.truth),)))
+        yield Round((replace(first, modes=self.truth),))
 
     def _faces(self, edge: int) -> Viewpoint | None:
         """Return the only viewpoint of a central camera, with views as fine as faces of a size; else None."""
-        task = self.task
-        sized = replace(task, options=replace(task.options, face_size=edge))
-        planned = strategy.rounds(task if edge == task.edge else sized)
-        with closing(planned):
+        sized = {} if edge == self.plan.edge else {"face_size": edge}
+        with closing(self.exact(**sized).rounds()) as planned:
             viewpoints = next(planned).viewpoints
         return viewpoints[0] if len(viewpoints) == 1 else None
 

@@ -16,26 +16,19 @@ from dataclasses import replace
 import numpy as np
 
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning import strategy, tuned
+from omniscv.planning import tuned
+from omniscv.planning.hits import Hits
 from omniscv.planning.patches import Doubt
-from omniscv.planning.ray_marching import Hits
+from omniscv.planning.plan import Plan
 from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.refinement import (
-    AIM,
-    STUCK,
-    Choice,
-    Refinement,
-    first_view,
-)
+from omniscv.planning.refinement import AIM, STUCK, Choice, Refinement, first_view
+from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
-from omniscv.planning.strategy import Kept, Round, Rounds, Task, Viewpoint, pass_on, pixels_of
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.sources.base import Capture, View
 
 _NONE = np.zeros(0, np.int64)
-
-_Sent = Generator[Round, Kept | None, Kept | None]
 
 
 class SeveralCenters(Refinement):
@@ -43,8 +36,8 @@ class SeveralCenters(Refinement):
 
     serves = False  # masks wait until depth is known
 
-    def __init__(self, task: Task) -> None:
-        super().__init__(task)
+    def __init__(self, plan: Plan) -> None:
+        super().__init__(plan)
         self._search: Search
         self._shown_finer: Mask  # rays that finer depth shows
         self._was_wrong: Mask  # those that coarser depth was wrong about
@@ -52,13 +45,13 @@ class SeveralCenters(Refinement):
         self._focal_px = float(self.focal_px[0])  # of coarse views
         self._finer: dict[int, list[View]] = defaultdict(list)  # by the number of their centre, finest first
 
-    def _rounds(self) -> Rounds:
+    def planned(self) -> Rounds:
         groups = self._groups()
         if isinstance(groups, str):
             yield from self._exactly(groups)
             return
-        around = (yield from capture_around(self.task, groups)) if len(groups) > 1 else None
-        self._search = search = Search(self.task, groups)
+        around = (yield from capture_around(self.plan, groups)) if len(groups) > 1 else None
+        self._search = search = Search(self.plan, groups)
         self._shown_finer, self._was_wrong = np.zeros((2, len(search.pixels)), np.bool_)
         if not (yield from self._march(groups)):
             return
@@ -78,58 +71,49 @@ class SeveralCenters(Refinement):
             yield from self._capture_depth(choice)
         self.reserved = 0, 0
         every = np.arange(len(search.pixels))
-        kept = yield Round(tuple(self._coarse_views(every, self.task.modes)))
-        assert kept is not None
-        assert kept.doubt is not None
+        yield Round(tuple(self._coarse_views(every, self.plan.modes)))
         if not self.truth:
-            yield Round((), AIM if np.count_nonzero(kept.doubt()) <= self.aim else STUCK)
+            yield Round((), AIM if len(self.doubtful()) <= self.aim else STUCK)
             return
         if rate:
-            kept = yield from self._serve(self._rows_of(np.flatnonzero(kept.doubt())), rate, kept)
-        yield from self.finer(kept)
+            yield from self._serve(self._rows_of(self.doubtful()), rate)
+        yield from self.finer()
 
     def _exactly(self, why: str) -> Rounds:
-        """Yield the rounds of the strategy that is given, or of ``exact`` in place of ``auto``."""
-        task, instead = self.task, ""
-        if task.options.strategy == "auto":
-            instead = "exact"
-            task = replace(task, options=replace(task.options, strategy=instead, accuracy=None))
-        kept = yield from pass_on(strategy.rounds(task))
-        if kept is not None and kept.doubt is not None:
-            reached = not instead and np.count_nonzero(kept.doubt()) <= self.aim
-            yield Round((), AIM if reached else why, instead)
+        """Yield the rounds of ``exact`` instead, and why."""
+        yield from self.exact().rounds()
+        if self.plan.doubt is not None:
+            yield Round((), why, "exact")
 
     def _groups(self) -> Groups | str:
         """Return the pixels by the centres that are captured first: one, unless the options give others.
 
         Else why the captures are not planned.
         """
-        task = self.task
-        if task.options.strategy != "auto":
-            return "its strategy captures nothing finer"
-        if "depth" not in task.capabilities.modes:
+        plan = self.plan
+        if "depth" not in plan.capabilities.modes:
             return "the source captures no depth"
-        if task.options.accuracy is None and not (task.sets_views or task.scattered):
+        if plan.options.accuracy is None and not (plan.sets_views or plan.scattered):
             return "the source cannot set size and field of view"
         # Of ``auto``, the views as they are planned: others may be recorded without colours, or coarser.
-        planned = task if task.options.accuracy is not None else replace(task, recorded=None)
+        planned = plan if plan.options.accuracy is not None else replace(plan, recorded=None)
         choices: list[Groups] = []
-        if task.options.viewpoints is None:
-            choices.append((RayGroup(np.zeros(3), np.flatnonzero(task.rays.valid), task.rays),))
-        if task.recorded is not None or not choices:
-            choices.append(task.groups(tuned.INITIAL_VIEWPOINTS))
+        if plan.options.viewpoints is None:
+            choices.append((RayGroup(np.zeros(3), np.flatnonzero(plan.rays.valid), plan.rays),))
+        if plan.recorded is not None or not choices:
+            choices.append(plan.groups(tuned.INITIAL_VIEWPOINTS))
         for groups in choices:
-            if task.recorded is None or task.recorded.hold(Search(planned, groups).first_views()):
+            if plan.recorded is None or plan.recorded.hold(Search(planned, groups).first_views()):
                 return groups
-        return choices[0] if task.scattered else "the recording holds other captures"
+        return choices[0] if plan.scattered else "the recording holds other captures"
 
-    def _march(self, groups: Groups) -> Generator[Round, Kept | None, bool]:
+    def _march(self, groups: Groups) -> Generator[Round, Captures | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
-        search, task, hidden = self._search, self.task, math.inf
-        viewpoints = [search.depth_viewpoint(task.pose.to_world(group.center_c)) for group in groups]
+        search, plan, hidden = self._search, self.plan, math.inf
+        viewpoints = [search.depth_viewpoint(plan.pose.to_world(group.center_c)) for group in groups]
         while viewpoints:
-            serving = Round(tuple(map(serving_all, viewpoints))).changed(task.finished)
-            later = serving.requests(task.modes)
+            serving = Round(tuple(map(serving_all, viewpoints))).changed(plan.finished)
+            later = serving.requests(plan.modes)
             self.reserved = self.reserved[0] + len(later), self.reserved[1] + pixels_of(r.view for r in later)
             kept = yield Round(tuple(viewpoints))
             if kept is None:  # only a plan
@@ -144,9 +128,9 @@ class SeveralCenters(Refinement):
             if origin_w is None:
                 break
             more = search.depth_viewpoint(origin_w)
-            planned = [*more.requests(task.modes), *task.finished(serving_all(more)).requests(task.modes)]
+            planned = [*more.requests(plan.modes), *plan.finished(serving_all(more)).requests(plan.modes)]
             if self.full(pixels_of(request.view for request in planned), len(planned)) or not (
-                task.recorded is None or task.recorded.hold(more.views_of("depth"))
+                plan.recorded is None or plan.recorded.hold(more.views_of("depth"))
             ):
                 break
             viewpoints = [more]
@@ -158,15 +142,12 @@ class SeveralCenters(Refinement):
             mine = rows[self._search.shell_of[rows] == number]
             yield replace(self._viewpoint(mine), modes=modes)
 
-    def _serve(
-        self, rows: Ints, rate: float, kept: Kept, again: bool = False
-    ) -> Generator[Round, Kept | None, Kept]:
+    def _serve(self, rows: Ints, rate: float, again: bool = False) -> Rounds:
         """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price.
 
         Args:
             rows: of the rays.
             rate: ms that a pixel is worth.
-            kept: what was sent last; returned where nothing is yielded.
             again: whether coarse views are captured again for rays that no patch shows.
         """
         search, viewpoints = self._search, []
@@ -194,7 +175,8 @@ class SeveralCenters(Refinement):
                 worthy.append(viewpoint)
                 count, area = count + len(requests), area + pixels
                 self.focal_px[viewpoint.pixels] = viewpoint.views_of("depth")[0].focal_px
-        return ((yield Round(tuple(worthy))) if worthy else None) or kept
+        if worthy:
+            yield Round(tuple(worthy))
 
     def _viewpoint(self, rows: Ints, view: View | None = None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves, with a patch or with coarse views."""
@@ -245,17 +227,17 @@ class SeveralCenters(Refinement):
     def _rows_of(self, pixels: Ints) -> Ints:
         return np.searchsorted(self._search.pixels, pixels)
 
-    def capture(self, choice: Choice) -> _Sent:
-        rows, wrong, kept = yield from self._capture_depth(choice)
+    def capture(self, choice: Choice) -> Rounds:
+        rows, wrong = yield from self._capture_depth(choice)
         if len(wrong):  # until finer masks are captured
             search = self._search
             known = replace(search.hits.of(wrong).known_depth(), unsure=np.ones(len(wrong), np.bool_))
             pixels = search.pixels[wrong]
             yield Round((Viewpoint(search.centers_w[0], (), pixels, modes=(), known_depth=known),))
             rows = np.union1d(rows, wrong)
-        return (yield from self._serve(rows, choice.rate, kept, again=True))
+        yield from self._serve(rows, choice.rate, again=True)
 
-    def _capture_depth(self, choice: Choice) -> Generator[Round, Kept | None, tuple[Ints, Ints, Kept]]:
+    def _capture_depth(self, choice: Choice) -> Generator[Round, Captures | None, tuple[Ints, Ints]]:
         """Yield depth in patches and march rays again; return those of the patches, and those that coarser
         depth was wrong about."""
         views: dict[int, list[View]] = defaultdict(list)
@@ -273,7 +255,7 @@ class SeveralCenters(Refinement):
             self._finer[number] += [capture.view for capture in captures]
             self._finer[number].sort(key=lambda view: -view.focal_px)
         rows = self._rows_of(np.unique(np.concatenate([each.pixels for each in choice.patches])))
-        return rows, self._march_again(rows, finer), kept
+        return rows, self._march_again(rows, finer)
 
     def _march_again(self, doubted: Ints, finer: Mapping[int, Sequence[Capture]]) -> Ints:
         """March doubted rays again through finer depth; return others that coarser depth was wrong about."""

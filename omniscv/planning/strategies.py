@@ -20,9 +20,11 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.ray_marching import Hits, march
+from omniscv.planning.hits import Hits
+from omniscv.planning.plan import Plan, Strategy
+from omniscv.planning.ray_marching import march
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.strategy import Kept, Round, Rounds, Strategy, Task, Viewpoint
+from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint
 from omniscv.planning.views import (
     ALL_FACES,
     FACE_BORDER_PX,
@@ -65,24 +67,24 @@ class Exact(Strategy):
 
     name = "exact"
 
-    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+    def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
         captured."""
         if len(groups) > 1:
-            return _cheapest_viewpoints(task, groups, around)
-        single = [each for group in groups if not task.shared and (each := _single_viewpoint(task, group))]
-        return tuple(single) or face_viewpoints(task, groups, around)
+            return _cheapest_viewpoints(plan, groups, around)
+        single = [each for group in groups if not plan.shared and (each := _single_viewpoint(plan, group))]
+        return tuple(single) or face_viewpoints(plan, groups, around)
 
-    def rounds(self, task: Task) -> Rounds:
+    def rounds(self, plan: Plan) -> Rounds:
         """Yield the viewpoints, after the round in which occluded centres are found."""
-        if task.scattered:
+        if plan.scattered:
             expected = "expected 'auto', of a source with depth, or a number of viewpoints for a camera"
             raise ArgumentError(
                 f"strategy: {expected} whose every pixel has an optical centre of its own, got {self.name!r}"
             )
-        groups = task.groups()
-        around = yield from capture_around(task, groups, shared=True)
-        yield Round(self.viewpoints(task, groups, around))
+        groups = plan.groups()
+        around = yield from capture_around(plan, groups, shared=True)
+        yield Round(self.viewpoints(plan, groups, around))
 
 
 class Cube(Exact):
@@ -90,19 +92,13 @@ class Cube(Exact):
 
     name = "cube"
 
-    def viewpoints(self, task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-        return face_viewpoints(task, groups, around, whole=True)
-
-
-class Auto(Exact):
-    """As ``exact`` for one optical centre; for several, what an accuracy needs (:attr:`Task.aim`)."""
-
-    name = "auto"
+    def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+        return face_viewpoints(plan, groups, around, whole=True)
 
 
 def capture_around(
-    task: Task, groups: Groups, shared: bool = False
-) -> Generator[Round, Kept | None, DepthShell | None]:
+    plan: Plan, groups: Groups, shared: bool = False
+) -> Generator[Round, Captures | None, DepthShell | None]:
     """Yield a round of depth pictures at the camera's position, and return the captured depth.
 
     They are small where each pixel is captured from its own optical centre. Where pixels share centres, they
@@ -110,13 +106,13 @@ def capture_around(
     size. None where every ray starts at one centre, where a recording has no such pictures, and where nothing
     is captured.
     """
-    if len(groups) < 2 and (task.rays.origins is None or len(task.rays.own_viewpoints.centers) < 2):
+    if len(groups) < 2 and (plan.rays.origins is None or len(plan.rays.own_viewpoints.centers) < 2):
         return None
-    center_w = task.pose.t_w_c
-    fine, small = max(task.edge, _OCCLUDED_PX), _OCCLUDED_PX
-    edges = [small] if task.options.viewpoints is None else [fine, small] if shared else [small, fine]
-    sizes = [CubeFaces(task, edge, 0).views(center_w, ALL_FACES) for edge in edges]
-    available = [views for views in sizes if task.available(views)]
+    center_w = plan.pose.t_w_c
+    fine, small = max(plan.edge, _OCCLUDED_PX), _OCCLUDED_PX
+    edges = [small] if plan.options.viewpoints is None else [fine, small] if shared else [small, fine]
+    sizes = [CubeFaces(plan, edge, 0).views(center_w, ALL_FACES) for edge in edges]
+    available = [views for views in sizes if plan.available(views)]
     if not available:
         return None
     views = available[0]
@@ -140,40 +136,40 @@ def occlusion(around: DepthShell, points_w: Array) -> tuple[Mask, Mask]:
 
 
 def face_viewpoints(
-    task: Task, groups: Groups, around: DepthShell | None, *, whole: bool = False
+    plan: Plan, groups: Groups, around: DepthShell | None, *, whole: bool = False
 ) -> tuple[Viewpoint, ...]:
     """Return the viewpoints of groups of pixels: the faces that their rays hit, or whole cube maps.
 
     Args:
-        task: the image.
+        plan: the image.
         groups: its pixels, or some of them, by optical centre.
         around: depth captured at the camera's position; None: centres are not checked for occlusion.
         whole: take all six faces.
     """
-    faces = CubeFaces(task, task.edge, task.border(FACE_BORDER_PX))
+    faces = CubeFaces(plan, plan.edge, plan.border(FACE_BORDER_PX))
 
     def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
         if whole:
             return faces.views(center_w, ALL_FACES)
-        hit = [faces_hit(directions, task.pose.R_w_c) for directions in group.blocks()]
+        hit = [faces_hit(directions, plan.pose.R_w_c) for directions in group.blocks()]
         return faces.views(center_w, np.any(hit, axis=0))
 
-    planned = _viewpoints(task, groups, around, views)
-    if whole or task.recorded is None or task.rays.origins is not None or _is_available(task, planned):
+    planned = _viewpoints(plan, groups, around, views)
+    if whole or plan.recorded is None or plan.rays.origins is not None or _is_available(plan, planned):
         return planned
-    return tuple(_recorded_viewpoints(task, task.recorded, groups[0])) or planned
+    return tuple(_recorded_viewpoints(plan, plan.recorded, groups[0])) or planned
 
 
-def _recorded_viewpoints(task: Task, recorded: RecordedViews, group: RayGroup) -> Iterator[Viewpoint]:
+def _recorded_viewpoints(plan: Plan, recorded: RecordedViews, group: RayGroup) -> Iterator[Viewpoint]:
     """Yield a viewpoint for each view at a central camera's position that a recording holds and that serves
     rays best; none if it holds none there in one of the modes.
 
     Raises:
         MissingCaptureError: no view sees some rays, and the options do not leave them blank.
     """
-    center_w = task.pose.to_world(group.center_c)
+    center_w = plan.pose.to_world(group.center_c)
     modes_of: dict[tuple[View, ...], list[str]] = defaultdict(list)
-    for mode in task.modes or ("lit",):
+    for mode in plan.modes or ("lit",):
         modes_of[recorded.at(center_w, modalities.get(mode).captured_as or mode)].append(mode)
     if not all(modes_of):
         return
@@ -181,11 +177,11 @@ def _recorded_viewpoints(task: Task, recorded: RecordedViews, group: RayGroup) -
     serving: dict[tuple[View, ...], Ints] = {}
     for views in modes_of:
         valid = (directions[~np.isnan(directions[:, 0])] for directions in group.blocks())
-        parts = [finest(views, directions @ task.pose.R_w_c.T) for directions in valid]
+        parts = [finest(views, directions @ plan.pose.R_w_c.T) for directions in valid]
         serving[views], edge_px = map(np.concatenate, zip(*parts, strict=True))
         unseen |= serving[views] < 0
         unsure |= edge_px < _TO_A_CENTER_PX
-    if unseen.all() or (unseen.any() and task.options.unseen == "refuse"):
+    if unseen.all() or (unseen.any() and plan.options.unseen == "refuse"):
         at, share = np.round(center_w, 6).tolist(), f"{100 * unseen.mean():.3g} %"
         advice = "render with unseen='blank' (unseen: blank in a job) for the image of what is seen"
         raise MissingCaptureError(
@@ -199,7 +195,7 @@ def _recorded_viewpoints(task: Task, recorded: RecordedViews, group: RayGroup) -
             yield Viewpoint(view.pose.t_w_c, (view,), group.pixels[mine], only, unsure=unsure[mine])
 
 
-def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+def strip_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
     """Return the viewpoints of groups of pixels, whose views hold just their rays; faces where none do.
 
     Rays on a great circle, as of a panorama's column, run through the middle of a row of pixels. Others are
@@ -208,66 +204,66 @@ def strip_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> t
     """
     if not groups:
         return ()
-    rays_w = {id(group): group.directions @ task.pose.R_w_c.T for group in groups}
-    focal_px = task.edge / 2
+    rays_w = {id(group): group.directions @ plan.pose.R_w_c.T for group in groups}
+    focal_px = plan.edge / 2
     if not straight([*rays_w.values()], focal_px):
         focal_px *= MEAN_OF_A_FACE
-    spanned_px = focal_px * task.rays.typical_step  # by a pixel, which ``area`` averages
-    border_px = task.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned_px / 2))))
-    faces = CubeFaces(task, task.edge, border_px)
+    spanned_px = focal_px * plan.rays.typical_step  # by a pixel, which ``area`` averages
+    border_px = plan.border(max(_STRIP_BORDER_PX, 1 + int(np.ceil(spanned_px / 2))))
+    faces = CubeFaces(plan, plan.edge, border_px)
 
-    def plan(least_half: float) -> tuple[Viewpoint, ...]:
-        size = strip_size([*rays_w.values()], focal_px, border_px, task.capabilities, least_half)
+    def planned(least_half: float) -> tuple[Viewpoint, ...]:
+        size = strip_size([*rays_w.values()], focal_px, border_px, plan.capabilities, least_half)
 
         def views(center_w: Array, group: RayGroup) -> tuple[View, ...]:
             strips = strip_views(center_w, rays_w[id(group)], focal_px, border_px, size)
-            return strips or faces.views(center_w, faces_hit(group.directions, task.pose.R_w_c))
+            return strips or faces.views(center_w, faces_hit(group.directions, plan.pose.R_w_c))
 
-        return _viewpoints(task, groups, around, views)
+        return _viewpoints(plan, groups, around, views)
 
-    first = plan(LEAST_HALF)
-    if _is_available(task, first):
+    first = planned(LEAST_HALF)
+    if _is_available(plan, first):
         return first
-    narrower = plan(0.0)
-    return narrower if _is_available(task, narrower) else first
+    narrower = planned(0.0)
+    return narrower if _is_available(plan, narrower) else first
 
 
-def _is_available(task: Task, viewpoints: tuple[Viewpoint, ...]) -> bool:
-    return task.available([view for viewpoint in viewpoints for view in viewpoint.views])
+def _is_available(plan: Plan, viewpoints: tuple[Viewpoint, ...]) -> bool:
+    return plan.available([view for viewpoint in viewpoints for view in viewpoint.views])
 
 
-def _cheapest_viewpoints(task: Task, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
+def _cheapest_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
     """Return the viewpoints of groups of pixels with the fewest captured pixels.
 
     Strips where the source can set size and field of view, and, if it is a recording, holds them; else faces.
     Arguments as :func:`face_viewpoints`.
     """
-    if task.sets_views:
-        strips = strip_viewpoints(task, groups, around)
-        if _is_available(task, strips):
+    if plan.sets_views:
+        strips = strip_viewpoints(plan, groups, around)
+        if _is_available(plan, strips):
             return strips
-    return face_viewpoints(task, groups, around)
+    return face_viewpoints(plan, groups, around)
 
 
 def _viewpoints(
-    task: Task,
+    plan: Plan,
     groups: Groups,
     around: DepthShell | None,
     views: Callable[[Array, RayGroup], tuple[View, ...]],
 ) -> tuple[Viewpoint, ...]:
     """Return a viewpoint for each group; ``views(center_w, group)`` are captured there."""
-    centers_w = [task.pose.to_world(group.center_c) for group in groups]
+    centers_w = [plan.pose.to_world(group.center_c) for group in groups]
     return tuple(
-        Viewpoint(center_w, views(center_w, group), group.pixels, **_claims(task, group, around))
+        Viewpoint(center_w, views(center_w, group), group.pixels, **_claims(plan, group, around))
         for center_w, group in zip(centers_w, groups, strict=True)
     )
 
 
-def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
+def _claims(plan: Plan, group: RayGroup, around: DepthShell | None) -> dict[str, Any]:
     """Return the fields of Viewpoint that depth around the camera decides, for rays that share a centre."""
-    if task.rays.origins is None:
+    if plan.rays.origins is None:
         return {}
-    origins_w, center_w = task.origins_w(group.pixels), task.pose.to_world(group.center_c)
+    origins_w, center_w = plan.origins_w(group.pixels), plan.pose.to_world(group.center_c)
     shared_m = float(np.abs(origins_w - center_w).max())
     nearest_m = 1.0
     if around is not None:
@@ -276,7 +272,7 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
     if shared_m > max(_SHARED * nearest_m, SAME_M):
         claims["check"] = Hits.unknown(len(origins_w))
         if around is not None:
-            claims["check"] = march(around, origins_w, task.directions_w(group.pixels))
+            claims["check"] = march(around, origins_w, plan.directions_w(group.pixels))
     if around is not None:
         visible, claims["occluded"] = occlusion(around, origins_w)
         if shared_m > SAME_M and "check" not in claims:
@@ -284,39 +280,39 @@ def _claims(task: Task, group: RayGroup, around: DepthShell | None) -> dict[str,
     return claims
 
 
-def _own_view(task: Task, group: RayGroup) -> View | None:
+def _own_view(plan: Plan, group: RayGroup) -> View | None:
     """Return the view through a lens of the source's own, if all rays of a group lie in it.
 
     The image's camera has the view's pose: as the lens has a place in the picture, it is not turned.
     """
-    own = task.capabilities
+    own = plan.capabilities
     if own.lens is None or own.fov_deg is None or own.image_size is None:
         return None
-    pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c)
+    pose = Pose(plan.pose.to_world(group.center_c), plan.pose.R_w_c)
     view = View(pose, own.fov_deg, *own.image_size, own.lens)
     return view if sees(view, group.directions @ pose.R_w_c.T).all() else None
 
 
-def _single_viewpoint(task: Task, group: RayGroup) -> Viewpoint | None:
+def _single_viewpoint(plan: Plan, group: RayGroup) -> Viewpoint | None:
     """Return the viewpoint of all of a camera's pixels with one view, turned and narrowed to their rays.
 
     None where no view holds them, and where the source cannot set size and field of view, or is a
     recording without the view.
     """
-    R_c_v, half, focal_px = task.rays.holding_view
-    own = _own_view(task, group)
+    R_c_v, half, focal_px = plan.rays.holding_view
+    own = _own_view(plan, group)
     if own is not None:
         return Viewpoint(own.pose.t_w_c, (own,), group.pixels)
-    if not task.sets_views or half.max() > STEEPEST:
+    if not plan.sets_views or half.max() > STEEPEST:
         return None
-    if task.options.face_size != "auto":
-        focal_px = task.edge / 2
+    if plan.options.face_size != "auto":
+        focal_px = plan.edge / 2
     focal_px = min(focal_px, LARGEST_FACE_PX / 2 / max(half.max(), _NARROWEST))
-    pose = Pose(task.pose.to_world(group.center_c), task.pose.R_w_c @ R_c_v)
+    pose = Pose(plan.pose.to_world(group.center_c), plan.pose.R_w_c @ R_c_v)
     # A recording may have been made of a source that captures no view higher than wide.
-    for capabilities in (task.capabilities, replace(task.capabilities, can_set_tall=False)):
-        size = holding_size(half, focal_px, task.border(FACE_BORDER_PX), capabilities)
+    for capabilities in (plan.capabilities, replace(plan.capabilities, can_set_tall=False)):
+        size = holding_size(half, focal_px, plan.border(FACE_BORDER_PX), capabilities)
         view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
-        if task.available((view,)):
+        if plan.available((view,)):
             return Viewpoint(pose.t_w_c, (view,), group.pixels)
     return None

@@ -21,8 +21,8 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.geometry.arrays import Mask
 from omniscv.parallel import blocks
+from omniscv.planning.plan import Plan
 from omniscv.planning.rays import cross, looking
-from omniscv.planning.strategy import Task
 from omniscv.sources.base import Capabilities, View
 
 ROTATIONS = tuple(R_w_c for _, R_w_c in cube_rotations())
@@ -52,10 +52,10 @@ Size = tuple[int, int]
 
 
 class CubeFaces:
-    """Cube faces in the size and field of view that a task's source can capture.
+    """Cube faces in the size and field of view that a plan's source can capture.
 
     Args:
-        task: the image.
+        plan: the image.
         edge: wanted px of a 90 degree face.
         border_px: how much wider than 90 degrees faces should be on every side.
 
@@ -64,9 +64,9 @@ class CubeFaces:
             captures through a lens of its own.
     """
 
-    def __init__(self, task: Task, edge: int, border_px: int) -> None:
-        self._task = task
-        capabilities = task.capabilities
+    def __init__(self, plan: Plan, edge: int, border_px: int) -> None:
+        self._plan = plan
+        capabilities = plan.capabilities
         if capabilities.lens is not None:
             raise ArgumentError(
                 f"faces: expected square pixels around the optical axis, got {capabilities.lens} of the "
@@ -99,16 +99,16 @@ class CubeFaces:
         another orientation.
         """
         six = tuple(View(Pose(center_w, R_w_c), *self._shape) for R_w_c in ROTATIONS)
-        if self._task.options.seams != "keep":
+        if self._plan.options.seams != "keep":
             hit = ALL_FACES  # a correction of one face depends on all
-        recorded = self._task.recorded
+        recorded = self._plan.recorded
         if recorded is not None:
-            six = recorded.faces(center_w, six, self._task.options.truth_scale)
+            six = recorded.faces(center_w, six, self._plan.options.truth_scale)
             if any(
                 view.pose.R_w_c[:, 2] @ R[:, 2] < _ALIGNED for view, R in zip(six, ROTATIONS, strict=True)
             ):
                 hit = ALL_FACES
-        covers = [self._task.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
+        covers = [self._plan.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
 
 

@@ -21,7 +21,7 @@ from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.pose import rotation_reader
-from omniscv.planning import RenderOptions, captured, rounds
+from omniscv.planning import RenderOptions, captured
 from omniscv.sources import ObjectTable, Source, View
 from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.torch.sampling import (
@@ -186,8 +186,8 @@ def _capture(
     """By mode, views and their pixels."""
     # Any camera of all directions has the same views: whole cubes.
     camera = create("equirectangular", width=4, height=2)
-    task = Renderer(source).task(camera, Pose(position, np.eye(3)), options)
-    ((_, by_mode),) = captured(next(rounds(task)), source, modalities.chosen(modes))
+    plan = Renderer(source).plan(camera, Pose(position, np.eye(3)), options)
+    ((_, by_mode),) = captured(next(plan.rounds()), source, modalities.chosen(modes))
     return {
         mode: (tuple(c.view for c in captures), [np.asarray(c.pixels) for c in captures])
         for mode, captures in by_mode.items()

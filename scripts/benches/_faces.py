@@ -8,7 +8,7 @@ from omniscv import RenderOptions
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
 from omniscv.compose.ray_lookup import look_up
 from omniscv.geometry import Pose
-from omniscv.planning import ImageRays, Task, rounds
+from omniscv.planning import ImageRays, Plan
 from omniscv.sources import Capabilities, Capture, ObjectTable, Request, Source, View
 
 
@@ -38,8 +38,8 @@ class Noise(Source):
 
 def made_map(rays: ImageRays, pose: Pose, face_size: int) -> tuple[list[View], Atlas, np.ndarray, np.ndarray]:
     """Return views, an atlas, and where an image samples its picture: what a renderer keeps for bilinear."""
-    task = Task(rays, pose, Noise.capabilities, RenderOptions("cube", face_size=face_size))
-    views = next(rounds(task)).viewpoints[0].views
+    plan = Plan(rays, pose, Noise.capabilities, RenderOptions("cube", face_size=face_size))
+    views = next(plan.rounds()).viewpoints[0].views
     lookup = look_up(rays.directions.reshape(-1, 3), views, pose.R_w_c)
     atlas = Atlas(views, range(1), FILTER_SUPPORT_PX if lookup.margin < FILTER_SUPPORT_PX else 0)
     return views, atlas, *atlas.coordinates(lookup)

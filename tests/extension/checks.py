@@ -93,8 +93,8 @@ class DepthFirst(planning.Strategy):
     name = "depth-first"
     nearest = None
 
-    def rounds(self, task):
-        viewpoints = planning.face_viewpoints(task, task.groups(), None)
+    def rounds(self, plan):
+        viewpoints = planning.face_viewpoints(plan, plan.groups(), None)
         first = viewpoints[0]
         kept = yield planning.Round(
             (planning.Viewpoint(first.center_w, first.views, first.pixels[:0], ("depth",), keep=True),)

@@ -11,6 +11,7 @@ from mock_server.scene import Scene
 from omniscv import Pose, Rig, RigCamera
 from omniscv.cameras import create, model
 from omniscv.chart.truth import traced
+from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.make import capture as capture_job
 from omniscv.make.render import warnings_of
@@ -154,6 +155,13 @@ def test_sources_that_cannot_set_views(capabilities, stopped):
     assert image.effort.stopped == stopped
     assert (image.doubtful <= 0.015) == (stopped == "aim")
     assert counted.requests > 12 or stopped != "aim"
+
+
+@pytest.mark.parametrize("strategy", ["exact", "cube"])
+def test_strategies_that_capture_nothing_finer_refuse_it(strategy):
+    with source() as counted, pytest.raises(ArgumentError, match=f"strategy 'auto'.* got .*'{strategy}'"):
+        made(PANORAMA, counted, strategy=strategy, accuracy="1%")
+    assert counted.requests == 0
 
 
 def test_budgets_are_kept_and_named():

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.exact import FIXED, float_source
-from support.plans import task_of, viewpoints_of, views_of
+from support.plans import plan_of, viewpoints_of, views_of
 
 import omniscv
 from mock_server import load_scene
@@ -52,7 +52,7 @@ def test_wrong_labels_fall_in_proportion(strategy):
 @pytest.mark.parametrize("camera", [SMALL, NARROW], ids=["ring", "narrow"])
 def test_only_ground_truth_is_finer(camera):
     coarse, fine = (
-        task_of(camera, POSE, face_size=64, truth_scale=scale, strategy="exact") for scale in (1, 2)
+        plan_of(camera, POSE, face_size=64, truth_scale=scale, strategy="exact") for scale in (1, 2)
     )
     assert views_of(coarse) == views_of(fine)
     for viewpoint in viewpoints_of(fine):
@@ -84,6 +84,6 @@ def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
 
 def test_what_no_source_delivers_is_refused():
     with pytest.raises(ArgumentError, match="cannot set the size"):
-        views_of(task_of(RING, POSE, FIXED, truth_scale=2))
+        views_of(plan_of(RING, POSE, FIXED, truth_scale=2))
     with pytest.raises(ArgumentError, match="at most 16384 px, got 8 x 4104"):
-        views_of(task_of(NARROW, POSE, truth_scale=8, face_size=4096, strategy="cube"))
+        views_of(plan_of(NARROW, POSE, truth_scale=8, face_size=4096, strategy="cube"))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.plans import task_of, viewpoints_of
+from support.plans import plan_of, viewpoints_of
 
 import omniscv
 from omniscv.cameras import create
@@ -29,7 +29,7 @@ def sees(view, points):
 def faces():
     """The views of a cube map that a source of that plugin plans."""
     with omniscv.open_source("mock://four-wall?dialect=0.3.10&size=256x256") as source:
-        task = task_of(CAMERA, Pose.from_angles(CENTER), source.capabilities, cover=source.cover)
+        task = plan_of(CAMERA, Pose.from_angles(CENTER), source.capabilities, cover=source.cover)
         [viewpoint] = viewpoints_of(task)
     return viewpoint.views
 
@@ -55,5 +55,5 @@ def test_the_six_faces_alone_would_not(around, faces):
 
 
 def test_other_sources_capture_six():
-    [viewpoint] = viewpoints_of(task_of(CAMERA, Pose.from_angles(CENTER)))
+    [viewpoint] = viewpoints_of(plan_of(CAMERA, Pose.from_angles(CENTER)))
     assert len(viewpoint.views) == 6

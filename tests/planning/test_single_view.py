@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.plans import task_of, viewpoints_of, views_of
+from support.plans import plan_of, viewpoints_of, views_of
 
 import omniscv
 from mock_server import load_scene
@@ -37,7 +37,7 @@ def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, 
     fov_deg = 10**log_fov / max(1, height / width)
     camera = create("pinhole", width=width, height=height, fov_deg=fov_deg)
     pose = Pose.from_angles(POSE.position, yaw_deg, pitch_deg, roll_deg)
-    [view] = views_of(task_of(camera, pose))
+    [view] = views_of(plan_of(camera, pose))
     focal_px = width / 2 / np.tan(np.radians(fov_deg) / 2)
     finer = max(1.25, densities.SMALLEST / 2 / focal_px)
     assert view.width <= finer * width + 12
@@ -50,27 +50,27 @@ def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, 
 
 @pytest.mark.parametrize("name", NARROW)
 def test_one_view_holds_what_is_narrow(name):
-    assert len(views_of(task_of(create(name, **NARROW[name]), POSE))) == 1
+    assert len(views_of(plan_of(create(name, **NARROW[name]), POSE))) == 1
 
 
 def test_the_middle_of_an_off_centre_image_is_the_axis():
     camera = create("pinhole", width=64, height=64, focal=200.0, center=(-100.0, 150.0))
-    [view] = views_of(task_of(camera, POSE))
+    [view] = views_of(plan_of(camera, POSE))
     middle = camera.unproject(np.array([32.0, 32.0])).directions @ POSE.R_w_c.T
     assert view.pose.R_w_c[:, 2] @ middle > np.cos(np.radians(2))
     assert view.width < 1.5 * 64 * 192 / 200 + 100
 
 
 def test_what_no_view_holds_is_captured_with_faces():
-    cube = views_of(task_of(WIDE, POSE, strategy="cube"))
+    cube = views_of(plan_of(WIDE, POSE, strategy="cube"))
     for strategy in ("auto", "exact"):
-        faces = views_of(task_of(WIDE, POSE, strategy=strategy))
+        faces = views_of(plan_of(WIDE, POSE, strategy=strategy))
         assert set(faces) < set(cube)
         assert len(faces) > 1
 
 
 def test_an_explicit_size_sets_the_focal_length():
-    [view] = views_of(task_of(create("pinhole", width=64, height=64, fov_deg=60.0), POSE, face_size=512))
+    [view] = views_of(plan_of(create("pinhole", width=64, height=64, fov_deg=60.0), POSE, face_size=512))
     assert view.focal_px == pytest.approx(256)
 
 
@@ -88,4 +88,4 @@ def test_recordings_of_faces_and_of_the_view_itself_serve_a_narrow_camera(strate
 
 
 def test_no_pixel_takes_no_view():
-    assert viewpoints_of(task_of(create("pinhole", width=1, height=1, fov_deg=1.0), POSE))
+    assert viewpoints_of(plan_of(create("pinhole", width=1, height=1, fov_deg=1.0), POSE))

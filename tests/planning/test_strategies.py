@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.exact import FIXED, cameras_at, float_source
-from support.plans import task_of, viewpoints_of, views_of
+from support.plans import plan_of, viewpoints_of, views_of
 
 import omniscv
 from mock_server import load_scene
@@ -28,8 +28,8 @@ SCATTERED = ("orthographic",)  # every pixel has an optical centre of its own
 LINED_UP = [name for name in CAMERAS if name not in SCATTERED]
 
 
-def task(camera, pose=POSE, capabilities=ANY, **options):
-    return task_of(camera, pose, capabilities, **options)
+def plan(camera, pose=POSE, capabilities=ANY, **options):
+    return plan_of(camera, pose, capabilities, **options)
 
 
 def some(cases):
@@ -43,13 +43,13 @@ def some(cases):
 def test_no_strip_is_narrower_than_an_engine_can_capture():
     """The parallel rays that share a viewpoint may lie within less than the 1 degree of an engine."""
     camera = create("orthographic", width=15, height=16, width_m=0.07)
-    assert min(view.fov_deg for view in views_of(task(camera, strategy="exact", viewpoints=8))) >= 1
+    assert min(view.fov_deg for view in views_of(plan(camera, strategy="exact", viewpoints=8))) >= 1
 
 
 @pytest.mark.parametrize(("name", "strategy"), some((n, s) for n in LINED_UP for s in EXACT))
 def test_every_pixel_is_served_once_and_its_ray_is_seen(name, strategy):
     camera = CAMERAS[name]
-    viewpoints = viewpoints_of(task(camera, strategy=strategy))
+    viewpoints = viewpoints_of(plan(camera, strategy=strategy))
     served = np.concatenate([viewpoint.pixels for viewpoint in viewpoints])
     np.testing.assert_array_equal(np.sort(served), np.flatnonzero(camera.unproject().valid))
     directions = camera.unproject().directions.reshape(-1, 3)
@@ -66,7 +66,7 @@ def test_no_view_is_captured_for_nothing(name, views):
     """Every view of a viewpoint serves a ray of it best: a strip, or a face where views cannot be set."""
     camera = CAMERAS[name]
     directions = camera.unproject().directions.reshape(-1, 3)
-    for viewpoint in viewpoints_of(task(camera, capabilities=views, strategy="exact", border_px=0)):
+    for viewpoint in viewpoints_of(plan(camera, capabilities=views, strategy="exact", border_px=0)):
         lookup = look_up(directions[viewpoint.pixels], viewpoint.views, POSE.R_w_c)
         assert set(range(len(viewpoint.views))) == set(lookup.view.tolist())
 
@@ -76,8 +76,8 @@ def test_no_view_is_captured_for_nothing(name, views):
 def test_a_centre_for_every_pixel_is_refused(name, strategy):
     """Unless fewer centres are wanted: a view each would be captured for them."""
     with pytest.raises(ArgumentError, match=f"expected 'auto', .* or a number.* got '{strategy}'"):
-        views_of(task(CAMERAS[name], strategy=strategy))
-    viewpoints = viewpoints_of(task(CAMERAS[name], strategy=strategy, viewpoints=12))
+        views_of(plan(CAMERAS[name], strategy=strategy))
+    viewpoints = viewpoints_of(plan(CAMERAS[name], strategy=strategy, viewpoints=12))
     assert len(viewpoints) <= 12
     served = np.concatenate([viewpoint.pixels for viewpoint in viewpoints])
     np.testing.assert_array_equal(np.sort(served), np.arange(CAMERAS[name].valid().size))
@@ -86,7 +86,7 @@ def test_a_centre_for_every_pixel_is_refused(name, strategy):
 def test_strips_of_the_papers_panorama():
     """One centre a column, as in the paper: six faces each become two strips of a few pixels."""
     camera = create("noncentral-panorama", width=256, height=128, radius=1.0)
-    cube, strips = (views_of(task(camera, strategy=s, pose=LEVEL)) for s in ("cube", "exact"))
+    cube, strips = (views_of(plan(camera, strategy=s, pose=LEVEL)) for s in ("cube", "exact"))
     pixels = [sum(view.width * view.height for view in views) for views in (cube, strips)]
     assert len(cube) == 6 * 256
     assert 2 * len(strips) <= len(cube)
@@ -96,7 +96,7 @@ def test_strips_of_the_papers_panorama():
 def test_strips_of_a_size_that_a_server_takes():
     """A server that refuses less than 16 px gets strips of 16: padded, not cut."""
     camera = CAMERAS["noncentral-panorama"]
-    views = views_of(task(camera, capabilities=Capabilities(min_size=16), strategy="exact"))
+    views = views_of(plan(camera, capabilities=Capabilities(min_size=16), strategy="exact"))
     assert all(min(view.width, view.height) >= 16 for view in views)
     source = float_source(ROOM, Capabilities(min_size=16))
     image = omniscv.render(camera, LEVEL, source, ("object_mask",), strategy="exact")
@@ -108,7 +108,7 @@ def test_strips_of_a_size_that_a_server_takes():
 def test_any_number_of_centres(count):
     """One to more than there are columns: never more centres than columns, every pixel served."""
     camera = CAMERAS["noncentral-panorama"]
-    viewpoints = viewpoints_of(task(camera, viewpoints=count, strategy="exact"))
+    viewpoints = viewpoints_of(plan(camera, viewpoints=count, strategy="exact"))
     assert len(viewpoints) == min(count, camera.width)
     assert sum(len(each.pixels) for each in viewpoints) == camera.width * camera.height
 
@@ -116,15 +116,15 @@ def test_any_number_of_centres(count):
 @pytest.mark.parametrize("capabilities", [FIXED, Capabilities(modes=frozenset({"lit", "object_mask"}))])
 def test_what_cannot_be_planned_is_captured_exactly(capabilities):
     camera = CAMERAS["noncentral-panorama"]
-    exact = views_of(task(camera, capabilities=capabilities, strategy="exact"))
-    assert views_of(task(camera, capabilities=capabilities)) == exact
+    exact = views_of(plan(camera, capabilities=capabilities, strategy="exact"))
+    assert views_of(plan(camera, capabilities=capabilities)) == exact
 
 
 @pytest.mark.parametrize(("size", "fov"), [((256, 256), 60.0), ((640, 480), 90.0)])
 def test_a_source_too_narrow_is_told_what_to_set(size, fov):
     narrow = Capabilities(can_set_size=False, can_set_fov=False, image_size=size, fov_deg=fov)
     with pytest.raises(ArgumentError, match="expected pictures of at least 90 degrees"):
-        views_of(task(CAMERAS["equirectangular"], capabilities=narrow))
+        views_of(plan(CAMERAS["equirectangular"], capabilities=narrow))
 
 
 WRONG_OPTIONS = {
@@ -158,13 +158,13 @@ def test_wrong_options(option, value):
 )
 def test_options_that_a_plan_cannot_have(options, says):
     with pytest.raises(ArgumentError, match=says):
-        views_of(task(CAMERAS["pinhole"], **options))
+        views_of(plan(CAMERAS["pinhole"], **options))
 
 
 def test_a_recording_in_which_one_strip_is_missing(tmp_path):
     """The error says which view it lacks, and which one is nearest."""
     camera = create("noncentral-panorama", width=16, height=8, radius=0.5)
-    views = views_of(task(camera, LEVEL, strategy="exact"))
+    views = views_of(plan(camera, LEVEL, strategy="exact"))
     path = tmp_path / "most.sqlite"
     with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
         for view in views[:5] + views[6:]:
@@ -203,6 +203,6 @@ def test_a_mirror_taller_than_the_room_is_told():
 
 def test_cubes_are_aligned_with_the_world():
     """So that one set of captures serves every orientation."""
-    views = views_of(task(CAMERAS["equirectangular"], strategy="cube"))
+    views = views_of(plan(CAMERAS["equirectangular"], strategy="cube"))
     for view, (_, R_w_c) in zip(views, cube_rotations(), strict=True):
         np.testing.assert_array_equal(view.pose.R_w_c, R_w_c)

@@ -1,0 +1,147 @@
+"""The layers of an image while they are filled, and those that are derived from them."""
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omniscv import modalities
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.sources.base import Color, ObjectTable
+from omniscv.sources.labels import labels_of, labels_of_ids
+
+_ROWS = 64
+"""Rows whose directions are turned at a time: they are float64 meanwhile."""
+
+
+class Canvas:
+    """The layers of an image while they are filled, flat.
+
+    Args:
+        valid: (H, W) of the image.
+        central: whether depth is measured from one centre.
+        needed: the modes without which a pixel is not valid, where views need not see all of them.
+    """
+
+    def __init__(self, valid: Mask, central: bool, needed: Collection[str] = ()) -> None:
+        self._valid, self._central = valid, central
+        self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
+        self.flat: dict[str, NDArray[Any]] = {}
+        self.sky: Mask | None = None  # (H, W)
+        self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
+
+    def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
+        """Set a layer's values at the pixels of a viewpoint; at all pixels if there are as many values."""
+        if name in self._seen:
+            self._seen[name][pixels] = True
+        if self._central and len(values) == self._valid.size:
+            self.flat[name] = values
+        else:
+            self.put_part(name, pixels, values)
+
+    def put_part(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
+        """Set a layer's values (N, ...) at (N,) flat indices."""
+        if name not in self.flat:
+            self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
+        self.flat[name][pixels] = values
+
+    def put_sky(self, pixels: Ints, sky: Mask) -> None:
+        """Set whether the pixels of a viewpoint show an object that stands for the sky."""
+        self.sky = np.zeros_like(self._valid) if self.sky is None else self.sky
+        self.sky.reshape(-1)[pixels] = sky
+
+    def put_centers(self, pixels: Ints, centers_w: Array) -> None:
+        """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
+        if self._central:
+            self._centers_w = centers_w
+        else:
+            self._centers_w[pixels] = centers_w
+
+    def layers(self) -> dict[str, NDArray[Any]]:
+        """Return the layers, (H, W, ...)."""
+        shaped = {}
+        for name, values in self.flat.items():
+            shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
+            if (outside := modalities.get(name).outside) or self._seen:
+                shaped[name][~self.valid] = outside
+        return shaped
+
+    @property
+    def valid(self) -> Mask:
+        """(H, W) the image's valid pixels, as far as views see them in all needed modes."""
+        if not self._seen:
+            return self._valid
+        seen = np.logical_and.reduce([self._valid.reshape(-1), *self._seen.values()])
+        return np.asarray(seen.reshape(self._valid.shape))
+
+    @property
+    def centers_w(self) -> Array:
+        """(3,) or (H, W, 3) where depth is measured from, world frame, metres."""
+        return self._centers_w if self._central else self._centers_w.reshape(*self._valid.shape, 3)
+
+
+def derived_layers(
+    sampled: Mapping[str, NDArray[Any]], valid: Mask, R_w_c: Array, objects_of: Callable[[], ObjectTable]
+) -> tuple[dict[str, NDArray[Any]], ObjectTable | None, dict[Color, int]]:
+    """Return an image's modalities, in the camera's frame, with the layers that are derived from them.
+
+    Args:
+        sampled: mode to (H, W, ...); directions in the world frame.
+        valid: (H, W) of the image.
+        R_w_c: (3, 3) of the camera.
+        objects_of: returns the objects that masks show.
+
+    Returns:
+        layers, objects (None without masks), unknown mask colours and the number of their pixels.
+    """
+    layers: dict[str, NDArray[Any]] = {}
+    objects: ObjectTable | None = None
+    unknown: dict[Color, int] = {}
+    for mode, values in sampled.items():
+        row = modalities.get(mode)
+        name = "normals" if row.interpolation == "plane" else mode
+        turned = row.interpolation in ("direction", "plane")
+        layers[name] = _turned(values, R_w_c) if turned else values
+        if "labels" in row.derives:
+            objects = objects_of()
+            if values.ndim == 2:
+                labels, layers[name] = labels_of_ids(values, objects)
+                ids, counts = np.unique(values[(labels == 0) & (values > 0)], return_counts=True)
+                unknown = {
+                    (0, i >> 8, i & 255): n for i, n in zip(ids.tolist(), counts.tolist(), strict=True)
+                }
+            else:
+                labels, unknown = labels_of(values, objects)
+            layers["labels"] = np.where(valid, labels, np.uint16(0))
+    return layers, objects, unknown
+
+
+def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
+    """Return (H, W, 3) directions in a camera's frame."""
+    turned = np.empty(directions.shape, np.float32)
+    for first in range(0, len(directions), _ROWS):
+        turned[first : first + _ROWS] = directions[first : first + _ROWS] @ R_w_c
+    return turned
+
+
+def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
+    """Distinguish surfaces that are farther than captures reach from the sky, by their labels.
+
+    Depth is +inf for both. Without a label it is right; with one, it is unsure.
+
+    Args:
+        layers: of an image; ``depth_error`` and ``unsure`` are changed.
+        valid: (H, W).
+    """
+    if "depth" not in layers or "labels" not in layers:
+        return
+    endless = valid & (layers["depth"] == np.inf)
+    if not endless.any():
+        return
+    sky = endless & (layers["labels"] == 0) & ~layers["label_edge"] & ~layers["unsure"]
+    layers["depth_error"][sky] = 0
+    beyond = endless & (layers["labels"] > 0)
+    if beyond.any():
+        layers["unsure"] = beyond | layers["unsure"]

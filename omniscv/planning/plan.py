@@ -1,0 +1,231 @@
+"""Plans of images, the strategies that say what is captured for them, and their registry."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from omniscv import plugins
+from omniscv.arguments import one_of
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.geometry.pose import rotated
+from omniscv.planning.rays import ImageRays, RayGroup
+from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
+from omniscv.render_options import RenderOptions
+from omniscv.sources.base import Capabilities, Request, View
+from omniscv.sources.recorded_views import RecordedViews
+
+_LARGEST_PX = 16384  # of a finer view of ground truth
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """One image to be captured, and its rounds.
+
+    Attributes:
+        rays: the camera's, in its frame.
+        pose: of the camera, world frame.
+        capabilities: of the source.
+        options: how the image is rendered.
+        cover: the views that together show all that one should (:meth:`omniscv.sources.Source.cover`).
+        recorded: the views of a recording; None for sources that make new captures.
+        border_px: how much wider views are on every side; what the widest filter needs, if not given.
+        state: of the world, in which captures are made.
+        modes: that the image samples; only a planner that is asked for an accuracy reads them.
+        shared: whether its captures serve other cameras, too: faces of a cube map, and no view of its own.
+        doubt: returns (H, W) bool, the pixels that the image doubts, as far as it is composed; None where
+            captures are not composed.
+        made: its rounds, as far as they do not depend on captures; None: not made yet.
+    """
+
+    rays: ImageRays
+    pose: Pose
+    capabilities: Capabilities
+    options: RenderOptions = field(default_factory=RenderOptions)
+    cover: Callable[[View], tuple[View, ...]] = lambda view: (view,)
+    recorded: RecordedViews | None = None
+    border_px: int | None = None
+    state: str = ""
+    modes: tuple[str, ...] = ()
+    shared: bool = False
+    doubt: Callable[[], Mask] | None = None
+    made: tuple[Round, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.border_px is not None and self.border_px < 0:
+            raise ArgumentError(f"border_px: expected a whole number of pixels >= 0, got {self.border_px!r}")
+
+    @cached_property
+    def edge(self) -> int:
+        """px of a 90 degree face."""
+        size = self.options.face_size
+        return self.rays.face_size if size == "auto" else size
+
+    def available(self, views: Sequence[View]) -> bool:
+        """Return whether the source can deliver views: if it is a recording, as colours or as ground
+        truth."""
+        scales = {1, self.options.truth_scale}
+        return self.recorded is None or any(
+            self.recorded.hold(view.scaled(scale) for view in views) for scale in scales
+        )
+
+    @property
+    def sets_views(self) -> bool:
+        """Whether views may have any size and field of view."""
+        return self.capabilities.can_set_size and self.capabilities.can_set_fov
+
+    @property
+    def scattered(self) -> bool:
+        """Whether nearly every pixel has an optical centre of its own, and the options ask for no fewer."""
+        return self.options.viewpoints is None and self.rays.scattered
+
+    @cached_property
+    def aim(self) -> float | None:
+        """Share of the valid pixels that may be doubtful; None where captures do not depend on it."""
+        return get(self.options.strategy).aim(self)
+
+    def rounds(self) -> Rounds:
+        """Yield the rounds: those that were made, or new ones by the strategy if they depend on captures.
+
+        Raises:
+            ArgumentError: an unknown strategy, or ground truth or an accuracy that it, or the source, does
+                not reach.
+        """
+        made, scale = self.made or (), self.options.truth_scale
+        adapts = any(viewpoint.keep for round_ in made for viewpoint in round_.viewpoints)
+        if self.made is not None and not adapts and self.aim is None:
+            for round_ in made:  # noqa: UP028 - a tuple takes nothing that is sent
+                yield round_
+            return
+        if scale > 1 and not self.capabilities.can_set_size:
+            raise ArgumentError(f"truth_scale: expected 1 of a source that cannot set the size, got {scale}")
+        planned = get(self.options.strategy).rounds(self)
+        yield from pass_on(planned, lambda each: each.changed(self.finished))
+
+    def make(self, modes: Sequence[str]) -> Plan:
+        """Return the plan with its rounds made for what is captured in some modes, without capturing."""
+        made = replace(self, modes=tuple(modes))
+        return replace(made, made=tuple(made.rounds()))
+
+    @cached_property
+    def requests(self) -> dict[Request, None]:
+        """The captures of the rounds that were made, each once."""
+        return dict.fromkeys(each for round_ in self.made or () for each in round_.requests(self.modes))
+
+    def by(self, **options: Any) -> Plan:
+        """Return the plan of the image with other options."""
+        return replace(self, options=replace(self.options, **options), made=None)
+
+    def finished(self, viewpoint: Viewpoint) -> Viewpoint:
+        """Return a viewpoint in the state of the world, its truth as fine and compared as the options ask.
+
+        Raises:
+            ArgumentError: the source cannot capture that.
+        """
+        scale = self.options.truth_scale if viewpoint.truth_scale is None else viewpoint.truth_scale
+        largest = max((max(view.width, view.height) for view in viewpoint.views), default=0)
+        if scale > 1 and scale * largest > _LARGEST_PX:
+            raise ArgumentError(
+                f"truth_scale: expected views of at most {_LARGEST_PX} px, got {scale} x {largest}; "
+                "give a smaller face_size or truth_scale"
+            )
+        compared = self.options.checks == "beat" and (len(viewpoint.pixels) > 0 or not viewpoint.keep)
+        if compared and not self.capabilities.can_set_size:
+            raise ArgumentError("checks: expected none or light of a source of one size, got beat")
+        return replace(viewpoint, truth_scale=scale, state=self.state, compared=compared)
+
+    def border(self, default: int) -> int:
+        """Return how much wider views are on every side, px."""
+        return default if self.border_px is None else self.border_px
+
+    def groups(self, viewpoints: int | None = None) -> tuple[RayGroup, ...]:
+        """Return the valid pixels by optical centre, as many centres as the options have, else as given."""
+        count = self.options.viewpoints
+        return self.rays.groups(viewpoints if count is None else count)
+
+    def origins_w(self, pixels: Ints) -> Array:
+        """Return (N, 3) the optical centres of a non-central camera's pixels, world frame, metres."""
+        assert self.rays.origins is not None
+        return self.pose.to_world(self.rays.origins.reshape(-1, 3)[pixels])
+
+    def directions_w(self, pixels: Ints) -> Array:
+        """Return (N, 3) the unit rays of pixels, world frame."""
+        return rotated(RayGroup(np.zeros(3), pixels, self.rays).directions, self.pose.R_w_c)
+
+
+class Strategy(ABC):
+    """Which views an image is captured with: a class without arguments, registered under its name.
+
+    Attributes:
+        name: of the options.
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def rounds(self, plan: Plan) -> Rounds:
+        """Yield rounds until every valid pixel is served, each once.
+
+        A round whose captures are not sent (None: a plan is made) is followed by what is needed at least.
+
+        Raises:
+            ArgumentError: the source cannot do what the strategy needs.
+        """
+
+    def aim(self, plan: Plan) -> float | None:
+        """Return the share of the valid pixels that may be doubtful, where captures depend on it; else None.
+
+        Raises:
+            ArgumentError: the options ask for an accuracy that the strategy does not know.
+        """
+        if plan.options.accuracy is not None:
+            expected = "expected none, or strategy 'auto', which captures finer until it is reached"
+            raise ArgumentError(f"accuracy: {expected}; got strategy {self.name!r}")
+        return None
+
+    def expected(self, plan: Plan) -> tuple[int, int]:
+        """Return how many requests and pixels an image is expected to take, in a furnished room."""
+        requests = plan.make(plan.modes).requests
+        return len(requests), pixels_of(request.view for request in requests)
+
+
+S = TypeVar("S", bound=Strategy)
+
+_strategies: dict[str, type[Strategy]] = {}
+
+
+def register(strategy: type[S]) -> type[S]:
+    """Add a strategy under its name; also as a decorator.
+
+    Raises:
+        ArgumentError: no subclass of Strategy with a name, or another class under a name that is taken.
+    """
+    if not (isinstance(strategy, type) and issubclass(strategy, Strategy) and hasattr(strategy, "name")):
+        raise ArgumentError(f"strategy: expected a subclass of Strategy with a name, got {strategy!r}")
+    if _strategies.setdefault(strategy.name, strategy) is not strategy:
+        raise ArgumentError(f"strategy: expected a name that is not taken, got {strategy.name!r} again")
+    return strategy
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all strategies."""
+    plugins.load()
+    return tuple(_strategies)
+
+
+def get(name: str) -> Strategy:
+    """Return the strategy of a name.
+
+    Raises:
+        ArgumentError: no strategy has that name.
+    """
+    if name not in _strategies and name not in names():
+        one_of("strategy", name, names())
+    return _strategies[name]()

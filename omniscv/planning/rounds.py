@@ -1,0 +1,200 @@
+"""Rounds of viewpoints: what a strategy yields, and how it is captured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+
+from omniscv import modalities
+from omniscv.errors import BadReplyError
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Ints, Mask
+from omniscv.planning.hits import Hits, KnownDepth
+from omniscv.progress import Progress
+from omniscv.render_options import COMPARED
+from omniscv.sources.base import Capture, Request, Source, View
+from omniscv.sources.recorded_views import Shape
+
+FINER = "finer "
+"""Before the mode of captures that are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """An optical centre, what is captured there, and the pixels that it serves.
+
+    Attributes:
+        center_w: (3,) the centre, world frame, metres.
+        views: of colours.
+        pixels: (N,) int64, row-major flat indices of the image's pixels that it serves; none where its
+            captures only inform the strategy.
+        modes: what is captured; all that the image needs if not given.
+        keep: whether the strategy is sent its captures at the end of the round.
+        toward_w: (N, 3) directions, of any length, in which the pixels are looked up; their own rays if None.
+        known_depth: of the pixels, where the strategy knows it; depth is then not captured.
+        check: what the pixels' own rays meet, as far as the camera's position sees it, where they are
+            captured from another centre that is far from their own.
+        occluded: (N,) bool, pixels whose own optical centre is not visible from the camera's position;
+            None: not judged.
+        unsure: (N,) bool, pixels whose own optical centre may lie beyond a surface, seen from ``center_w``;
+            None: not judged.
+        truth_scale: how much finer ground truth is captured; as the options say if None.
+        state: of the world in which captures are made; set by the plan.
+        compared: whether depth and masks are captured in a second, finer size, too; set by the plan.
+    """
+
+    center_w: Array
+    views: tuple[View, ...]
+    pixels: Ints
+    modes: tuple[str, ...] | None = None
+    keep: bool = False
+    toward_w: Array | None = None
+    known_depth: KnownDepth | None = None
+    check: Hits | None = None
+    occluded: Mask | None = None
+    unsure: Mask | None = None
+    truth_scale: int | None = None
+    state: str = ""
+    compared: bool = False
+
+    def views_of(self, mode: str) -> tuple[View, ...]:
+        """Return the views that are captured in a mode."""
+        return self._scaled(self._scale(mode))
+
+    def finer(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures that are compared with those of ground truth; none where nothing is."""
+        if not self.compared:
+            return []
+        names = [modalities.get(mode).name for mode in (modes if self.modes is None else self.modes)]
+        shapes = [(view, Shape.of(view).finer()) for view in self._scaled(self.truth_scale or 1)]
+        views = [replace(view, width=width, height=height) for view, (width, height, _) in shapes]
+        return [Request(view, mode, self.state) for view in views for mode in COMPARED if mode in names]
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures for an image in some modes.
+
+        They are ordered view by view, ground truth first where it is finer: a server then poses its camera
+        once for all modes of one size. Depth comes first.
+        """
+        rows = [modalities.get(mode) for mode in (modes if self.modes is None else self.modes)]
+        # Depth differs between viewpoints where colours may be alike: a live source detects by it that its
+        # camera has moved.
+        depth = [row.name for row in rows if row.interpolation == "surface" and self.known_depth is None]
+        others = [row.captured_as or row.name for row in rows if row.interpolation != "surface"]
+        captured = list(dict.fromkeys(depth + others))
+        scales = sorted(set(map(self._scale, captured)), reverse=True)
+        return [
+            Request(view, mode, self.state)
+            for scale in scales
+            for view in self._scaled(scale)
+            for mode in captured
+            if self._scale(mode) == scale
+        ] + self.finer(modes)
+
+    def _scale(self, mode: str) -> int:
+        return self.truth_scale or 1 if modalities.get(mode).truth else 1
+
+    def _scaled(self, scale: int) -> tuple[View, ...]:
+        return self.views if scale == 1 else tuple(view.scaled(scale) for view in self.views)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """Viewpoints that are captured one after the other, before the strategy decides on the next round.
+
+    Attributes:
+        viewpoints: in the order of their capture.
+        stopped: why no round follows that would make the image more accurate; empty where that is not known.
+        instead: the strategy that is taken where the source cannot do what the task's needs.
+    """
+
+    viewpoints: tuple[Viewpoint, ...]
+    stopped: str = ""
+    instead: str = ""
+
+    def changed(self, change: Callable[[Viewpoint], Viewpoint]) -> Round:
+        """Return the round with every viewpoint changed."""
+        return replace(self, viewpoints=tuple(map(change, self.viewpoints)))
+
+    def requests(self, modes: Sequence[str]) -> list[Request]:
+        """Return the captures of an image in some modes, viewpoint by viewpoint."""
+        return [request for viewpoint in self.viewpoints for request in viewpoint.requests(modes)]
+
+
+Captures = list[Mapping[str, Sequence[Capture]]]
+"""Of a round's viewpoints that are kept, in their order: by mode, in the views' order."""
+
+Rounds = Generator[Round, Captures | None, None]
+"""Yields rounds, is sent their kept captures; None where a plan is made without capturing."""
+
+
+def pass_on(rounds: Rounds, change: Callable[[Round], Round]) -> Rounds:
+    """Yield rounds, changed, and pass on what is sent."""
+    kept: Captures | None = None
+    with closing(rounds):
+        while (planned := _next(rounds, kept)) is not None:
+            kept = yield change(planned)
+
+
+def _next(rounds: Rounds, kept: Captures | None) -> Round | None:
+    """Return the next round, None at the end, when what was kept of the last one is sent."""
+    try:
+        return rounds.send(kept)
+    except StopIteration:
+        return None
+
+
+def drive(rounds: Rounds, capture: Callable[[Round], Captures | None]) -> None:
+    """Run a strategy to its end.
+
+    Args:
+        rounds: the strategy's generator.
+        capture: called with each round; returns its kept captures, or None where nothing is captured.
+    """
+    kept: Captures | None = None
+    with closing(rounds):
+        while (planned := _next(rounds, kept)) is not None:
+            kept = capture(planned)
+
+
+def captured(
+    round_: Round, source: Source, modes: Sequence[str], skip: Container[Request] = ()
+) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
+    """Capture a round, and yield its viewpoints with their captures by mode, in the views' order.
+
+    Those that are compared are under ``FINER`` and the mode.
+
+    Args:
+        round_: what to capture.
+        source: where captures come from; requests are read ahead as far as it pipelines.
+        modes: of the image.
+        skip: requests that are not made again, except for viewpoints that are kept.
+
+    Raises:
+        BadReplyError: the source ends early.
+    """
+    missing = [[r for r in v.requests(modes) if v.keep or r not in skip] for v in round_.viewpoints]
+    captures = iter(source.capture(request for requests in missing for request in requests))
+    for viewpoint, requests in zip(round_.viewpoints, missing, strict=True):
+        by_mode: dict[str, list[Capture]] = {}
+        finer = frozenset(viewpoint.finer(modes))
+        for request, capture in zip(requests, islice(captures, len(requests)), strict=False):
+            mode = (FINER if request in finer else "") + capture.mode
+            by_mode.setdefault(mode, []).append(capture)
+        if (count := sum(map(len, by_mode.values()))) < len(requests):
+            raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
+        yield viewpoint, by_mode
+
+
+def pixels_of(views: Iterable[View]) -> int:
+    """Return how many pixels views have."""
+    return sum(view.width * view.height for view in views)
+
+
+def captured_progress(captures: Mapping[str, Sequence[Capture]]) -> Progress:
+    """Return the progress that the captures of a viewpoint, by mode, are."""
+    flat = list(chain.from_iterable(captures.values()))
+    sizes = (c.pixels.nbytes if c.payload is None else len(c.payload) for c in flat)
+    return Progress(captures=len(flat), nbytes=sum(sizes))

@@ -1,0 +1,185 @@
+"""Captures that several cameras share, and what they cost.
+
+Central cameras at one optical centre share a cube map, made for the finest of them, where that takes less
+than views of each one's own. Cameras that each need a narrow view do not gain from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from omniscv.geometry import Pose
+from omniscv.planning.plan import Plan, get
+from omniscv.planning.rays import ImageRays
+from omniscv.planning.rounds import pixels_of
+from omniscv.planning.strategies import SAME_M
+from omniscv.planning.views import PIXELS_PER_REQUEST
+from omniscv.render_options import Price
+from omniscv.sources.base import Request
+
+_MARKED = 0.03
+"""Share of marked pixels of images in rooms, from own optical centres (docs/accuracy.md)."""
+_PLANNED_POSES = 3
+"""Of a camera whose captures serve one pose: costs at others are like theirs."""
+
+
+def share_captures(plans: Sequence[Plan], modes: Sequence[str]) -> list[Plan]:
+    """Return plans for several cameras at one moment, which share captures.
+
+    Args:
+        plans: in any order; of one source.
+        modes: of the captures.
+
+    Raises:
+        ArgumentError: the source cannot do what a plan's strategy needs.
+    """
+    shared = list(plans)
+    for group in _groups(plans):
+        center_w = plans[group[0]].pose.position
+        at_center = [replace(plans[i], pose=Pose(center_w, plans[i].pose.rotation)) for i in group]
+        for i, plan in zip(group, _cheapest(at_center, modes), strict=True):
+            shared[i] = plan
+    return shared
+
+
+def _groups(plans: Sequence[Plan]) -> list[list[int]]:
+    """Return the plans, by index, whose cameras share an optical centre, several each.
+
+    Central cameras are apart from others, which are captured from elsewhere.
+    """
+    groups: list[list[int]] = []
+    for i, plan in enumerate(plans):
+        for group in groups:
+            first = plans[group[0]]
+            apart = np.abs(first.pose.position - plan.pose.position).max()
+            alike = first.rays.camera.central == plan.rays.camera.central and first.state == plan.state
+            if apart < SAME_M and alike:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return [group for group in groups if len(group) > 1]
+
+
+def _cheapest(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
+    """Return plans at one centre: each its own, or faces of one cube map, whichever takes less."""
+    if not plans[0].rays.camera.central:
+        return [plan.make(modes) for plan in plans]
+    # Planned as if captures were new, as when the recording was made; not by the views that it lacks.
+    new = [plan if plan.recorded is None else replace(plan, recorded=None) for plan in plans]
+    cheapest = _cheapest_new(new, modes)
+    if plans[0].recorded is None:
+        return cheapest
+    replayed = [
+        replace(plan, options=best.options, shared=best.shared).make(modes)
+        for plan, best in zip(plans, cheapest, strict=True)
+    ]
+    if all(plan.available([request.view for request in plan.requests]) for plan in replayed):
+        return replayed
+    return [plan.make(modes) for plan in plans]
+
+
+def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
+    best = own = [plan.make(modes) for plan in plans]
+    least = _work(own)
+    # A narrow camera that one view holds may need finer faces than all others.
+    wide = [len({request.view for request in plan.requests}) > 1 for plan in own]
+    for sharing in dict.fromkeys(((True,) * len(plans), tuple(wide))):
+        if sum(sharing) > 1:
+            edge = max(plan.edge for plan, shares in zip(plans, sharing, strict=True) if shares)
+            some = [
+                replace(plan.by(face_size=edge), shared=True).make(modes) if shares else alone
+                for plan, alone, shares in zip(plans, own, sharing, strict=True)
+            ]
+            if (work := _work(some)) < least:
+                best, least = some, work
+    return best
+
+
+def _work(plans: Sequence[Plan]) -> float:
+    """Return what the distinct requests of plans cost a source, in requests."""
+    views = [request.view for request in {request: None for plan in plans for request in plan.requests}]
+    return len(views) + pixels_of(views) / PIXELS_PER_REQUEST
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Captures and time of images: an estimate for a furnished room where they depend on what is captured.
+
+    Attributes:
+        way: the strategy's name, or an accuracy such as ``1 %``.
+        requests: captures.
+        pixels: captured, over all modes.
+        seconds: by the price of captures.
+        marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
+            where the options have optical centres shared, which nothing is known of.
+    """
+
+    way: str
+    requests: int
+    pixels: int
+    seconds: float
+    marked: float = 0.0
+
+    def __add__(self, other: Cost) -> Cost:
+        """Return the cost of two sets of images that share no captures."""
+        return Cost(
+            self.way,
+            self.requests + other.requests,
+            self.pixels + other.pixels,
+            self.seconds + other.seconds,
+            max(self.marked, other.marked),
+        )
+
+
+def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **changes: Any) -> Cost:
+    """Return the cost of images whose views are captured once each.
+
+    Args:
+        way: its name.
+        frames: for each moment its plans, which share captures. Those that hardly do so with other moments
+            are planned at a few of the poses, and counted for all.
+        modes: of the captures.
+        changes: of the options of the plans.
+
+    Raises:
+        ArgumentError: the source cannot do what the strategy needs.
+    """
+    total, price = Cost(way, 0, 0, 0.0), Price(0, 0)
+    shared: dict[Request, None] = {}
+    apart: dict[ImageRays, dict[tuple[Any, ...], Plan]] = defaultdict(dict)
+    for plans in frames:
+        changed = [replace(p.by(**changes), modes=tuple(modes)) for p in plans]
+        price = Price(*changed[0].options.capture_ms)
+        for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
+            shared |= plan.requests or plan.make(modes).requests
+            total = replace(total, marked=max(total.marked, _MARKED))
+        for plan in filter(_is_apart, changed):
+            pose = plan.pose.position.tobytes(), plan.pose.rotation.tobytes()
+            apart[plan.rays][*pose, plan.state] = plan
+    for of_camera in apart.values():
+        some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
+        alone = reduce(add, (_cost_alone(plan, way) for plan in some))
+        times = len(of_camera) / len(some)
+        total += replace(alone, requests=round(times * alone.requests), pixels=round(times * alone.pixels))
+    total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0)
+    return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
+
+
+def _is_apart(plan: Plan) -> bool:
+    """Return whether an image hardly shares captures with those at other poses."""
+    return plan.aim is not None or not plan.rays.camera.central
+
+
+def _cost_alone(plan: Plan, way: str) -> Cost:
+    known = plan.rays.one_center or plan.options.viewpoints is None
+    marked = plan.aim or (_MARKED if known else 1.0)
+    return Cost(way, *get(plan.options.strategy).expected(plan), 0.0, marked)
