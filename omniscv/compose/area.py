@@ -8,6 +8,7 @@ mean.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,29 @@ _SPACING = 1.5
 level of 255; with 1.75, they lose one to two."""
 
 _SMALLEST_LEVEL = 8  # px, width or height of a view at its coarsest level
+
+
+class _Placed(NamedTuple):
+    """Rays, and how each is averaged: its mip level, the counts of its grid of samples and the steps between
+    them, px of that level."""
+
+    view: Ints
+    x: Floats
+    y: Floats
+    edges: Floats
+    level: Ints
+    counts: Ints
+    spacing: Floats
+
+
+class _Sampled(NamedTuple):
+    """Places in a picture, how each is averaged, and its values."""
+
+    x: Floats
+    y: Floats
+    counts: Ints
+    spacing: Floats
+    out: Pixels
 
 
 class AreaSampling:
@@ -54,7 +78,8 @@ class AreaSampling:
         R_c_d = np.ascontiguousarray([view.pose.R_w_c.T @ R_w_d for view in views])
         projections = np.array([view.projection for view in views])
         coarsest = max(0, int(np.log2(min(first.width, first.height) / _SMALLEST_LEVEL)))
-        rows = lookup.view, lookup.x, lookup.y, footprints.edges, level, self._counts, self._spacing
+        at = lookup.view, lookup.x, lookup.y, footprints.edges
+        rows = _Placed(*at, level, self._counts, self._spacing)
         support = run(_place, rows, R_c_d, projections, first.width, first.height, coarsest)
         used = level[lookup.view >= 0]
         self.levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(0)
@@ -75,7 +100,7 @@ class AreaSampling:
         last = planes.shape[2] - 1
         out = np.empty((len(x), last + 1), picture.dtype)
         half = np.float32(0.5 if picture.dtype.kind == "u" else 0)
-        rows = x, y, self._counts, self._spacing, out
+        rows = _Sampled(x, y, self._counts, self._spacing, out)
         for k in range(0, last + 1, 3):
             run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half)
         return out.reshape(-1, *picture.shape[2:])
@@ -99,12 +124,9 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
 
 
 @njit(cache=True, nogil=True)
-def _place(
-    view: Ints, x: Floats, y: Floats, edges: Floats, level: Ints, counts: Ints, spacing: Floats,
-    R_c_d: Array, projections: Array, width: int, height: int, coarsest: int,
-) -> int:  # fmt: skip
-    """Write each ray's mip level, and the counts of its grid of samples and the steps between them, in px of
-    that level; return how far samples reach beyond their view, px."""
+def _place(rays: _Placed, R_c_d: Array, projections: Array, width: int, height: int, coarsest: int) -> int:
+    """Write how rays are averaged; return how far samples reach beyond their view, px."""
+    view, x, y, edges, level, counts, spacing = rays
     support = 0
     spans = np.empty((2, 2))
     for i in range(view.shape[0]):
@@ -145,11 +167,9 @@ def _place(
 
 
 @njit(cache=True, nogil=True)
-def _sample(
-    x: Floats, y: Floats, counts: Ints, spacing: Floats, out: Pixels,
-    picture: Pixels, k0: int, k1: int, k2: int, half: np.float32,
-) -> None:  # fmt: skip
+def _sample(rows: _Sampled, picture: Pixels, k0: int, k1: int, k2: int, half: np.float32) -> None:
     """Write means of three channels."""
+    x, y, counts, spacing, out = rows
     one = np.float32(1)
     for i in range(x.shape[0]):
         many, more = np.int32(counts[i, 0]), np.int32(counts[i, 1])

@@ -9,6 +9,7 @@ sees it, the view's own edge is continued.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -81,6 +82,17 @@ def _ring(width: int, height: int, support: int) -> Ints:
     left, right = np.arange(-support, 0), np.arange(width, width + support)
     bands = [(across, above), (across, below), (left, down), (right, down)]
     return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])
+
+
+class _Laid(NamedTuple):
+    """Rays looked up in views, their mip levels, and where they lie in an atlas."""
+
+    view: Ints
+    x: Floats
+    y: Floats
+    level: Ints
+    out_x: Floats
+    out_y: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +194,8 @@ class Atlas:
         level = np.zeros(len(x), np.uint8) if level is None else level
         corners = np.array([level.corners for level in self.levels], dtype=np.float64)
         scales = 0.5 ** np.arange(self._first + len(self.levels))
-        run(_to_atlas, (lookup.view, lookup.x, lookup.y, level, x, y), corners, scales, self._first)
+        rays = _Laid(lookup.view, lookup.x, lookup.y, level, x, y)
+        run(_to_atlas, rays, corners, scales, self._first)
         return x, y
 
 
@@ -194,10 +207,8 @@ def _halved(face: Pixels) -> Pixels:
 
 
 @njit(cache=True, nogil=True)
-def _to_atlas(
-    view: Ints, x: Floats, y: Floats, level: Ints, out_x: Floats, out_y: Floats,
-    corners: Array, scales: Array, first: int,
-) -> None:  # fmt: skip
+def _to_atlas(rays: _Laid, corners: Array, scales: Array, first: int) -> None:
+    view, x, y, level, out_x, out_y = rays
     for i in range(view.shape[0]):
         k = view[i]
         if k < 0:

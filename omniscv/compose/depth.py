@@ -1,4 +1,4 @@
-"""Depth and normals along rays from captures of planar depth, and how far depth may be off.
+"""Depth along rays from captures of planar depth, and how far it may be off.
 
 Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`. Pixels
 may share an optical centre that is not the origin of their rays. Then a ray meets a plane elsewhere than the
@@ -22,7 +22,6 @@ from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, roun
 from omniscv.geometry.surfaces import (
     Shape,
     discontinuities,
-    fitted_plane,
     interpolated,
     nearest_pixel,
     plane_of,
@@ -40,8 +39,6 @@ _CURVED = 1.1
 """A surface that bends away from its plane shifts by more."""
 _MARGIN = 1.3
 """A neighbouring surface goes on between the pixels that show it."""
-_AROUND_PX = 3
-"""Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _BLOCK = 256
 """Rays whose depths are gathered at a time; their buffers fit into the fastest cache."""
 _FEW = 24
@@ -107,6 +104,34 @@ class DepthPictures(NamedTuple):
         return self.depth.nbytes + self.bends.nbytes
 
 
+class _Gathered(NamedTuple):
+    """What pictures show around some rays.
+
+    Attributes:
+        around: (4, N) depths of 2 x 2 pixels.
+        at: (3, N) px from the first of them, across and down, and the length of its stored ray.
+        start: (N,) its index in the picture.
+        bends: (N,) there, as :class:`DepthPictures` has them.
+    """
+
+    around: Floats
+    at: Array
+    start: Ints
+    bends: Ints
+
+
+class _Displaced(NamedTuple):
+    """Rays that start ``offsets_w`` from the views' centre, their depth, and its error and parallax."""
+
+    view: Ints
+    x: Floats
+    y: Floats
+    distance: Floats
+    error: Floats
+    parallax: Floats
+    offsets_w: Array
+
+
 class _Surroundings(NamedTuple):
     """What surrounds each pixel, (V, h, w) float32: px to the next edge of a surface, and the least and
     greatest depth within reach."""
@@ -144,7 +169,7 @@ def sample_depth(
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
     run(
         _displace,
-        (lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w),
+        _Displaced(lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w),
         pictures,
         _Surroundings(*map(np.stack, zip(*around, strict=True))),
         R_c_w,
@@ -209,8 +234,12 @@ def _sample(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: DepthPictures, nearest: bool
 ) -> None:
     """Sample rays that follow each other in one view together, in vector instructions."""
-    around, at = np.empty((4, _BLOCK), np.float32), np.empty((3, _BLOCK))
-    start, bends = np.empty(_BLOCK, np.int32), np.empty(_BLOCK, np.uint32)
+    block = _Gathered(
+        np.empty((4, _BLOCK), np.float32),
+        np.empty((3, _BLOCK)),
+        np.empty(_BLOCK, np.int32),
+        np.empty(_BLOCK, np.uint32),
+    )
     first = 0
     while first < view.shape[0]:
         k, last, most = view[first], first + 1, min(first + _BLOCK, view.shape[0])
@@ -218,8 +247,8 @@ def _sample(
             last += 1
         of = slice(first, last)
         if k >= 0 and pictures.bends.size:
-            _gather(k, x[of], y[of], pictures, around, at, start, bends)
-            _interpolate(k, x[of], y[of], pictures, around, at, bends, distance[of], error[of])
+            _gather(k, x[of], y[of], pictures, block)
+            _interpolate(k, x[of], y[of], pictures, block, distance[of], error[of])
         for i in range(first, last):
             if k < 0:
                 distance[i] = error[i] = 0.0
@@ -236,10 +265,9 @@ def _sample(
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
-def _gather(
-    k: int, x: Floats, y: Floats, pictures: DepthPictures, around: Floats, at: Array, start: Ints, bends: Ints
-) -> None:
-    """Write the depths and the bends around points in a view, and their a, b and stored length."""
+def _gather(k: int, x: Floats, y: Floats, pictures: DepthPictures, block: _Gathered) -> None:
+    """Write what a view shows around points."""
+    around, at, start, bends = block
     depth, (height, width), focal = pictures.depth, pictures.shape, pictures.projections[k, 0]
     for j in range(x.shape[0]):
         px, py = np.float64(x[j]), np.float64(y[j])
@@ -261,10 +289,16 @@ def _gather(
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _interpolate(
-    k: int, x: Floats, y: Floats, pictures: DepthPictures, around: Floats, at: Array, bends: Ints,
-    distance: Floats, error: Floats,
-) -> None:  # fmt: skip
+    k: int,
+    x: Floats,
+    y: Floats,
+    pictures: DepthPictures,
+    block: _Gathered,
+    distance: Floats,
+    error: Floats,
+) -> None:
     """Write depth along rays in a view; 0 where bends do not say how far it is off."""
+    around, at, _, bends = block
     fx, fy = pictures.projections[k, 0], pictures.projections[k, 1]
     cx, cy = pictures.projections[k, 2], pictures.projections[k, 3]
     precision, size = pictures.precision, max(pictures.shape[0], pictures.shape[1])
@@ -308,11 +342,9 @@ def _ray_length(pictures: DepthPictures, k: int, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _displace(
-    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, parallax: Floats, offsets_w: Array,
-    pictures: DepthPictures, around: _Surroundings, R_c_w: Array,
-) -> None:  # fmt: skip
+def _displace(rays: _Displaced, pictures: DepthPictures, around: _Surroundings, R_c_w: Array) -> None:
     """Add the error of rays that start elsewhere than at the centre; write their parallax."""
+    view, x, y, distance, error, parallax, offsets_w = rays
     shape, depth, offset = pictures.shape, pictures.depth, np.empty(3)
     for i in range(view.shape[0]):
         k, parallax[i] = view[i], 0.0
@@ -347,45 +379,3 @@ def _displace(
             error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * point.error * focal * aside)
         if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
             error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size
-
-
-def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -> Floats:
-    """Return the normals of planes fitted to planar depth around the nearest pixels of N rays.
-
-    Args:
-        faces: (h, w) planar metres of each view, +inf where there is no surface.
-        lookup: of N rays.
-        views: those of the faces.
-
-    Returns:
-        (N, 3) float32 unit vectors toward the views' centre, world frame; 0 where there is no surface, or
-        where too few pixels show it.
-    """
-    out = np.empty((len(lookup.x), 3), np.float32)
-    projections = np.array([view.projection for view in views])
-    R_w_c = np.array([view.pose.R_w_c for view in views])
-    run(_fit, (lookup.view, lookup.x, lookup.y, out), stacked(faces), projections, R_w_c)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _fit(
-    view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, projections: Array, R_w_c: Array
-) -> None:
-    height, width = stack.shape[1], stack.shape[2]
-    for i in range(view.shape[0]):
-        k = view[i]
-        out[i, 0] = out[i, 1] = out[i, 2] = 0.0
-        if k < 0:
-            continue
-        r, c = nearest_pixel((height, width), x[i], y[i])
-        if not stack[k, r, c] < np.inf:
-            continue
-        inverse, across, down, known = fitted_plane(stack[k], r, c, _AROUND_PX)
-        if not known:
-            continue
-        dx, dy = c + 0.5 - projections[k, 2], r + 0.5 - projections[k, 3]
-        a, b, e = plane_of(inverse, across, down, dx, dy, projections[k, 0], projections[k, 1])
-        size = np.sqrt(a * a + b * b + e * e)
-        for j in range(3):
-            out[i, j] = -(R_w_c[k, j, 0] * a + R_w_c[k, j, 1] * b + R_w_c[k, j, 2] * e) / size

@@ -1,4 +1,4 @@
-"""Values that are never blended across objects: those of the nearest pixels, and where they change."""
+"""Values that are never blended across objects: of the nearest pixels, where they change, and of planes."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,14 @@ from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
-from omniscv.geometry.surfaces import nearest_pixel
+from omniscv.geometry.surfaces import fitted_plane, nearest_pixel, plane_of
 from omniscv.parallel import side_by_side
 from omniscv.planning.relief import label_relief
 from omniscv.sources.base import View
 
 _BESIDE = 1
+_AROUND_PX = 3
+"""Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _ONE_SURFACE = 0.95
 """The cosine of the angle that two pixels' normals may make on one smooth surface, 18 degrees."""
 
@@ -193,3 +195,45 @@ def _one_surface(face: Floats, r: int, c: int, own_r: int, own_c: int) -> bool:
             if cosine < _ONE_SURFACE:
                 return False
     return True
+
+
+def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -> Floats:
+    """Return the normals of planes fitted to planar depth around the nearest pixels of N rays.
+
+    Args:
+        faces: (h, w) planar metres of each view, +inf where there is no surface.
+        lookup: of N rays.
+        views: those of the faces.
+
+    Returns:
+        (N, 3) float32 unit vectors toward the views' centre, world frame; 0 where there is no surface, or
+        where too few pixels show it.
+    """
+    out = np.empty((len(lookup.x), 3), np.float32)
+    projections = np.array([view.projection for view in views])
+    R_w_c = np.array([view.pose.R_w_c for view in views])
+    run(_fit, (lookup.view, lookup.x, lookup.y, out), stacked(faces), projections, R_w_c)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _fit(
+    view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, projections: Array, R_w_c: Array
+) -> None:
+    height, width = stack.shape[1], stack.shape[2]
+    for i in range(view.shape[0]):
+        k = view[i]
+        out[i, 0] = out[i, 1] = out[i, 2] = 0.0
+        if k < 0:
+            continue
+        r, c = nearest_pixel((height, width), x[i], y[i])
+        if not stack[k, r, c] < np.inf:
+            continue
+        inverse, across, down, known = fitted_plane(stack[k], r, c, _AROUND_PX)
+        if not known:
+            continue
+        dx, dy = c + 0.5 - projections[k, 2], r + 0.5 - projections[k, 3]
+        a, b, e = plane_of(inverse, across, down, dx, dy, projections[k, 0], projections[k, 1])
+        size = np.sqrt(a * a + b * b + e * e)
+        for j in range(3):
+            out[i, j] = -(R_w_c[k, j, 0] * a + R_w_c[k, j, 1] * b + R_w_c[k, j, 2] * e) / size

@@ -14,9 +14,9 @@ import numpy as np
 
 from omniscv.compose.area import AreaSampling
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.depth import DepthPictures, SampledDepth, normals_from_depth, sample_depth
+from omniscv.compose.depth import DepthPictures, SampledDepth, sample_depth
 from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
-from omniscv.compose.nearest import label_edges, sample_directions, sample_nearest
+from omniscv.compose.nearest import label_edges, normals_from_depth, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
@@ -117,7 +117,7 @@ class Sampler:
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
     def normals_from_depth(self, faces: Faces) -> Pixels:
-        """Return (N, 3) normals; see :func:`omniscv.compose.depth.normals_from_depth`."""
+        """Return (N, 3) normals; see :func:`omniscv.compose.nearest.normals_from_depth`."""
         stack = stacked(faces)
         return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
 

@@ -49,13 +49,19 @@ def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) 
 
     Args:
         kernel: called with a block of each array of ``rows``, then with ``others``; releases the GIL.
-        rows: arrays of N rows.
+        rows: arrays of N rows; a named tuple of them is one argument.
         others: arguments that are passed whole.
 
     Returns:
         The results, one for each block.
     """
-    return blocks(lambda block: kernel(*(array[block] for array in rows), *others), len(rows[0]))
+    make = getattr(rows, "_make", None)
+
+    def call(block: slice) -> Any:
+        parts = [array[block] for array in rows]
+        return kernel(*parts, *others) if make is None else kernel(make(parts), *others)
+
+    return blocks(call, len(rows[0]))
 
 
 def cluster_starts(positions_w: Array, distance_m: float) -> Array:

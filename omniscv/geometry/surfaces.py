@@ -9,7 +9,7 @@ So inverse planar depth is linear in the pixel, and bilinear interpolation of it
 change per pixel is ``across = a / f`` and ``down = b / f``; hence :func:`plane_of`. Three things follow:
 
 - depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.compose.depth`);
-- the normal of the plane is ``-m / |m|`` (the same module);
+- the normal of the plane is ``-m / |m|`` (:mod:`omniscv.compose.nearest`);
 - a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.planning.ray_marching`).
 
 Neighbouring pixels show one surface if inverse depth continues linearly on either side of the step between
