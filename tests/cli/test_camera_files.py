@@ -37,20 +37,11 @@ projection_matrix:
   cols: 4
   data: [21, 0, 15.5, 0, 0, 21.5, 11.5, 0, 0, 0, 1, 0]
 """
-MESSAGE = (
-    f"height: 24\nwidth: 32\ndistortion_model: 'MODEL'\nd: {D}\nk: {np.ravel(K).tolist()}\nbinning_x: 0\n"
-)
 
 
 def written(folder, text, name="lens.yaml"):
     (folder / name).write_text(text)
     return folder / name
-
-
-@pytest.mark.parametrize("text", [ROS, MESSAGE], ids=["camera_info file", "camera_info message"])
-@pytest.mark.parametrize(("model", "camera"), [("equidistant", FISHEYE), ("plumb_bob", PLAIN)])
-def test_ros_names_its_model(text, model, camera, tmp_path):
-    assert calibration.load(written(tmp_path, text.replace("MODEL", model))) == {"cam0": camera}
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from omniscv.cli.options import IMAGES, JobArguments
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read
-from omniscv.sources.recording.inspection import info
 
 JOB = """
 source: scene://four-wall
@@ -129,15 +128,6 @@ def test_paths_of_options_are_relative_to_the_present_folder(job, monkeypatch, c
     job = job.rename(job.parent / "sub" / "job.yaml")
     assert run(["render", str(job), "--source", "room.sqlite", "--out", "here"]) == 0
     assert {each.name for each in job.parent.parent.iterdir()} == {"room.sqlite", "sub", "here"}
-
-
-def test_a_recording_of_a_job_with_other_options(job, capsys):
-    assert (
-        run(["record", str(job), "--position", "1,0,1.5", "--set", "face_size=16", "--out", "b.sqlite"]) == 0
-    )
-    held = info(job.parent / "b.sqlite")
-    assert held.centers == 1
-    assert all(int(size.partition("x")[0]) < 32 for size in held.sizes)
 
 
 def test_cameras_of_a_rig_are_not_changed_in_part(job):

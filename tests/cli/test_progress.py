@@ -9,7 +9,7 @@ from threading import Thread
 import pytest
 
 from omniscv.cli import run
-from omniscv.cli.console import Display, display
+from omniscv.cli.console import Display
 from omniscv.job import load
 from omniscv.make import run as run_job
 from omniscv.progress import Meter, Progress, without_images
@@ -77,12 +77,6 @@ def test_lines_come_at_a_bounded_rate(capsys):
         for done in range(100):
             shown.steps(done, 100)
     assert capsys.readouterr().err.startswith("images 0/100\nimages 99/100")
-
-
-def test_a_bar_shows_images_and_captures(capsys):
-    with display("images", "bar") as shown:
-        shown(Progress(3, 12, 30, 40, 2_500_000))
-    assert "captures" in capsys.readouterr().err
 
 
 def test_what_is_left_follows_from_what_is_done(monkeypatch):

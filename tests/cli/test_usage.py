@@ -1,6 +1,5 @@
 """Commands and their options: what they do, and one clear line when something is wrong."""
 
-import json
 import shutil
 import sys
 
@@ -117,17 +116,6 @@ def test_help_shows_the_defaults_that_hold(capsys):
         assert ("[default: mock://four-wall]" in capsys.readouterr().out) is shown
 
 
-def test_a_file_that_is_no_recording(capsys, tmp_path):
-    path = tmp_path / "notes.sqlite"
-    for there in (False, True):
-        if there:
-            path.write_text("dear diary")
-        assert "notes.sqlite" in failed(capsys, 1, ["render", "--source", path, "--out", tmp_path / "out"])
-        assert names_in(tmp_path) == ({path.name} if there else set())
-    assert "notes.sqlite" in failed(capsys, 1, ["recording", "info", path])
-    assert path.read_text() == "dear diary"
-
-
 @pytest.mark.parametrize(
     ("below", "says"),
     [
@@ -217,13 +205,3 @@ def test_plan_says_what_is_marked_where_it_is_known(capsys):
     assert [row[-1] for row in planned(capsys, *ring).values()] == ["3", "1", "0.3", "0.1", "3", "3"]
     few = planned(capsys, *ring, "--set", "viewpoints=4")
     assert [row[-1] for row in few.values()] == ["3", "1", "0.3", "0.1", "unknown", "unknown"]
-
-
-def test_columns_beyond_the_walls_are_reported(capsys, tmp_path):
-    """The room is 5 m wide: with a radius of 2.7 m some columns of the panorama begin outside."""
-    view = "--camera noncentral-panorama --set camera.radius=2.7 --size 16x8 --modes depth --set face_size=32"
-    assert run(["render", *view.split(), "--out", str(tmp_path / "out")]) == 0
-    assert "pixels are occluded" in capsys.readouterr().err
-    written = json.loads((tmp_path / "out" / "noncentral-panorama.json").read_text())
-    assert 0 < written["occluded_pixels"] < 16 * 8
-    assert (tmp_path / "out" / "noncentral-panorama.occluded.png").exists()

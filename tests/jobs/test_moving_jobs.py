@@ -306,23 +306,10 @@ def test_motion_is_measured_in_pixels():
     assert motion_px(camera, (STILL, STILL), (slide,), (0, 1)) == pytest.approx(60 * 0.2, rel=0.3)
 
 
-def job(out, instants, **more):
-    return load(
-        {
-            "source": "scene://workshop",
-            "cameras": {"eye": {"model": "fisheye-equidistant", "width": 32, "height": 32, "fov_deg": 160}},
-            "poses": [{"position": [0, 0, 1.2], "yaw_deg": 60 * time, "time": time} for time in (0, 1)],
-            "times": "poses", "face_size": 20, "out": str(out),
-            "exposure": {"seconds": 0.25, "instants": instants}, **more,
-        }
-    )  # fmt: skip
-
-
 def test_moving_objects_need_instants_too(tmp_path):
-    slide = [{"time": 0, "position": [-2, -0.6, 0.85]}, {"time": 1, "position": [-1.2, 0.8, 0.85]}]
-    poses = {"poses": [{"position": [0, 0, 1.2]}], "times": [0.5]}
+    more = "times: [0.5]\nexposure: {seconds: 0.25, instants: auto}"
     counts = [
-        len(next(frames_by_instant(job(tmp_path, "auto", **poses, **more))).captured)
-        for more in ({}, {"motions": {"Cabinet": slide}})
+        len(next(frames_by_instant(job_of(tmp_path, more + moved))).captured)
+        for moved in ("", f"\nmotions: {{Cabinet: {SLIDE}}}")
     ]
     assert counts[0] == 3 < counts[1]

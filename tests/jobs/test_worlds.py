@@ -4,7 +4,6 @@ import json
 from collections import Counter
 from types import SimpleNamespace
 
-import fsspec
 import numpy as np
 import pytest
 from support.datasets import tree
@@ -222,35 +221,6 @@ def test_shards_and_limits_give_the_same_bytes(tmp_path):
     assert set(lines) < set((tmp_path / "whole" / "frames.jsonl").read_text().splitlines())
     make.make(job(tmp_path / "limit", **some), existing="resume")
     assert tree(tmp_path / "limit") == whole
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-def test_three_worlds_killed_ten_times_in_shards_and_in_a_store_have_the_same_bytes(tmp_path, processes):
-    grid = {"low": [-0.9, -0.8, 1.5], "high": [0.9, 0.8, 1.5], "step": [0.2, 0.08, 1]}
-    sources = {"four": "scene://four-wall", "six": "scene://six-wall", "again": "mock://four-wall"}
-    worlds = {name: {"source": source} for name, source in sources.items()}
-    camera = {"pano": {**CAMERA, "width": 64, "height": 32}}
-    some = {"worlds": worlds, "poses": {"grid": grid}, "cameras": camera, "face_size": 32, "strategy": "cube"}
-    some |= {"modes": ["lit", "object_mask", "depth"], "truth": {"boxes": True}}
-    some["vary"] = {"objects": {"Door": {"turn_deg": [0, 90]}}}
-
-    path = tmp_path / "job.yaml"
-    path.write_text(json.dumps({**some, "out": str(tmp_path / "whole")}))
-    seconds = processes.run("make", path)
-    whole = tree(tmp_path / "whole")
-    assert sum(name.endswith("depth.exr") for name in whole) >= 600
-    path.write_text(json.dumps({**some, "out": str(tmp_path / "killed")}))
-    for _ in range(10):
-        processes.run("make", path, kill_after_s=seconds / 12)
-    processes.run("make", path)
-    assert tree(tmp_path / "killed") == whole
-    for index in (3, 0, 1, 2, 6, 5, 4):
-        make.make(load({**some, "out": str(tmp_path / "shards")}), shard=(index, 7))
-    assert tree(tmp_path / "shards") == whole
-    make.make(load({**some, "out": "memory://worlds"}))
-    fsspec.filesystem("memory").get("/worlds", str(tmp_path / "store"), recursive=True)
-    assert tree(tmp_path / "store") == whole
 
 
 def test_worlds_have_their_own_poses_splits_names_and_draws(tmp_path):

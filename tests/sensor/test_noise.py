@@ -4,21 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from omniscv.sensor import Sensor, noise
+from omniscv.sensor import Sensor
 
 NOISY = Sensor(
     seed=5, electrons=2000, full_well=4000, read_noise=4, row_noise=2, prnu=0.02, dsnu=3, dark_current=50,
     black_level=64, mosaic="rggb",
 )  # fmt: skip
-
-
-def test_words_of_a_part_are_those_of_the_whole():
-    key = noise.key(1, "front", ["a", 2.5])
-    whole = noise.words(key, noise.PIXEL, 1, 0, 1000)
-    for start, count in ((0, 4), (1, 7), (399, 601), (998, 2)):
-        np.testing.assert_array_equal(
-            noise.words(key, noise.PIXEL, 1, start, count), whole[start : start + count]
-        )
 
 
 @pytest.mark.parametrize("mean", [0.3, 4.0, 9.99, 10.0, 30.0, 1000.0])
