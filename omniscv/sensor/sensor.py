@@ -217,28 +217,19 @@ class Sensor:
         return light
 
     def expose(
-        self,
-        light: Pixels,
-        camera: str = "",
-        frame: Any = None,
-        corner: tuple[int, int] = (0, 0),
-        width: int | None = None,
-        transfer: str = "linear",
+        self, light: Pixels, camera: str = "", frame: Any = None, transfer: str = "linear"
     ) -> NDArray[np.uint16]:
-        """Return the codes of light on the sensor, or on a part of it: those of the whole, to the bit.
+        """Return the codes of light on the sensor.
 
         Args:
             light: (h, w, 3) floats, 1.0 is the white of 8 bits; or uint8 codes of a transfer.
             camera: its name; PRNU and DSNU are the same in all its frames.
             frame: plain values that identify the frame; all other noise follows from them.
-            corner: (row, column) of the part's first pixel.
-            width: of the whole sensor; the light's if not given.
             transfer: of codes.
 
         Returns:
             (h, w) uint16; (h, w, 3) without a mosaic.
         """
-        width = light.shape[1] if width is None else width
         keys = noise.key(self.seed, camera, frame), noise.key(self.seed, camera)
         if self.mosaic == "none":
             planes = [(light[..., channel], (channel,) * 4) for channel in range(3)]
@@ -248,39 +239,33 @@ class Sensor:
             pattern = _PATTERNS[self.mosaic]
             plane = np.empty(light.shape[:2], light.dtype)
             for i in range(4):
-                channel = pattern[2 * ((corner[0] + i // 2) % 2) + (corner[1] + i % 2) % 2]
-                plane[i // 2 :: 2, i % 2 :: 2] = light[i // 2 :: 2, i % 2 :: 2, channel]
+                plane[i // 2 :: 2, i % 2 :: 2] = light[i // 2 :: 2, i % 2 :: 2, pattern[i]]
             planes = [(plane, pattern)]
         codes = [
-            self._expose(np.ascontiguousarray(decode(plane, transfer)), pattern, k, *keys, corner, width)
+            self._expose(np.ascontiguousarray(decode(plane, transfer)), pattern, k, *keys)
             for k, (plane, pattern) in enumerate(planes)
         ]
         return codes[0] if len(codes) == 1 else np.stack(codes, axis=-1)
 
     def _expose(
-        self, light: Floats, pattern: tuple[int, ...], plane: int, key: Any, fixed: Any,
-        corner: tuple[int, int], width: int,
-    ) -> NDArray[np.uint16]:  # fmt: skip
+        self, light: Floats, pattern: tuple[int, ...], plane: int, key: Any, fixed: Any
+    ) -> NDArray[np.uint16]:
         """Return the codes of a plane; ``pattern`` has the channels of its even rows, then of odd ones."""
-        codes, (top, left) = np.empty(light.shape, np.uint16), corner
-        height, columns = light.shape
-        step, across = max(1, _BLOCK_PX // width), slice(left, left + columns)
+        codes, (height, width) = np.empty(light.shape, np.uint16), light.shape
+        step = max(1, _BLOCK_PX // width)
         electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
-        electrons = np.roll(electrons, left % 2, axis=1)  # of the part's own columns
         dark = self.dark_current * self.exposure_s
         numbers = np.array(
             [dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1]
         )
-        scales = self.prnu, self.dsnu
-        patterns = _fixed_patterns(tuple(fixed.tolist()), plane, top * width, (height, width), scales)
+        patterns = _fixed_patterns(tuple(fixed.tolist()), plane, light.shape, (self.prnu, self.dsnu))
         for first in range(0, height, step):
             rows = slice(first, min(first + step, height))
-            start, count = top + first, rows.stop - first
-            words = noise.words(key, noise.PIXEL, plane, start * width, count * width)
-            offsets = self.row_noise * noise.normals(key, noise.ROW, plane, start, count)
-            of_rows = np.column_stack([electrons[np.arange(start, start + count) & 1], offsets])
-            words = words.reshape(-1, width)[:, across]
-            arrays = light[rows], words, patterns[rows, across], of_rows, codes[rows]
+            count = rows.stop - first
+            words = noise.words(key, noise.PIXEL, plane, first * width, count * width).reshape(-1, width)
+            offsets = self.row_noise * noise.normals(key, noise.ROW, plane, first, count)
+            of_rows = np.column_stack([electrons[np.arange(first, rows.stop) & 1], offsets])
+            arrays = light[rows], words, patterns[rows], of_rows, codes[rows]
             run(noise.expose, arrays, noise.quantiles(), numbers)
         return codes
 
@@ -351,13 +336,13 @@ def _plain(value: Any) -> Any:
 
 @lru_cache(8)
 def _fixed_patterns(
-    key: tuple[int, ...], plane: int, start: int, size: tuple[int, int], scales: tuple[float, float]
+    key: tuple[int, ...], plane: int, size: tuple[int, int], scales: tuple[float, float]
 ) -> Floats:
     """Return (height, width, 2), the PRNU and DSNU of a camera; cached, because all its frames have them."""
     patterns = np.zeros((*size, 2), np.float32)
     for i, (purpose, scale) in enumerate(zip((noise.PRNU, noise.DSNU), scales, strict=True)):
         if scale:
-            values = noise.normals(np.array(key, np.uint64), purpose, plane, start, size[0] * size[1])
+            values = noise.normals(np.array(key, np.uint64), purpose, plane, 0, size[0] * size[1])
             patterns[..., i] = np.asarray(scale * values, np.float32).reshape(size)
     return patterns
 

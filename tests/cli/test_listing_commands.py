@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from omniscv import cameras
 from omniscv.cli import COMMANDS, run
 from omniscv.job import EXAMPLE, keys, load
 from omniscv.make import check_dataset
-from omniscv.planning import RenderOptions
+from omniscv.planning import RenderKeywords, RenderOptions
 from omniscv.sources.recording.inspection import centers, info
 
 RECORDING = ROOT / "captures" / "four-wall.sqlite"
@@ -54,6 +55,11 @@ def test_every_key_is_listed_with_its_meaning(capsys):
     assert run(["job", "--keys"]) == 0
     text = capsys.readouterr().out
     assert all(key.help and f"{key.name} " in text for key in keys())
+
+
+def test_keywords_of_render_are_its_options():
+    """The one second declaration: type checkers know keyword arguments by it."""
+    assert get_type_hints(RenderKeywords) | {"accuracy": float | None} == get_type_hints(RenderOptions)
 
 
 def test_a_job_that_render_refuses_is_refused(tmp_path, capsys):

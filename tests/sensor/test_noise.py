@@ -36,16 +36,6 @@ def picture(height=48, width=64):
     return np.random.default_rng(2).random((height, width, 3), np.float32)
 
 
-@pytest.mark.parametrize("mosaic", ["rggb", "mono", "none"])
-def test_tiles_are_the_whole_to_the_bit(mosaic):
-    sensor = Sensor(**{**NOISY.to_dict(), "mosaic": mosaic})
-    light = picture()
-    whole = sensor.expose(light, "left", "f")
-    for top, bottom, left, right in ((0, 17, 0, 31), (17, 48, 0, 31), (0, 17, 31, 64), (17, 48, 31, 64)):
-        tile = sensor.expose(light[top:bottom, left:right], "left", "f", (top, left), 64)
-        np.testing.assert_array_equal(tile, whole[top:bottom, left:right])
-
-
 def test_threads_change_nothing(monkeypatch):
     light = np.tile(picture(), (8, 8, 1))
     alone = NOISY.expose(light)
