@@ -36,6 +36,8 @@ _STEEPEST_DEG = 89.9
 """The largest pitch and roll that the engine's controller accepts, degrees."""
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
 _START_CM: Triple = (0.0, 0.0, 150.0)
+_PULL_BACK_CM = 0.125
+"""How far before a surface a sweep ends, so that the next one meets it again, too."""
 
 
 class Player:
@@ -171,13 +173,14 @@ class World:
         return self._present_moment().shown
 
     def swept(self, goal: Triple) -> Triple:
-        """Return where the pawn ends, cm, on a straight line to ``goal``: at the first surface."""
+        """Return where the pawn ends, cm, on a straight line to ``goal``: just before the first surface."""
         start, end = np.array(self.player.location), np.array(goal)
         length = float(np.linalg.norm(end - start))
         if not length:
             return goal
         hits = self.placed().trace(MIRROR @ start / 100, MIRROR @ (end - start))
-        x, y, z = (start + min(1.0, 100 * float(hits.distance) / length) * (end - start)).tolist()
+        free = max(0.0, 100 * float(hits.distance) - _PULL_BACK_CM)
+        x, y, z = (start + min(1.0, free / length) * (end - start)).tolist()
         return x, y, z
 
     def spawn(self) -> str:

@@ -273,6 +273,7 @@ class Dialect(ABC):
         scene = name.rpartition("/")[2].partition(".")[0]  # without an ending: no file is read
         try:
             self._next_world = World(load_scene(scene), self.settings, self.world.faults)
+            self._next_world.window = self.world.window
         except ValueError as cause:  # also where the scene lacks the object of a fault
             LOGGER.warning("level not opened: %s", cause)
 

@@ -102,7 +102,8 @@ def test_moves_and_keys_take_the_pawn_to_what_is_in_the_way(talk, dialect):
     request = talk(dialect)
     for commands, location, yaw in (
         (["vset /camera/0/moveto 100 20 150"], (100, 20, 150), 0),
-        (["vset /camera/0/moveto 1000 20 150"], (300, 20, 150), 0),
+        (["vset /camera/0/moveto 1000 20 150"], (299.875, 20, 150), 0),
+        (["vset /camera/0/moveto 2000 20 150", "vset /action/keyboard W 1"], (299.875, 20, 150), 0),
         (["vset /camera/0/location 0 0 150"], (0, 0, 150), 0),
         (["vset /action/keyboard W 0.1", "vset /action/keyboard a 0.05"], (120, -60, 150), 0),
         (["vset /action/keyboard Right 2", "vset /action/keyboard Up 0.05"], (120, 0, 150), 90),
@@ -148,8 +149,11 @@ def test_a_level_is_another_scene_of_the_package(talk, caplog, dialect):
     assert request("vset /action/game/level Nowhere") == "ok"
     assert request("vget /objects").split() == room
     assert [record.message.count("'Nowhere'") for record in caplog.records] == [1]
+    assert request("vrun setres 32x20w") == "ok"
     assert request("vset /action/game/level /Game/Maps/six-wall") == "ok"
     request("vget /unrealcv/version")
+    window = "vget /camera/0/object_mask png" if dialect == "L" else "vget /screenshot png"
+    assert decode_png(request(window)).shape[1::-1] == (32, 20)  # as before the level was opened
     assert request("vget /objects").split() == list(mock_server.load_scene("six-wall").objects) != room
     assert request("vget /camera/0/lit png") != picture
     assert request("vget /scene/name") == "four-wall"  # of the project
