@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mock_server.faults import Faults
-from mock_server.pixels import ViewHits
+from mock_server.scene import ViewHits
 
 Triple = tuple[float, float, float]
 Array = NDArray[np.float64]

@@ -2,16 +2,11 @@
 
 import struct
 import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from mock_server.scene import Hits, Scene
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -19,18 +14,6 @@ Projection = tuple[float, float, float, float]
 
 LARGEST_HALF = 65504.0
 """The largest half float: depth saturates there, also the sky's."""
-
-
-@dataclass(frozen=True, eq=False)
-class ViewHits(Hits):
-    """A perspective view (H, W) in every mode; ``depth`` is planar, float64, metres, +inf for the sky."""
-
-    depth: Array
-
-    @cached_property
-    def codes(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8, ``round(255 c)`` of the colours; computed when first used."""
-        return np.round(255 * np.clip(self.paint(), 0, 1)).astype(np.uint8)
 
 
 def pinhole_rays(
@@ -56,24 +39,6 @@ def pinhole_rays(
     for axis, (right, below, ahead) in enumerate(R_w_c):  # a short last axis is slow in NumPy
         rays[..., axis] = (x * right + (y * below)[:, None] + ahead) / length
     return rays, length
-
-
-def trace_view(
-    scene: Scene,
-    center: Array,
-    rays: Array,
-    length: Array,
-    hidden: Iterable[str] = frozenset(),
-    near_m: float = 0.0,
-) -> ViewHits:
-    """Trace the rays of :func:`pinhole_rays` from an optical centre (3,), metres.
-
-    Objects that are ``hidden`` are left out; surfaces are seen from a planar depth of ``near_m``.
-    """
-    skipped = near_m * length
-    hits = scene.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
-    distance = hits.distance + skipped
-    return ViewHits(hits.label, distance, hits.normal, hits.paint, distance / length)
 
 
 def normals(normal: Array) -> Bytes:

@@ -58,6 +58,18 @@ class Hits:
         return self.paint()
 
 
+@dataclass(frozen=True, eq=False)
+class ViewHits(Hits):
+    """A perspective view (H, W) in every mode; ``depth`` is planar, float64, metres, +inf for the sky."""
+
+    depth: Array
+
+    @cached_property
+    def codes(self) -> NDArray[np.uint8]:
+        """(H, W, 3) uint8, ``round(255 c)`` of the colours; computed when first used."""
+        return np.round(255 * np.clip(self.paint(), 0, 1)).astype(np.uint8)
+
+
 class Scene:
     """Solids with names and textures, or a pattern on the sphere of directions.
 
@@ -222,6 +234,24 @@ class Scene:
     def _center(self, name: str) -> Array:
         """Return the centre (3,) of an object's box as described."""
         return solids.center(self._of(name, self._described))
+
+    def view(
+        self,
+        center: Array,
+        rays: Array,
+        length: Array,
+        hidden: Iterable[str] = frozenset(),
+        near_m: float = 0.0,
+    ) -> ViewHits:
+        """Return what a camera sees: the rays of :func:`mock_server.pixels.pinhole_rays` from a centre (3,).
+
+        Objects that are ``hidden`` are left out; surfaces are seen from a planar depth of ``near_m``. Another
+        renderer behind the server draws its pictures here.
+        """
+        skipped = near_m * length
+        hits = self.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
+        distance = hits.distance + skipped
+        return ViewHits(hits.label, distance, hits.normal, hits.paint, distance / length)
 
     def trace(self, origins: ArrayLike, directions: ArrayLike, hidden: Iterable[str] = frozenset()) -> Hits:
         """Return the first surfaces that rays hit, exact to float64 rounding.

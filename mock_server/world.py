@@ -19,8 +19,8 @@ from mock_server.cine import Cine
 from mock_server.faults import Faults
 from mock_server.flaws import Film
 from mock_server.objects import MIRROR, Moment, Objects, Pose, SceneObject, Triple, camera_to_world
-from mock_server.pixels import ViewHits, pinhole_rays, trace_view
-from mock_server.scene import LATEST_S, Scene
+from mock_server.pixels import pinhole_rays
+from mock_server.scene import LATEST_S, Scene, ViewHits
 from mock_server.settings import Settings
 
 Array = NDArray[np.float64]
@@ -356,7 +356,7 @@ class World:
         key = (*view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
             center, rays = camera.center_m(), camera.rays()
-            self._views[key] = trace_view(moment.shown, center, *rays, hidden, near_m)
+            self._views[key] = moment.shown.view(center, *rays, hidden, near_m)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
             len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import mock_server
 from mock_server import solids
-from mock_server.pixels import pinhole_rays, trace_view
+from mock_server.pixels import pinhole_rays
 from mock_server.scene import Scene
 
 ROOMS = ("four-wall", "six-wall")
@@ -248,7 +248,7 @@ def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
         @ [[1, 0, 0], [0, e, -g], [0, g, e]]
         @ [[h, -k, 0], [k, h, 0], [0, 0, 1]]
     )
-    view = trace_view(scene, (0.1, 0.2, 1.5), *pinhole_rays(R_w_c, fov_deg, (width, height)))
+    view = scene.view((0.1, 0.2, 1.5), *pinhole_rays(R_w_c, fov_deg, (width, height)))
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
