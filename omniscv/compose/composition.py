@@ -52,8 +52,8 @@ def compose(
     """
     composing = _Composing(plan, source, sampler_of, once, report)
     drive(replace(plan, doubt=lambda: composing.image().doubt).rounds(), composing.capture)
-    composing.finish()
-    return composing.image(), composing.sky
+    report(composing.progress + Progress(images=1))
+    return composing.image(), composing.canvas.sky
 
 
 class _Composing:
@@ -70,10 +70,10 @@ class _Composing:
         self._plan, self._source, self._modes = plan, source, plan.modes
         self._make_sampler, self._once, self._report = sampler_of, once, report
         track = self._modes if plan.options.unseen == "blank" else ()
-        self._canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
+        self.canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
         self._finer = Canvas(plan.rays.valid, plan.rays.origins is None)
         self._filter: str = plan.options.filter
-        self._progress = Progress(of_images=1)
+        self.progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
@@ -89,7 +89,7 @@ class _Composing:
         kept: Captures = []
         requests = round_.requests(self._modes)
         self._pixels += pixels_of(request.view for request in requests)
-        self._progress += Progress(of_captures=len(requests))
+        self.progress += Progress(of_captures=len(requests))
         for viewpoint in serving:
             finer = [request.view for request in viewpoint.finer(self._modes)]
             lacking = finer and plan.recorded is not None and not plan.recorded.hold(finer)
@@ -102,23 +102,14 @@ class _Composing:
                 self._compare(viewpoint, captures)
             if viewpoint.keep:
                 kept.append(captures)
-            self._progress += captured_progress(captures)
-            self._report(self._progress)
+            self.progress += captured_progress(captures)
+            self._report(self.progress)
         return kept
-
-    @property
-    def sky(self) -> Mask | None:
-        """(H, W) where masks show objects that stand for the sky; None if they were not looked for."""
-        return self._canvas.sky
-
-    def finish(self) -> None:
-        """Report that the image is done."""
-        self._report(self._progress + Progress(images=1))
 
     def image(self) -> OmniImage:
         """Return the image as far as it is composed."""
-        plan, valid = self._plan, self._canvas.valid
-        sampled = self._canvas.layers()
+        plan, valid = self._plan, self.canvas.valid
+        sampled = self.canvas.layers()
         layers, objects, unknown = derived_layers(
             {mode: sampled[mode] for mode in self._modes if mode in sampled},
             valid,
@@ -136,11 +127,11 @@ class _Composing:
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
         return OmniImage(
             camera=plan.rays.camera, pose=plan.pose, valid=valid, layers=layers,
-            centers_w=self._canvas.centers_w, objects=objects, unknown_colors=unknown,
+            centers_w=self.canvas.centers_w, objects=objects, unknown_colors=unknown,
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=plan.options,
-            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
+            effort=Effort(self.progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
         )  # fmt: skip
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
@@ -155,10 +146,10 @@ class _Composing:
         finer = {mode: captures[FINER + mode] for mode in COMPARED if FINER + mode in captures}
         if not finer:
             return
-        canvas, known, toward_w = self._canvas, viewpoint.known_depth, viewpoint.toward_w
-        self._canvas = self._finer
+        canvas, known, toward_w = self.canvas, viewpoint.known_depth, viewpoint.toward_w
+        self.canvas = self._finer
         self._compose(replace(viewpoint, known_depth=None), finer)
-        self._canvas = canvas
+        self.canvas = canvas
         if known is not None and toward_w is not None and "depth" in finer:
             # Captured along other directions, and from the centre.
             nearer = known.distance - np.linalg.norm(toward_w, axis=-1)
@@ -199,26 +190,26 @@ class _Composing:
             marks = [capture.marks[name] for capture in captures]
             marked = sampler.sample("nearest" if row.truth else self._filter, marks) > 0
             if name == "sky":
-                self._canvas.put_sky(viewpoint.pixels, marked)
+                self.canvas.put_sky(viewpoint.pixels, marked)
             else:
-                self._canvas.put(name, viewpoint.pixels, marked)
+                self.canvas.put(name, viewpoint.pixels, marked)
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
         """Put what is known of a viewpoint's pixels without captures, and where their depth is measured
         from."""
         origins_w, known = viewpoint.center_w, viewpoint.known_depth
         if viewpoint.occluded is not None:
-            self._canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
+            self.canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
         if viewpoint.unsure is not None:
-            self._canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
+            self.canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
         if known is not None:
             unsure = known.unsure | _may_begin_behind(known.distance, known.error)
             layers = {"depth": known.distance, "depth_error": known.error, "unsure": unsure}
             for layer, values in layers.items():
-                self._canvas.put_part(layer, viewpoint.pixels, values)
+                self.canvas.put_part(layer, viewpoint.pixels, values)
             if offsets_w is not None:  # known depth starts at the rays' origins
                 origins_w = origins_w + offsets_w
-        self._canvas.put_centers(viewpoint.pixels, origins_w)
+        self.canvas.put_centers(viewpoint.pixels, origins_w)
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
@@ -247,13 +238,13 @@ class _Composing:
             seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             behind = _may_begin_behind(depth.distance, depth.error)
-            self._canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
+            self.canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
         errors = [codecs.error_of(capture) for capture in captures]
         if any(error is not None for error in errors):
             known = [np.zeros_like(faces[0]) if error is None else error for error in errors]
             depth = depth._replace(error=depth.error + sampler.sample("nearest", known))
-        self._canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
-        self._canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
+        self.canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
+        self.canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
@@ -283,11 +274,11 @@ class _Composing:
             values = sampler.sample(self._filter, faces, lambda name, make: self._once(name, captures, make))
         else:
             values = sample(sampler, self._filter, faces)
-        self._canvas.put(row.name, viewpoint.pixels, values)
+        self.canvas.put(row.name, viewpoint.pixels, values)
         if row.name == "lit" and self._plan.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
-            self._canvas.put(
+            self.canvas.put(
                 "light", viewpoint.pixels, np.where(clipped, np.uint8(BITS["clipped"]), np.uint8(0))
             )
         if not row.marked_by:
@@ -302,7 +293,7 @@ class _Composing:
             edges = seen.label_edges(there, faces, changes, values)
         if viewpoint.known_depth is not None:
             edges |= viewpoint.known_depth.grazes
-        self._canvas.put(row.marked_by, viewpoint.pixels, edges)
+        self.canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:
         """Return a sampler of captures; raise unless they have one size and type, and see all rays."""

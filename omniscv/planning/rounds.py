@@ -107,7 +107,7 @@ class Round:
     Attributes:
         viewpoints: in the order of their capture.
         stopped: why no round follows that would make the image more accurate; empty where that is not known.
-        instead: the strategy that is taken where the source cannot do what the task's needs.
+        instead: the strategy that is taken where the source cannot do what the plan's needs.
     """
 
     viewpoints: tuple[Viewpoint, ...]

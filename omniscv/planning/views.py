@@ -180,7 +180,7 @@ def strip_size(
         strips = [strip for circle in circles for strip in _shares(*circle, count)]
         if len(strips) >= least:  # too many, whatever their size
             continue
-        half = np.max([_strip(*strip)[1] for strip in strips], axis=0)
+        half = np.max([looking(*strip)[1] for strip in strips], axis=0)
         if half[0] > STEEPEST:
             continue
         size = holding_size(np.maximum(half, (least_half, 0.0)), focal_px, border_px, capabilities)
@@ -204,7 +204,7 @@ def strip_views(
     fov_deg = pinhole.fov_deg(size[0], focal_px)
     circle = _circle(rays_w)
     for count in range(1, _MOST_VIEWS + 1):
-        strips = [_strip(*strip) for strip in _shares(rays_w, *circle, count)]
+        strips = [looking(*strip) for strip in _shares(rays_w, *circle, count)]
         if all((half <= limit + _ROUNDING).all() for _, half in strips):
             return tuple(View(Pose(center_w, R_w_c), fov_deg, *size) for R_w_c, _ in strips)
     return None
@@ -224,18 +224,12 @@ def _thinned(items: Any, count: int) -> Any:
     return [*items[:: max(1, len(items) // count)], items[-1]]
 
 
-def _shares(rays: Array, axis: Array, azimuth: Array, count: int) -> list[tuple[Array, Array]]:
-    """Return up to ``count`` arcs of the circle that rays lie on: the rays of each, and the circle's axis."""
-    if count == 1:
-        return [(rays, axis)]
+def _shares(rays: Array, axis: Array, azimuth: Array, count: int) -> list[tuple[Array, Array, Array]]:
+    """Return up to ``count`` arcs of the circle that rays lie on: rays, their mean, and the circle's axis."""
     span = azimuth.max() * (1 + 1e-12) + 1e-12
     share = np.minimum((azimuth / span * count).astype(int), count - 1)
-    return [(arc, axis) for k in range(count) if len(arc := rays[share == k])]
-
-
-def _strip(rays: Array, axis: Array) -> tuple[Array, Array]:
-    """Return the view of an arc: its R_w_c, and the tangents of its rays."""
-    return looking(rays, rays.mean(axis=0), axis)
+    arcs = [rays] if count == 1 else [rays[share == k] for k in range(count)]
+    return [(arc, arc.mean(axis=0), axis) for arc in arcs if len(arc)]
 
 
 def _circle(rays: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
 
@@ -18,41 +18,13 @@ from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, known_objects
 from omniscv.sources.developing.cube import Cube
-from omniscv.sources.developing.seams import Mended, mend
+from omniscv.sources.developing.seams import mend
 from omniscv.sources.developing.slips import proven_turns, straightened
 from omniscv.sources.developing.vignette import POOLED, pooled_vignette
 from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.sources.recorded_views import RecordedViews
 
 _SAME = 1e-6  # entries of rotations
-
-Faces = tuple[list[Request], list[Request]]
-"""Of a cube: its six faces in colour, and the masks of the same views, which may be none."""
-
-
-@dataclass(eq=False)
-class _Place:
-    """What is captured of one optical centre, to be mended together.
-
-    Attributes:
-        requests: that follow each other.
-        captures: of colours and masks; None while they are on their way.
-        mended: colours.
-    """
-
-    requests: list[Request]
-    captures: dict[Request, Capture | None] = field(default_factory=dict)
-    mended: dict[Request, Capture] = field(default_factory=dict)
-
-    def claim(self, requests: Iterable[Request]) -> list[Request]:
-        """Return the requests that were not made yet; the caller makes them."""
-        new = [request for request in dict.fromkeys(requests) if request not in self.captures]
-        self.captures |= dict.fromkeys(new)
-        return new
-
-    def of(self, requests: Iterable[Request]) -> list[Capture]:
-        """Return captures that have arrived."""
-        return [capture for request in requests if (capture := self.captures[request]) is not None]
 
 
 class Developed(SourceWrapper):
@@ -75,77 +47,70 @@ class Developed(SourceWrapper):
         return Developed(source, self._options)
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        asked: deque[tuple[Request, _Place | None, list[Request]]] = deque()
+        if self._options.seams == "keep":
+            yield from map(self._alone, self._source.capture(requests))
+            return
+        # By request: those of its cube, what was captured of its place, and what is asked for now.
+        asked: deque[tuple[Request, list[Request], dict[Request, Capture], list[Request]]] = deque()
 
         def needed() -> Iterator[Request]:
-            for _, here in groupby(requests, lambda request: request.view.key().position):
-                place = _Place(list(here))
-                for request in place.requests:
-                    together = self._options.seams != "keep" and request.mode in ("lit", "object_mask")
-                    faces, masks = self._faces(request, place) if together else ([], [])
-                    new = place.claim([request, *faces, *masks]) if together else [request]
-                    asked.append((request, place if together else None, new))
+            for _, at in groupby(requests, lambda request: request.view.key().position):
+                here, place, claimed = list(at), dict[Request, Capture](), set[Request]()
+                for request in here:
+                    cube = self._cube(request, here)
+                    new = [each for each in dict.fromkeys((request, *cube)) if each not in claimed]
+                    claimed.update(new)
+                    asked.append((request, cube, place, new))
                     yield from new
 
         arriving, ahead = self._source.capture(needed()), None
         while asked or (ahead := next(arriving, None)) is not None or asked:
-            request, place, new = asked.popleft()
+            request, cube, place, new = asked.popleft()
             for each in new:
                 capture, ahead = ahead or next(arriving, None), None
                 if capture is None:
                     return
-                if place is None:
-                    yield self._marked(self._straight(capture))
-                else:
-                    place.captures[each] = self._straight(capture)
-            if place is not None and request.mode == "lit":
-                yield self._mended(request, place)
-            elif place is not None:
-                yield from map(self._marked, place.of([request]))
+                place[each] = self._alone(capture)
+            if request.mode == "lit" and "relit" not in place[request].marks and not request.again:
+                self._mend(place, cube or [request])
+            yield place[request]
 
-    def _faces(self, request: Request, place: _Place) -> Faces:
-        """Return the captures of the cube that a capture of colours is a face of; none if it is of none.
+    def _cube(self, request: Request, here: Sequence[Request]) -> list[Request]:
+        """Return the six faces of the cube that a capture of colours is one of, then their masks; else none.
 
         Masks of a recording count if it has them, those of a live source if they are requested, too.
         """
         view, scale = request.view, self._options.truth_scale
         sees_a_face = view.width == view.height and view.focal_px <= view.width / 2 * (1 + _SAME)
-        if request.mode != "lit" or view.lens or not sees_a_face:
-            return [], []
+        if request.mode != "lit" or request.again or view.lens or not sees_a_face:
+            return []
         six = tuple(replace(view, pose=Pose(view.pose.t_w_c, R_w_c)) for _, R_w_c in cube_rotations())
         if self._recorded is not None:
             six = self._recorded.faces(view.pose.t_w_c, six, scale)
         if view not in six or any(len(self._source.cover(face)) > 1 for face in six):
-            return [], []
+            return []
+        faces = [replace(request, view=face) for face in six]
         masks = [Request(face.scaled(scale), "object_mask", request.state) for face in six]
-        known = self._recorded_masks.issuperset(mask.view for mask in masks)
-        known = known or set(place.requests).issuperset(masks)
-        return [replace(request, view=face) for face in six], masks if known else []
+        known = self._recorded_masks.issuperset(mask.view for mask in masks) or set(here).issuperset(masks)
+        return faces + masks if known else faces
 
-    def _mended(self, request: Request, place: _Place) -> Capture:
-        """Return a capture of colours, mended with the others of its cube."""
-        if request not in place.mended:
-            faces, masks = self._faces(request, place)
-            captures = place.of(faces or [request])
-            mended = self._mend(captures, place.of(masks))
-            for i, capture in enumerate(captures):
-                provenance = {**capture.provenance, "seams": mended.report}
-                place.mended[capture.request] = replace(
-                    capture,
-                    pixels=mended.pixels[i],
-                    payload=None,
-                    marks={"relit": mended.relit[i]},
-                    provenance=provenance,
-                )
-        return place.mended[request]
+    def _mend(self, place: dict[Request, Capture], requests: Sequence[Request]) -> None:
+        """Replace captures of colours by mended ones, with their masks among the captures."""
+        faces = [place[request] for request in requests if request.mode == "lit"]
+        masks = [place[request].pixels for request in requests if request.mode != "lit"]
+        views, pixels = [face.view for face in faces], [face.pixels for face in faces]
+        transfer = self._source.capabilities.transfer
+        mended = mend(views, pixels, self._options.seams, transfer, masks, self._vignette)
+        for face, colors, relit in zip(faces, mended.pixels, mended.relit, strict=True):
+            provenance = {**face.provenance, "seams": mended.report}
+            mark = {"relit": relit}
+            place[face.request] = replace(
+                face, pixels=colors, payload=None, marks=mark, provenance=provenance
+            )
 
-    def _mend(self, captures: Sequence[Capture], masks: Sequence[Capture]) -> Mended:
-        views, pixels = zip(*((capture.view, capture.pixels) for capture in captures), strict=True)
-        of_objects, transfer = [mask.pixels for mask in masks], self._source.capabilities.transfer
-        return mend(views, pixels, self._options.seams, transfer, of_objects, self._vignette)
-
-    def _marked(self, capture: Capture) -> Capture:
-        """Return a capture of masks with a mark where objects are that stand for the sky."""
+    def _alone(self, capture: Capture) -> Capture:
+        """Return a capture, straight, and of masks with a mark where objects are that stand for the sky."""
+        capture = self._straight(capture)
         if capture.mode != "object_mask" or not self._options.sky:
             return capture
         table = self._source.objects()

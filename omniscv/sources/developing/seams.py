@@ -165,11 +165,6 @@ class Mended:
     relit: tuple[NDArray[np.uint8], ...]
     report: dict[str, Any]
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes in memory."""
-        return sum(picture.nbytes for picture in (*self.pixels, *self.relit))
-
 
 def mend(
     views: Sequence[View],
