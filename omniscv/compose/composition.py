@@ -189,10 +189,7 @@ class _Composing:
                 self._seams.append(captures[0].provenance["seams"])
             marks = [capture.marks[name] for capture in captures]
             marked = sampler.sample("nearest" if row.truth else self._filter, marks) > 0
-            if name == "sky":
-                self.canvas.put_sky(viewpoint.pixels, marked)
-            else:
-                self.canvas.put(name, viewpoint.pixels, marked)
+            self.canvas.put(name, viewpoint.pixels, marked)
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
         """Put what is known of a viewpoint's pixels without captures, and where their depth is measured

@@ -29,7 +29,6 @@ class Canvas:
         self._valid, self._central = valid, central
         self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
         self.flat: dict[str, NDArray[Any]] = {}
-        self.sky: Mask | None = None  # (H, W)
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
 
     def put(self, name: str, pixels: Ints, values: NDArray[Any]) -> None:
@@ -47,10 +46,10 @@ class Canvas:
             self.flat[name] = np.zeros((self._valid.size, *values.shape[1:]), values.dtype)
         self.flat[name][pixels] = values
 
-    def put_sky(self, pixels: Ints, sky: Mask) -> None:
-        """Set whether the pixels of a viewpoint show an object that stands for the sky."""
-        self.sky = np.zeros_like(self._valid) if self.sky is None else self.sky
-        self.sky.reshape(-1)[pixels] = sky
+    @property
+    def sky(self) -> Mask | None:
+        """(H, W) where masks show objects that stand for the sky; None if they were not looked for."""
+        return self.flat["sky"].reshape(self._valid.shape) if "sky" in self.flat else None
 
     def put_centers(self, pixels: Ints, centers_w: Array) -> None:
         """Set where depth is measured from: (3,), or (N, 3) at (N,) flat indices."""
@@ -63,6 +62,8 @@ class Canvas:
         """Return the layers, (H, W, ...)."""
         shaped = {}
         for name, values in self.flat.items():
+            if name == "sky":
+                continue
             shaped[name] = values.reshape(*self._valid.shape, *values.shape[1:])
             if (outside := modalities.get(name).outside) or self._seen:
                 shaped[name][~self.valid] = outside

@@ -77,3 +77,24 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
         online = omniscv.render(camera, pose, live, modes, sky=("SkyDome",))
     for layer in image.layers:
         np.testing.assert_array_equal(image[layer], online[layer])
+
+
+def test_the_sky_of_a_round_image_is_where_the_object_was():
+    lens, pose = (
+        omniscv.cameras.create("fisheye-equidistant", 64, 64, fov_deg=185),
+        Pose.from_angles(PLACES[0]),
+    )
+    with open_scene("scene://four-wall") as source:
+
+        def rendered(*sky):
+            return omniscv.render(
+                lens, Pose.from_angles(PLACES[0]), source, ("object_mask", "depth"), sky=sky
+            )
+
+        plain = rendered()
+        label = np.bincount(plain.labels[plain.valid]).argmax()
+        image, at = rendered(source.objects().names()[label - 1]), plain.labels == label
+    assert np.isinf(image.depth[at]).all()
+    assert not image.labels[at].any()
+    for layer in ("depth", "labels", "object_mask"):
+        np.testing.assert_array_equal(image[layer][~at], plain[layer][~at])
