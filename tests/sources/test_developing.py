@@ -80,16 +80,12 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
 
 
 def test_the_sky_of_a_round_image_is_where_the_object_was():
-    lens, pose = (
-        omniscv.cameras.create("fisheye-equidistant", 64, 64, fov_deg=185),
-        Pose.from_angles(PLACES[0]),
-    )
+    lens = omniscv.cameras.create("fisheye-equidistant", 64, 64, fov_deg=185)
+    pose, modes = Pose.from_angles(PLACES[0]), ("object_mask", "depth")
     with open_scene("scene://four-wall") as source:
 
         def rendered(*sky):
-            return omniscv.render(
-                lens, Pose.from_angles(PLACES[0]), source, ("object_mask", "depth"), sky=sky
-            )
+            return omniscv.render(lens, pose, source, modes, sky=sky)
 
         plain = rendered()
         label = np.bincount(plain.labels[plain.valid]).argmax()
