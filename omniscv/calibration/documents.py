@@ -86,6 +86,8 @@ class Content:
             except json.JSONDecodeError as cause:  # of YAML, or of lines that start so
                 if start == "{" and '\\"' in json.dumps(_from_yaml(self.text), default=str):
                     raise ArgumentError(f"expected JSON, got a stray quote: {cause}") from cause
+                if re.search(r'"\s*:\s*[,}\]]', self.text):
+                    raise ArgumentError(f"expected JSON, got a key without a value: {cause}") from cause
         try:
             return _from_yaml(self.text)
         except ArgumentError:
@@ -154,7 +156,8 @@ def _from_lines(text: str) -> dict[str, Any]:
         elif pair := _PAIR.fullmatch(line):
             key = pair[1]
             put_once(section, key, _scalar(pair[2]))
-        elif re.match(r"[ \t]*[A-Za-z]", line):  # a title, whose values follow
+        elif re.match(r"[ \t]*[A-Za-z]", line) and not any(map(_NUMBER.fullmatch, line.split())):
+            # a title, whose values follow
             key = line.strip()
             put_once(section, key, "")
         elif key:

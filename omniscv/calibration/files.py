@@ -5,6 +5,7 @@ import logging
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -122,6 +123,26 @@ def read(data: bytes | str, format: str | None = None, size: tuple[int, int] | N
     content = Content(data)
     form = _form_of(content) if format is None else FORMS[one_of("format", format, FORMS)]
     return Loaded(form.name, form.read(content, size))
+
+
+def read_values(
+    values: Mapping[str, Any], format: str, size: tuple[int, int], shift_px: float | None = None
+) -> Camera:
+    """Return the camera of values that a file of a format would hold, as part of another file.
+
+    Args:
+        values: by key.
+        format: one of :func:`formats`.
+        size: of the image, px, where the values do not hold it.
+        shift_px: added to the principal point to make it ours, if it is not that of the format.
+
+    Raises:
+        ArgumentError: values that the format does not hold, or that we do not model.
+    """
+    form, node = FORMS[format], Node(values)
+    form = form if shift_px is None else replace(form, shift=shift_px)
+    held = any(node.has(path) for path in form.size.split())
+    return form.entry(node, None if held else size).camera
 
 
 def load(

@@ -109,7 +109,8 @@ class Node:
             odd = any(not _is_neutral(value, part) for part in acting) or (
                 re.search(r"[^\w.]\d", path) is not None and any(map(_GEOMETRY.search, parts))
             )
-            if (odd or self._misspells(parts[-1])) and not re.search(harmless, plain(path)):
+            is_zero = re.fullmatch(r"[kps]\d", parts[-1]) and _is_neutral(value, parts[-1])
+            if (odd or (not is_zero and self._misspells(parts[-1]))) and not re.search(harmless, plain(path)):
                 raise ArgumentError(
                     f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
                 )

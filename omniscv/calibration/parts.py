@@ -84,31 +84,38 @@ def frames(content: Content) -> dict[str, Any]:
     """Return the camera of ``transforms.json``, or those of its frames where each has its own numbers."""
     cameras: list[Values] = []
     for node in mappings(content, "frames"):
-        shared = {key: value for key, value in node.values.items() if key != "frames"}
+        shared = node.values
         listed = node.take("frames")
         frames = listed if isinstance(listed, list) else []
         of_frames = [
-            {**shared, **{key: value for key, value in frame.items() if not _OF_A_FRAME.search(key)}}
+            lens_of_frame(shared, frame)
             for frame in frames
             if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)
         ]
         if of_frames and len(of_frames) < len(frames):
             raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
-        for lens in of_frames or ([shared] if node.has(_FOCAL) else []):
+        for lens in of_frames or ([lens_of_frame(shared, {})] if node.has(_FOCAL) else []):
             if lens not in cameras:
                 cameras.append(lens)
-    for lens in cameras:
-        if lens.get("is_fisheye") and "camera_model" not in lens:
-            lens["camera_model"] = "OPENCV_FISHEYE"
     return {f"cam{i}": lens for i, lens in enumerate(cameras)}
+
+
+def lens_of_frame(shared: Mapping[str, Any], frame: Mapping[str, Any]) -> Values:
+    """Return the values of a frame's lens in ``transforms.json``: its own, else those of the file."""
+    own = {key: value for key, value in frame.items() if not _OF_A_FRAME.search(key)}
+    lens = {key: value for key, value in shared.items() if key != "frames"} | own
+    if lens.get("is_fisheye") and "camera_model" not in lens:
+        lens["camera_model"] = "OPENCV_FISHEYE"
+    return lens
 
 
 def angle(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Turn a field of view from side to side into a focal length."""
-    if "angle" in values:
-        half = number("camera_angle_x", values.pop("angle"), above=0, below=np.pi) / 2
-        values["f"] = float(width / 2 / np.tan(half))
-    return values, (width, height)
+    for name, key, size in (("angle", "camera_angle_x", width), ("angle_y", "camera_angle_y", height)):
+        if name in values:
+            half = number(key, values.pop(name), above=0, below=np.pi) / 2
+            values["fy" if name == "angle_y" else "fx"] = float(size / 2 / np.tan(half))
+    return {"fy": values["fx"], **values} if "fx" in values else values, (width, height)
 
 
 def kitti(content: Content) -> dict[str, Any]:

@@ -50,7 +50,7 @@ NERFSTUDIO = Form("nerfstudio", "nerfstudio, instant-ngp, NeRF's transforms.json
     PINHOLE|OPENCV|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx cy
     OPENCV|PINHOLE|PERSPECTIVE|none pinhole fl_x=fx fl_y=fy cx? cy? k1? k2? k3? p1? p2?
     < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole fl_x=f cx? cy? k1? k2? k3? p1? p2?
-    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole camera_angle_x=angle cx? cy? k1? k2? k3? p1? p2?
+    < OPENCV|PINHOLE|SIMPLE_PINHOLE|PERSPECTIVE|none pinhole camera_angle_x=angle camera_angle_y?=angle_y cx? cy? k1? k2? k3? p1? p2?
     OPENCV_FISHEYE kannala-brandt fl_x=fx fl_y=fy cx cy k1? k2? k3? k4?
     EQUIRECTANGULAR equirectangular fl_x?=W/2 fl_y?=H cx?=W/2 cy?=H/2
     """,

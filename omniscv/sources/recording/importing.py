@@ -64,6 +64,7 @@ class Said(TypedDict, total=False):
         missing: numbers of depth that stand for no surface.
         names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
         poses: file of the poses of panoramas, by their names.
+        intrinsics: lens file of any form, of pictures that are no faces or panoramas.
         frame, unit: the axes and the unit of ``poses``, as of a job's.
         mirrored: whether all pictures show left and right exchanged.
         clip: take negative and NaN light as 0.
@@ -75,6 +76,7 @@ class Said(TypedDict, total=False):
     missing: Iterable[float]
     names: Path | None
     poses: Path | None
+    intrinsics: Path | None
     frame: str | None
     unit: str | float | None
     mirrored: bool
@@ -106,15 +108,16 @@ def import_pictures(
     pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
     frame = said.get("frame")
     options = Options(
-        form,
-        None if position is yaw_deg is None else pose,
-        said.get("poses"),
-        None if frame is None else one_of("frame", frame, FRAMES),
-        length_unit("unit", said.get("unit")),
-        missing,
-        said.get("mirrored", False),
-        said.get("clip", False),
-        {},
+        depth=form,
+        pose=None if position is yaw_deg is None else pose,
+        poses=said.get("poses"),
+        frame=None if frame is None else one_of("frame", frame, FRAMES),
+        unit=length_unit("unit", said.get("unit")),
+        missing=missing,
+        intrinsics=said.get("intrinsics"),
+        mirrored=said.get("mirrored", False),
+        clip=said.get("clip", False),
+        clipped={},
     )
     pictures = Path(pictures)
     with within(pictures):
@@ -139,6 +142,7 @@ def import_pictures(
             "names": names and "object_mask" not in modes,
         }
         idle_if["poses"] = options.poses and not sequence
+        idle_if["intrinsics"] = options.intrinsics and not sequence
         idle_if["frame or unit"] = bool(frame or options.unit) and not options.poses
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"

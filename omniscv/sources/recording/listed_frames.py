@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import number, one_of, shown, within
+from omniscv.arguments import number, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.geometry.trajectory_files import read_poses, read_trajectory
 from omniscv.pictures import foreign
-from omniscv.sources.pictures import read_picture
+from omniscv.sources.recording.lenses import Pinhole, of_file, of_values
 from omniscv.sources.recording.posed_frames import (
     Files,
     Frame,
     Options,
-    Pinhole,
     Sequence,
     mode_of,
     pictures_in,
 )
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes
 
 _LATEST_S = 0.02  # between stamps of colour, depth and pose of the TUM benchmark
 
@@ -38,9 +39,17 @@ _TUM = {
 
 
 def inside(folder: Path, name: str) -> Path:
+    """Return the path of a name in a file, whose backslashes may be those of Windows."""
+    name = name if "\\" not in name or (folder / name).exists() else name.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ArgumentError(f"expected a file in the folder, got {shown(name)}")
     return folder / name
+
+
+def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
+    """Return the width and height of a picture."""
+    height, width = foreign.read(picture, mode)[0].shape[:2]
+    return width, height
 
 
 @cache
@@ -62,48 +71,53 @@ def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
 
 def nerfstudio(folder: Path, options: Options) -> Sequence:
     """Return the frames of nerfstudio's transforms.json."""
+    from omniscv.calibration.documents import Content  # slow to load
+    from omniscv.calibration.parts import lens_of_frame
+
     files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
-    of_file = [parse_json(read_bytes(file, MOST_JSON_BYTES)) for file in files]
-    frames, ignored = list[Frame](), 0
+    of_file = list[Any]()
+    for file in files:
+        with within(file.name):
+            content = Content(read_bytes(file, MOST_JSON_BYTES))
+            if not content.values or not isinstance(content.values[0].get("frames"), list):
+                raise content.error or ArgumentError("expected a list 'frames', got none")
+            of_file.append(content.values[0])
     entries = [(data, entry) for data in of_file for entry in data["frames"]]
-    keys = [{"transform_matrix": {**data, **entry}["transform_matrix"]} for data, entry in entries]
-    poses = Rows.of_entries([(f"frames[{i}]", key) for i, key in enumerate(keys)]).poses("opengl")
-    for i, ((data, entry), *pose) in enumerate(zip(entries, *poses, strict=True)):
-        with within(f"frames[{i}]"):
-            values = {**data, **entry}
-            lit = inside(folder, values["file_path"])
-            depth = values.get("depth_file_path") or values.get("depth_path")
-            paths = {
-                "lit": lit if lit.suffix.lower() in foreign.SUFFIXES else lit.with_name(lit.name + ".png")
-            }
-            paths |= {"depth": inside(folder, depth)} if depth else {}
-            lens = _nerfstudio_lens(values, paths["lit"])
-            unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else "mm"
-            holds = {"depth": Files(kind="planar" if lens else "ray", unit=unit)}
-            frames.append(Frame(paths, Pose(*pose), lens, holds))
-            ignored += "mask_path" in values
-    says = [f"masks of {ignored} frames are not taken: all pixels of captures count"] if ignored else []
+    matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
+    keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
+    poses, frames, lenses = Rows.of_entries(keys).poses("opengl"), list[Frame](), dict[str, Pinhole | None]()
+    for (where, _), (data, entry), *pose in zip(keys, entries, *poses, strict=True):
+        with within(where):
+            lit = inside(folder, text("file_path", entry.get("file_path")))
+            lit = lit if lit.suffix.lower() in foreign.SUFFIXES else lit.with_name(lit.name + ".png")
+            depth, mask = (entry.get(f"{key}_path") for key in ("depth_file", "mask"))
+            depth = depth or entry.get("depth_path")
+            values = lens_of_frame(data, entry)
+            if (known := json.dumps(values)) not in lenses:
+                given = options.intrinsics
+                size = (0, 0) if not given and {"w", "h"} <= values.keys() else size_of(lit)
+                lenses[known] = lens_in(given, size) if given else of_values(values, "nerfstudio", size)
+            unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else _depth_unit(values)
+            holds = {"depth": Files(kind="planar" if lenses[known] else "ray", unit=unit)}
+            paths = {"lit": lit} | ({"depth": inside(folder, depth)} if depth else {})
+            hidden = inside(folder, mask) if mask else None
+            frames.append(Frame(paths, Pose(*pose), lenses[known], holds, hidden))
+    masked = sum(frame.mask is not None for frame in frames)
+    says = [f"{masked} frames are black, without label or surface, where masks are 0"] if masked else []
     says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in of_file[0]]
     return Sequence(frames, says=tuple(says))
 
 
-def _nerfstudio_lens(values: dict[str, Any], lit: Path) -> Pinhole | None:
-    """Return the lens of a frame; None for a panorama."""
-    known = ("PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "EQUIRECTANGULAR")
-    if one_of("camera_model", values.get("camera_model", "OPENCV"), known) == "EQUIRECTANGULAR":
-        return None
-    bent = tuple(number(key, values.get(key, 0)) for key in ("k1", "k2", "p1", "p2", "k3"))
-    if values.get("k4") or values.get("is_fisheye"):
-        raise ArgumentError("expected a pinhole with k1, k2, p1, p2, k3, got k4 or is_fisheye")
-    height, width = (values["h"], values["w"]) if "w" in values else read_picture(lit).pixels.shape[:2]
-    if "fl_x" not in values:
-        half = number("camera_angle_x", values["camera_angle_x"], above=0, below=3.1) / 2
-        values["fl_x"] = width / 2 / np.tan(half)
-    given = {"fl_y": values["fl_x"], "cx": width / 2, "cy": height / 2, **values, "w": width, "h": height}
-    fx, fy, cx, cy, w, h = (
-        number(key, given[key], above=0) for key in ("fl_x", "fl_y", "cx", "cy", "w", "h")
-    )
-    return Pinhole(fx, fy, cx, cy, w, h, bent if any(bent) else ())
+def _depth_unit(values: Mapping[str, Any]) -> str:
+    """Return the unit of depth in whole numbers: ``integer_depth_scale`` metres of one, else mm."""
+    scale = number("integer_depth_scale", values.get("integer_depth_scale", 0.001), above=0)
+    return "mm" if scale == 0.001 else f"{scale!r}/1"
+
+
+def lens_in(file: Path, size: tuple[int, int]) -> Pinhole | None:
+    """Return the lens that the user gives."""
+    with within("intrinsics"):
+        return of_file(file, size)
 
 
 def tum(folder: Path, options: Options) -> Sequence:
@@ -113,7 +127,10 @@ def tum(folder: Path, options: Options) -> Sequence:
     times, colors = _stamped(folder / "rgb.txt")
     word = next((word for word in _TUM if word and word in str(folder.absolute())), "")
     fx, fy, cx, cy, *bent = _TUM[word]
-    lens, frames = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent)), []
+    lens: Pinhole | None = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent))
+    if options.intrinsics:
+        lens = lens_in(options.intrinsics, size_of(inside(folder, colors[0])))
+    frames = []
     for time, name in zip(times, colors, strict=True):
         i, j = np.abs(poses - time).argmin(), np.abs(depth_times - time).argmin()
         if abs(poses[i] - time) <= _LATEST_S:
@@ -121,7 +138,8 @@ def tum(folder: Path, options: Options) -> Sequence:
             if abs(depth_times[j] - time) <= _LATEST_S:
                 paths["depth"] = inside(folder, depths[j])
             frames.append(Frame(paths, truth[int(i)], lens, {"depth": Files(unit="1/5000")}))
-    says = [f"lens of {word or 'ROS, as the folder is not named after freiburg1, 2 or 3'}"]
+    taken = word or "ROS, as the folder is not named after freiburg1, 2 or 3"
+    says = [] if options.intrinsics else [f"lens of {taken}"]
     if late := len(colors) - len(frames):
         says.append(f"{late} pictures left out: no pose within {_LATEST_S} s")
     return Sequence(frames, says=tuple(says))
@@ -141,19 +159,23 @@ def is_panoramas(path: Path) -> bool:
     """Return whether the first picture of colours or masks is twice as wide as high."""
     for file in pictures_in(path):
         if (mode := mode_of(file, path)[0]) in ("lit", "object_mask"):
-            height, width = read_picture(file, mode, clip=True).pixels.shape[:2]
-            return bool(width == 2 * height)
+            width, height = size_of(file, mode)
+            return width == 2 * height
     return False
 
 
 def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
-    """Return panoramas by the words in their names, at one place or at those of a file."""
+    """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file."""
     places: dict[tuple[str, ...], dict[str, Path]] = {}
     for file in pictures_in(path):
         mode, words = mode_of(file, path)
         if (other := places.setdefault(words, {}).setdefault(mode, file)) != file:
             raise ArgumentError(f"expected one of {mode} at a place, got {other.name} and {file.name}")
-    if options.depth and not options.depth.ray:
+    lens = None
+    if options.intrinsics:
+        files = next(iter(places.values()))
+        lens = lens_in(options.intrinsics, size_of(*next((file, mode) for mode, file in files.items())))
+    if options.depth and not options.depth.ray and lens is None:
         raise ArgumentError("depth: expected ray-UNIT of panoramas, which have no optical axis, got planar")
     if len(places) > 1 and not options.poses:
         raise ArgumentError(f"expected --poses FILE, or panoramas of one place, got {len(places)} places")
@@ -167,5 +189,6 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
             said = {"frame": options.frame, "unit": options.unit}
             pose = named_pose(options.poses, [*names, "_".join(words)], **said) or pose
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
-        frames.append(Frame(files, pose, None, {"depth": Files(kind="ray")}))
-    return Sequence(frames, says=("resampled to six faces",), of_openexr=of_openexr)
+        frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
+    says = () if lens else ("resampled to six faces",)
+    return Sequence(frames, says=says, of_openexr=of_openexr)

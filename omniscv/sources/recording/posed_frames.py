@@ -19,8 +19,9 @@ from omniscv.pictures import foreign
 from omniscv.pictures.forms import Pixels
 from omniscv.records import checked, record
 from omniscv.sources import codecs, pictures
-from omniscv.sources.base import Capture, Lens, ObjectTable, Request, View
+from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
+from omniscv.sources.recording.lenses import Pinhole
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
@@ -33,7 +34,6 @@ MODE_WORDS = {
 
 _FRONT = cube_rotations()[0][1]
 _ROWS = 64  # of a face that are looked up at a time
-_SAME_SHAPE = 0.01  # of a lens and its picture
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 
 
@@ -47,49 +47,10 @@ class Options(NamedTuple):
     frame: str | None = None
     unit: str | float | None = None
     missing: tuple[float, ...] = ()
+    intrinsics: Path | None = None
     mirrored: bool = False
     clip: bool = False
     clipped: dict[tuple[str, str], int] = {}  # noqa: RUF012 - given anew for each import
-
-
-class Pinhole(NamedTuple):
-    """Focal lengths and centre in px of a size, pixel centres at .5, and OpenCV's distortion; 0 x 0: of the
-    size of a frame's first picture."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    width: float = 0
-    height: float = 0
-    distortion: tuple[float, ...] = ()
-
-    def scaled(self, width: int, height: int) -> Pinhole:
-        """Return the lens of pictures of another size; ArgumentError for another shape."""
-        across, down = width / (self.width or width), height / (self.height or height)
-        if abs(across / down - 1) > _SAME_SHAPE:
-            expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
-            raise ArgumentError(f"{expected}, got {width} x {height}")
-        px = self.fx * across, self.fy * down, self.cx * across, self.cy * down
-        return Pinhole(*px, width, height, self.distortion)
-
-    def view(self, pose: Pose) -> View:
-        """Return the view of a picture without distortion."""
-        lens = Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
-        size = int(self.width), int(self.height)
-        return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
-
-    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
-        """Return a picture without distortion, of what it shows all over, and its lens."""
-        import cv2
-
-        K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
-        size, bent = (int(self.width), int(self.height)), np.array(self.distortion)
-        K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
-        maps = cv2.initUndistortRectifyMap(K, bent, None, K_new, size, cv2.CV_32FC1)
-        (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
-        straight = cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST)
-        return straight, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
 
 
 def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
@@ -128,12 +89,16 @@ class Files:
 
 @dataclass
 class Frame:
-    """Pictures from one pose: files, and what they hold, by mode; ``lens`` is None for panoramas."""
+    """Pictures from one pose: files, and what they hold, by mode; ``lens`` is None for panoramas.
+
+    Where ``mask`` is 0, pixels are black, without label and surface.
+    """
 
     files: dict[str, Path]
     pose: Pose
     lens: Pinhole | None
     holds: Mapping[str, Files]
+    mask: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -172,7 +137,6 @@ class Sequence:
     def captures(self) -> Iterator[Capture]:
         """Yield the captures; ArgumentError names the picture that cannot be read."""
         for frame in self.frames:
-            lens = frame.lens
             for mode, file in frame.files.items():
                 if not file.exists():
                     raise ArgumentError(f"{file.name}: expected a picture, got no file")
@@ -181,9 +145,9 @@ class Sequence:
                 picture = read_as(file, mode, self.options, form)
                 with within(file.name):
                     picture = _of_ids(picture, holds) if mode == "object_mask" else picture
-                    lens = lens and (lens if lens.width else lens.scaled(*picture.pixels.shape[1::-1]))
+                    picture = _masked(picture, mode, frame.mask) if frame.mask else picture
                     provenance = {"server": "imported", "file": file.name, "layout": self.layout}
-                    for view, part in self._views(picture, mode, frame.pose, lens):
+                    for view, part in self._views(picture, mode, frame.pose, frame.lens):
                         yield capture_of(part, mode, view, provenance, form.ray)
 
     def _views(
@@ -214,6 +178,17 @@ def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture
     picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
     options.clipped[mode, str(file)] = picture.clipped
     return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
+
+
+def _masked(picture: Picture, mode: str, file: Path) -> Picture:
+    """Return a picture without what a mask hides: black, no label, no surface."""
+    mask = read_picture(file, "object_mask").pixels
+    hidden = mask.reshape(*mask.shape[:2], -1).max(axis=-1) == 0
+    if hidden.shape != picture.pixels.shape[:2]:
+        raise ArgumentError(f"mask_path: expected a mask of the picture's size, got {mask.shape[1::-1]}")
+    pixels = picture.pixels.copy()
+    pixels[hidden] = np.inf if mode == "depth" else 0
+    return picture.converted(pixels)
 
 
 def _of_ids(picture: Picture, holds: Files) -> Picture:

@@ -24,44 +24,35 @@ from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_columns import FRAMES, Rows, length_unit
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources.base import ObjectTable
+from omniscv.sources.recording import lenses
 from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.recording.listed_frames import (
     inside,
     is_panoramas,
+    lens_in,
     named_pose,
     nerfstudio,
     panoramas,
     poses_in,
+    size_of,
     tum,
 )
 from omniscv.sources.recording.posed_frames import (
     Files,
     Frame,
     Options,
-    Pinhole,
     Sequence,
-    listed_numbers,
     objects_of,
 )
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, read_bytes, read_text
 
-PANORAMAS = {"latlong": 0, "openexr-latlong": 1}
-"""Layouts of one picture 2:1. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
+PANORAMAS = {"latlong": 0, "openexr-latlong": 1, "pinhole": 0}
+"""Layouts of one picture. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
 _FRONT = cube_rotations()[0][1]
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
 _SAME_PLACE_M = 1e-3
 
 _LAYOUTS = Path(__file__).with_name("layouts.yaml")
-
-
-def _intrinsics(name: str, value: Any) -> Pinhole | None:
-    if value is None or isinstance(value, Pinhole):
-        return value
-    keys = ("fx", "fy", "cx", "cy", "centers")
-    given = {"centers": 0.5} | mapping(name, value, (*keys, "distortion"))
-    fx, fy, cx, cy, center = (number(f"{name}.{key}", given.get(key)) for key in keys)
-    bent = listed_numbers(name, given.get("distortion", ()))
-    return Pinhole(fx, fy, cx + 0.5 - center, cy + 0.5 - center, distortion=bent)
 
 
 def _files(name: str, value: Any, keys: tuple[str, ...] = ()) -> Any:
@@ -95,7 +86,7 @@ class Layout:
     object_mask: Files | None = checked(_files, keys=("ids", "names", "missing"), default=None)
     poses: _Poses | None = checked(nested(_Poses), default=None)
     position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
-    intrinsics: Pinhole | None = checked(_intrinsics, default=None)
+    intrinsics: Any = None
     faces: str = checked(one_of, words=LAYOUTS, default="top-bottom")
     found: str = checked(text, default="")
     says: str = checked(text, default="")
@@ -110,7 +101,7 @@ def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
         name: (row.found, partial(_of_layout, layout=row)) for name, row in rows.items()
     }
     finders |= {"nerfstudio": ("transforms*.json", nerfstudio), "tum": ("rgb.txt", tum)}
-    return finders | {"latlong": ("", panoramas), "openexr-latlong": ("", partial(panoramas, of_openexr=1))}
+    return finders | {name: ("", partial(panoramas, of_openexr=kind)) for name, kind in PANORAMAS.items()}
 
 
 def sequences() -> tuple[str, ...]:
@@ -138,7 +129,7 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
         layout = Path(layout).stem
     elif layout == "auto":
         named = (name for name, (found, _) in _finders().items() if found and any(path.glob(found)))
-        layout = next(named, "latlong" if is_panoramas(path) else "")
+        layout = next(named, "pinhole" if options.intrinsics else "latlong" if is_panoramas(path) else "")
     if find is None and layout not in _finders():
         return None
     try:
@@ -169,11 +160,12 @@ def _share_places(frames: list[Frame]) -> None:
 
 def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = False) -> Sequence:
     """Return the frames of a layout that is data; ``strict``: each mode must have files."""
-    lens = Pinhole(1, 1, 1, 1, 2, 2) if layout.pictures == "faces" else layout.intrinsics
+    is_pinhole = layout.pictures == "pinhole"
     is_posed = bool(layout.poses) != (layout.position is not None)
-    if not is_posed or (lens is None) != (layout.pictures == "latlong"):
+    if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
         expected = "expected poses or a position, and intrinsics of pinhole pictures only"
         raise ArgumentError(f"{expected}; got none, or too many")
+    lens = lenses.FACE if layout.pictures == "faces" else None
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     place, frames = re.compile(f"(?:.*/)??(?:{layout.place})"), dict[tuple[str, ...], Frame]()
@@ -187,6 +179,12 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
         pose = _pose(folder, layout, match) if paths else None
         unposed += bool(paths) and pose is None
         if pose is not None:
+            if is_pinhole and lens is None:
+                size = size_of(*next((file, mode) for mode, file in paths.items()))
+                given = options.intrinsics
+                lens = (
+                    lens_in(given, size) if given else lenses.of_keys("intrinsics", layout.intrinsics, size)
+                )
             frames[match.groups()] = Frame(paths, pose, lens, holds)
     says = [layout.says] if layout.says else []
     says += [f"{unposed} frames left out: their poses are not finite"] if unposed else []

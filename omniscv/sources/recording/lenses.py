@@ -1,0 +1,112 @@
+"""The lenses of imported pictures: read by the declared keys of :mod:`omniscv.calibration`, as pinholes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omniscv.arguments import number, shown
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose, pinhole
+from omniscv.pictures.forms import Pixels
+from omniscv.records import mapping
+from omniscv.sources.base import Lens, View
+
+_SAME_SHAPE = 0.01  # of a lens and its picture
+
+
+class Pinhole(NamedTuple):
+    """Focal lengths and centre in px of a size, pixel centres at .5, and OpenCV's distortion."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+    distortion: tuple[float, ...] = ()
+
+    def scaled(self, width: int, height: int) -> Pinhole:
+        """Return the lens of pictures of another size; ArgumentError for another shape."""
+        across, down = width / self.width, height / self.height
+        if abs(across / down - 1) > _SAME_SHAPE:
+            expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
+            raise ArgumentError(f"{expected}, got {width} x {height}")
+        px = self.fx * across, self.fy * down, self.cx * across, self.cy * down
+        return Pinhole(*px, width, height, self.distortion)
+
+    def view(self, pose: Pose) -> View:
+        """Return the view of a picture without distortion."""
+        lens = Lens(self.fy / self.fx, self.cx / self.width - 0.5, self.cy / self.height - 0.5)
+        size = int(self.width), int(self.height)
+        return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
+
+    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
+        """Return a picture without distortion, of what it shows all over, and its lens."""
+        import cv2
+
+        K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
+        size, bent = (int(self.width), int(self.height)), np.array(self.distortion)
+        K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
+        maps = cv2.initUndistortRectifyMap(K, bent, None, K_new, size, cv2.CV_32FC1)
+        (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
+        straight = cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST)
+        return straight, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
+
+
+FACE = Pinhole(1, 1, 1, 1, 2, 2)
+"""Of a face of a cube."""
+
+
+def of_values(
+    values: Mapping[str, Any], form: str, size: tuple[int, int], shift_px: float | None = None
+) -> Pinhole | None:
+    """Return the lens of values that a file of a form would hold; None for a panorama.
+
+    Args:
+        values: by key; without a size that of ``size``, px, is taken.
+        form: of :func:`omniscv.calibration.formats`.
+        size: of the picture.
+        shift_px: added to the centre to make it ours, if it is not that of the form.
+    """
+    from omniscv.calibration.files import read_values  # slow to load
+
+    return _pinhole(read_values(values, form, size, shift_px))
+
+
+def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole:
+    """Return the lens of ``intrinsics`` of a layout; ``centers`` is where the first pixel has its centre."""
+    values = mapping(name, value)
+    center = number(f"{name}.centers", values.pop("centers", 0.5))
+    if center not in (0, 0.5):
+        raise ArgumentError(f"{name}.centers: expected 0.5 or 0, got {center:g}")
+    lens = of_values(values, "intrinsics", size, 0.5 - center)
+    assert lens is not None  # the form has none
+    return lens
+
+
+def of_file(file: Path, size: tuple[int, int]) -> Pinhole | None:
+    """Return the lens of a lens file of any form, for pictures of a size; None for a panorama."""
+    from omniscv.calibration import load  # slow to load
+
+    try:
+        cameras = load(file)
+    except ArgumentError:  # it does not hold the size, or is wrong
+        cameras = load(file, size=size)
+    if len(cameras) != 1:
+        raise ArgumentError(f"{file}: expected a file of one camera, got {shown([*cameras])}")
+    return _pinhole(next(iter(cameras.values())))
+
+
+def _pinhole(camera: Any) -> Pinhole | None:
+    if camera.name == "equirectangular":
+        return None
+    if camera.name != "pinhole" or camera.skew or camera.fov_deg is not None:
+        raise ArgumentError(f"expected a pinhole without skew, or a panorama, got {camera.name}")
+    terms = camera.distortion.tolist()
+    count = next(n for n in (0, 5, 8, 12) if not any(terms[n:]))
+    size = camera.width, camera.height
+    return Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, *size, tuple(terms[:count]))
