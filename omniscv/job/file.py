@@ -29,6 +29,7 @@ from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
 from omniscv.errors import ArgumentError
 from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_columns import FRAMES
 from omniscv.job.job import Exposure, FailureLimit, Job
 from omniscv.job.poses import Posed, PoseFile, at_times
 from omniscv.job.readers import KnownOptions
@@ -265,7 +266,7 @@ _FILES = (
     *("motions.*.spline", "rig.cameras.*.camera.preset", "rig.cameras.*.camera.base.preset"),
 )
 """Keys whose values may be names of files, relative to the job's file."""
-_NO_FILES = {"poses.frame": ("camera", "body"), "sensor.shading": (NATURAL,)}
+_NO_FILES: dict[str, tuple[str, ...]] = {"poses.frame": FRAMES, "sensor.shading": (NATURAL,)}
 """Words that such a key has beside names of files."""
 
 

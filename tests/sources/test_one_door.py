@@ -288,3 +288,14 @@ def test_names_stand_where_programs_put_them(text, name, folder):
     (frame,) = find_sequence(folder, "latlong", Options(poses=file, frame=frame)).frames
     np.testing.assert_allclose(frame.pose.position, (1, -2, 1.5))
     np.testing.assert_allclose(frame.pose.rotation, LEVEL, atol=1e-15)
+
+
+def test_the_words_of_a_job_are_no_files(tmp_path):
+    """Paths in a job are relative to it, and words for axes are none."""
+    (tmp_path / "path.csv").write_text("X,Y,Z,Yaw\n100,200,150,30\n")
+    (tmp_path / "job.yaml").write_text(
+        "source: scene://four-wall\ncameras: {a: {model: equirectangular, width: 8, height: 4}}\n"
+        "poses: {file: path.csv, frame: unreal, unit: 0.02}\nout: out\n"
+    )
+    (pose,) = omniscv.job.load(tmp_path / "job.yaml").poses
+    np.testing.assert_allclose(pose.position, (2, -4, 3))
