@@ -35,7 +35,7 @@ _FEWEST, _MOST = 3, 999
 
 
 Views = tuple[tuple[Camera, Pose], ...]
-Captured = tuple[Instant, Views, tuple[str, ...]]
+InstantViews = tuple[Instant, Views, tuple[str, ...]]
 """An instant of the world, and the cameras, poses and modes that are captured at it."""
 
 
@@ -50,7 +50,7 @@ class SharedFrames:
     """
 
     frames: tuple[Frame, ...]
-    captured: tuple[Captured, ...]
+    captured: tuple[InstantViews, ...]
     fault: str = ""
 
     @property
@@ -176,7 +176,7 @@ class JobPath:
         at = None if frame.time is None else frame.time - self.job.epoch + after
         return Instant.drawn(frame.varied, poses, at)
 
-    def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[Captured]:
+    def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
         """Yield what is captured for images of one instant: first at their time, then during their exposure,
         or the lines of a rolling-shutter camera at their times."""
         first, modes, exposure = frames[0], self.job.captured, self._exposure(i, frames)
@@ -215,7 +215,7 @@ class JobPath:
             most = max(most, motion_px(frame.camera, (ends[0], ends[1]), motions, span))
         return replace(exposure, instants=instants_for(most))
 
-    def _lateral(self, instant: Instant, views: Views) -> Iterator[Captured]:
+    def _lateral(self, instant: Instant, views: Views) -> Iterator[InstantViews]:
         """Yield what lateral colour needs beside views: red light of all of them, then blue light of all."""
         sensor = self.job.sensor
         pairs = [sensor.lateral_cameras(camera) for camera, _ in views] if sensor else []

@@ -13,22 +13,6 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import address, load, overridden, read
 
-JOB = """
-source: scene://four-wall
-cameras: {pano: {model: equirectangular, width: 64, height: 32}}
-poses: [{position: [0, 0, 1.5], yaw_deg: 40}]
-modes: [lit, mask]
-face_size: 32
-"""
-
-
-@pytest.fixture
-def job(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "job.yaml"
-    path.write_text(JOB)
-    return path
-
 
 def loaded(job, **values):
     """The job of a file and options with these values."""

@@ -138,22 +138,6 @@ def test_a_command_without_standard_error(monkeypatch, tmp_path):
     assert run(["scenes", "moon"]) == 2
 
 
-JOB = """
-source: mock://four-wall
-cameras: {pano: {model: equirectangular, width: 64, height: 32}}
-poses: [{position: [0, 0, 1.5]}]
-modes: [lit, mask]
-face_size: 32
-"""
-
-
-@pytest.fixture
-def job(tmp_path):
-    path = tmp_path / "job.yaml"
-    path.write_text(JOB)
-    return path
-
-
 def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
     """Another source, another file, and wider faces."""
     out = tmp_path / "two.sqlite"
@@ -171,11 +155,10 @@ def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
     assert wider > edge
 
 
-def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path, capsys):
     assert run(["record", str(job)]) == 0
     assert capsys.readouterr().out == "capture.sqlite: 12 captures\n"
-    job.write_text(JOB + "record: kept.sqlite\n")
+    job.write_text(job.read_text() + "record: kept.sqlite\n")
     assert run(["record", str(job)]) == 0
     assert info(tmp_path / "kept.sqlite").captures == info(tmp_path / "capture.sqlite").captures
 
