@@ -256,7 +256,7 @@ class Renderer:
 
 def _development(options: RenderOptions) -> Hashable:
     """Return what captures with the same requests are told apart by."""
-    return options.seams, options.straighten, options.sky, options.truth_scale
+    return options.seams, options.straighten, options.sky, options.seams != "keep" and options.truth_scale
 
 
 def render(
