@@ -5,8 +5,10 @@ of YAML stay text (dates, ``yes``, ``0x10``). Tags, duplicate keys and a second 
 counts as often as it is used.
 """
 
+import os
 import re
 import reprlib
+import stat
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -39,7 +41,9 @@ def read_text(path: Path) -> str:
         ValueError: it cannot be read, is larger than ``MOST_BYTES``, or is not UTF-8.
     """
     try:
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_at_once) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise ValueError("a device or a pipe")
             data = file.read(MOST_BYTES + 1)
     except (OSError, ValueError) as cause:  # ValueError: a NUL in the name
         raise ValueError(f"expected a readable file, got {getattr(cause, 'strerror', cause)}") from cause
@@ -49,6 +53,11 @@ def read_text(path: Path) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
         raise ValueError(f"expected a text file, got bytes that are not UTF-8: {cause.reason}") from cause
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open a file without waiting for the other end of a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def parse(text: str) -> Any:

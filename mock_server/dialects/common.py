@@ -138,7 +138,8 @@ class OutputFolder:
                 LOGGER.warning("not written, as it is outside the folder: %r; see --files anywhere", name)
                 return
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
+            if not target.is_fifo():  # which nobody may read
+                target.write_bytes(data)
 
 
 class Dialect(ABC):

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
@@ -38,7 +39,7 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, r
 
 _NS = 10**9
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
-_SLOW, _TOO_SLOW = 10.0, 1e4  # seconds from row to row: no camera is so slow
+_SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4  # seconds from row to row: no camera is so slow
 _MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
@@ -230,7 +231,7 @@ def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArr
         if largest > _MOST_TIME or smallest < _SECONDS * UNITS[unit] / 1e3:
             raise ArgumentError(f"time: expected seconds, got {smallest:.15g} to {largest:.15g}")
         says.append(f"times up to {largest:.6g} are taken as {unit} since 1970")
-    elif not unit and len(times) > 2 and (step := float(np.median(np.diff(times)))) >= _SLOW:
+    elif not unit and len(times) > 1 and (step := float(np.median(np.diff(times)))) >= _slow(times):
         advice = "name the column time_s, time_ms, time_us or time_ns"
         if step >= _TOO_SLOW:
             raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
@@ -244,6 +245,11 @@ def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArr
     if np.abs(seconds).max() > _SECONDS:
         raise ArgumentError(f"time: expected seconds, got {np.abs(seconds).max():.15g}")
     return seconds, says
+
+
+def _slow(times: NDArray[Any]) -> float:
+    """Return the seconds from row to row beyond which times may be others: whole ones are as often ms."""
+    return _SLOW if (times % 1).any() else _SLOW_WHOLE
 
 
 def _without_repeats(
@@ -266,10 +272,11 @@ def _kitti_times(path: Path) -> Array | None:
     for beside in (path.with_suffix(".times"), path.with_name("times.txt")):
         if beside.is_file():
             with within(beside.name):
-                times = np.loadtxt(_lines(beside), ndmin=1)
-                if times.ndim != 1 or not np.isfinite(times).all():
-                    raise ArgumentError("expected a finite number in each line, got others")
-                return np.asarray(times)
+                with suppress(ValueError):
+                    times = np.loadtxt(_lines(beside), ndmin=1)
+                    if times.ndim == 1 and np.isfinite(times).all():
+                        return np.asarray(times)
+                raise ArgumentError("expected a finite number in each line, got others")
     return None
 
 

@@ -30,8 +30,12 @@ def environment(file: Path) -> str:
     import OpenImageIO
 
     open_regular(file).close()
-    opened = OpenImageIO.ImageInput.open(str(file))
-    return str(opened.spec().get_string_attribute("textureformat")) if opened else ""
+    if (opened := OpenImageIO.ImageInput.open(str(file))) is None:
+        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
+    try:
+        return str(opened.spec().get_string_attribute("textureformat"))
+    except UnicodeDecodeError:
+        return ""
 
 
 def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
@@ -48,8 +52,8 @@ def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
         head = opened.read(png.HEADER_BYTES)
         known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
         payload = head + opened.read() if known else b""
-    if head.startswith(_JPEG) and payload.rfind(_END) < payload.rfind(_SCAN):
-        raise ArgumentError("expected a whole picture, got a JPEG without its end")
+    if head.startswith(_JPEG):
+        _check_jpeg(payload)
     try:
         if file.suffix.lower() == ".npy":
             return _npy(payload), b""
@@ -65,7 +69,36 @@ def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
             png.check(payload)
     except BadReplyError as cause:
         raise ArgumentError(str(cause)) from cause
-    return _by_openimageio(file, kind, b"VP8 " in head), b""
+    try:
+        return _by_openimageio(file, kind, b"VP8 " in head), b""
+    except UnicodeDecodeError as cause:  # of names, or of the library's own message
+        raise ArgumentError("expected a picture, got one whose header is damaged: no UTF-8") from cause
+
+
+def _check_jpeg(payload: bytes) -> None:
+    """Raise ArgumentError for a JPEG without its end, or a progressive one without its last scans.
+
+    A scan brings some of the 64 coefficients of its components down to a bit ``low``; at last all are at 0.
+    """
+    if payload.rfind(_END) < payload.rfind(_SCAN):
+        raise ArgumentError("expected a whole picture, got a JPEG without its end")
+    low: dict[int, list[int]] = {}
+    at = 2
+    while (at := payload.find(b"\xff", at)) >= 0 and at + 4 < len(payload):
+        kind, size = payload[at + 1], int.from_bytes(payload[at + 2 : at + 4], "big")
+        if kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD7:  # within the data of a scan
+            at += 1 + (kind != 0xFF)
+            continue
+        segment = payload[at + 4 : at + 2 + size]
+        if kind == 0xC2:  # progressive
+            low = {component: [99] * 64 for component in segment[6::3]}
+        elif kind == 0xDA and low and len(segment) == 4 + 2 * segment[0]:
+            first, last, bits = segment[-3:]
+            for component in low.keys() & {*segment[1:-3:2]}:
+                low[component][first : last + 1] = [bits & 15] * (last + 1 - first)
+        at += 2 + size
+    if any(map(any, low.values())):
+        raise ArgumentError("expected a whole picture, got a progressive JPEG without its last scans")
 
 
 def _check_size(width: int, height: int) -> None:
@@ -83,6 +116,8 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
     if source is None:
         raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
     with closing(source):
+        if source.has_error:  # as of a progressive JPEG, which is read when it is opened
+            raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
         parts, name = [source.spec()], source.format_name()
         while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
             parts.append(source.spec())

@@ -19,15 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import shown
+from omniscv.arguments import shown, within
 from omniscv.cameras import Camera, Pinhole, RollingShutter, from_dict
 from omniscv.cameras.fisheyes import Fisheye
 from omniscv.cameras.radial import Lens
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats, Mask
 from omniscv.light import light_of_codes
-from omniscv.pictures import png
-from omniscv.storage.bounded import library_error
+from omniscv.pictures import foreign, png
 from omniscv.storage.local import whole_file, write_text
 
 Shading = str | tuple[tuple[float, float], ...]
@@ -176,18 +175,12 @@ def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
     Raises:
         ArgumentError: the file cannot be read, or is no such picture.
     """
-    import OpenImageIO
-
-    source = OpenImageIO.ImageInput.open(str(path))
-    pixels = None if source is None else source.read_image(0, 0, 0, 1, "uint16")
-    if pixels is None:
-        raise ArgumentError(
-            f"{path}: expected a grey picture of 8 or 16 bits, got: {library_error(OpenImageIO)}"
-        )
+    with within(path):
+        pixels, _ = foreign.read(path)
     if size is not None and pixels.shape[:2] != size:
         wanted = f"expected a vignette of the image's size, {size[1]} x {size[0]}"
         raise ArgumentError(f"{path}: {wanted}, got {pixels.shape[1]} x {pixels.shape[0]}")
-    return np.asarray(pixels[..., 0] / np.float32(max(1, int(pixels.max()))), np.float32)
+    return np.asarray(pixels[..., 0] / np.float32(max(1, pixels.max())), np.float32)
 
 
 def write_vignette(path: Path, shading: Any) -> Path:

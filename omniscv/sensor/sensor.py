@@ -29,6 +29,7 @@ from omniscv.geometry.arrays import Floats, Pixels, run
 from omniscv.light import decode, encode
 from omniscv.records import checked, optional, record
 from omniscv.sensor import noise, optics
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 
 
 class _Image(Protocol):
@@ -178,12 +179,10 @@ class Sensor:
         values = asdict(self)
         if isinstance(self.shading, str) and self.shading != optics.NATURAL:
             try:
-                content = Path(self.shading).read_bytes()
-            except OSError as cause:
+                content = read_bytes(Path(self.shading), MOST_PICTURE_BYTES)
+            except ArgumentError as cause:
                 wanted = "expected natural, a table, or a file that can be read"
-                raise ArgumentError(
-                    f"shading: {wanted}, got {shown(self.shading)}: {cause.strerror}"
-                ) from cause
+                raise ArgumentError(f"shading: {wanted}, got {shown(self.shading)}: {cause}") from cause
             values["shading"] = {"sha256": hashlib.sha256(content).hexdigest()}
         return {key: _plain(value) for key, value in values.items()}
 

@@ -20,6 +20,7 @@ from omniscv.errors import ArgumentError, SourceError
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.sources.base import Capabilities, Source, WithTransfer
 from omniscv.sources.world import CameraExposure, Freeze
+from omniscv.storage.bounded import open_regular
 
 Opener = Callable[..., Source]
 """``opener(address, **options)``: ``address`` is the whole text, with its scheme."""
@@ -113,9 +114,9 @@ def scheme_of(address: str) -> str | None:
 def is_recording(path: Path) -> bool:
     """Return whether a path is that of a file that begins as recordings do."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(len(_SQLITE)) == _SQLITE
-    except OSError:
+    except (OSError, ArgumentError):
         return False
 
 

@@ -7,6 +7,7 @@ import sys
 import pytest
 from test_usage import failed
 
+from omniscv import cli
 from omniscv.cli import console
 from omniscv.errors import OmniscvError
 
@@ -117,3 +118,24 @@ def test_a_long_error_keeps_its_beginning_and_its_end():
     assert len(message) == 1000
     assert message.startswith("job.yaml: a: expected b, got xxx")
     assert message.endswith("xxx, in the end")
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.skipif(sys.platform == "win32", reason="no named pipes in folders")
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(["job"], ["render"], ["plan"], ["dataset", "make"], ["look"], ["serve"], ["doctor"]),
+        ["recording", "check"],
+        ["recording", "import", ".", "a.sqlite", "--layout"],
+        ["evaluate", "odometry", "--trajectory"],
+        ["render", "--source", "scene://four-wall", "--size", "8x4", "--camera"],
+    ],
+)
+def test_a_named_pipe_hangs_no_command(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("p.yaml")
+    os.mkfifo("p.sqlite")
+    pipe = "p.sqlite" if words[:1] in (["doctor"], ["recording"]) and "--layout" not in words else "p.yaml"
+    assert cli.run([*words, pipe]) in (1, 2)
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -288,6 +288,9 @@ def test_what_a_file_says_of_itself_is_heeded(tmp_path):
         ("%time,field.header.seq,field.pose.position.x,field.pose.position.y,field.pose.position.z\n"
          "1403636579763555584,1,0,0,0\n", (1403636579.7635555,), "taken as ns"),
         ("0 0 0 0 0 0 0 1\n33 1 0 0 0 0 0 1\n66 2 0 0 0 0 0 1\n", (0, 33, 66), "steps of 33 are taken"),
+        ("1000 0 0 0 0 0 0 1\n1033 1 0 0 0 0 0 1\n", (1000, 1033), "steps of 33 are taken"),
+        ("0 0 0 0 0 0 0 1\n5 1 0 0 0 0 0 1\n10 2 0 0 0 0 0 1\n", (0, 5, 10), "steps of 5 are taken"),
+        ("0 0 0 0 0 0 0 1\n2.5 1 0 0 0 0 0 1\n5.5 2 0 0 0 0 0 1\n", (0, 2.5, 5.5), ""),
         ("time_s,x,y,z\n0,0,0,0\n33,0,0,0\n66,0,0,0\n", (0, 33, 66), ""),
         ("5 0 0 0 0 0 0 1\n5 0.0001 0 0 0 0 0 1\n6 0 0 0 0 0 0 1\n", (5, 6), "1 rows that repeat"),
     ],

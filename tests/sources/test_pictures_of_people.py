@@ -20,6 +20,7 @@ from omniscv.geometry import Pose
 from omniscv.sources import View
 from omniscv.sources.base import Capture, Request
 from omniscv.sources.pictures import DepthForm, read_picture
+from omniscv.sources.recording import sequences
 
 SCENE = load_scene("four-wall")
 AT = (0.3, -0.2, 1.45)
@@ -181,6 +182,19 @@ def written(name, **kw):
     return lambda folder: (exr(folder / name, **kw), name)[1]
 
 
+def progressive(scans, more=0):
+    """A progressive JPEG of its first scans, and some bytes of the next one, with an end marker."""
+
+    def make(folder):
+        Image.fromarray(COLORS).save(buffer := io.BytesIO(), "JPEG", progressive=True)
+        parts = buffer.getvalue().split(b"\xff\xda")
+        data = b"\xff\xda".join(parts[: scans + 1 + bool(more)])
+        (folder / "p.jpg").write_bytes(data[: len(data) - more or None] + b"\xff\xd9")
+        return "p.jpg"
+
+    return make
+
+
 RGB = dict(zip("RGB", np.ones((3, 8, 16)), strict=True))
 BAD = RGB | {"G": np.where(np.eye(8, 16), np.nan, -1)}
 TURNED = Image.Exif()
@@ -199,6 +213,8 @@ REFUSED = [
         saved("a.webp", COLORS, save_all=True, append_images=[Image.new("RGB", (24, 12))]),
         "several frames",
     ),
+    ("lit", progressive(2), "a progressive JPEG without its last scans"),
+    ("lit", progressive(2, 40), "without its last scans|premature end"),
     ("lit", array(np.full((4, 4, 3), 70000, np.uint32)), "of 0 to 255, got uint32 of 70000"),
     ("lit", array(np.zeros(5)), "expected NPY of numbers"),
     ("lit", array(np.zeros((0, 4, 3))), "expected 1 to 134217728 pixels, got 4 x 0"),
@@ -490,7 +506,7 @@ intrinsics: {fx: 32, fy: 32, cx: 31.5, cy: 31.5, centers: 0}
 """
 
 
-def test_a_layout_of_the_user(tmp_path, capsys):
+def test_a_layout_of_the_user(tmp_path, capsys, monkeypatch):
     """Six pinhole frames, OpenGL's axes, world to camera, centres at whole numbers; a pose of infinity."""
     folder = tmp_path / "mine"
     for i, (yaw, pitch) in enumerate([*FACES.values(), (0, 0)]):
@@ -509,11 +525,14 @@ def test_a_layout_of_the_user(tmp_path, capsys):
     assert "layout mine: 1 place, 6 of lit, 6 of depth" in out
     assert "1 frames left out: their poses are not finite" in out
     judge(tmp_path / "a.sqlite", Pose.from_angles(AT), ("lit", "depth"))
+    monkeypatch.setattr(sequences, "_MOST_S", 1.0)
+    (folder / ("a" * 60)).touch()
     for wrong, says in (
         (MINE.replace("z/{i}", "../z/{i}"), "expected a file in the folder, got '../z/0.png'"),
         (MINE.replace("z/{i}", "zz/{i}"), "depth: expected files zz/{i}.png, got none"),
         (MINE + "colour: x", "unknown key 'colour'"),
         (MINE.replace("(?P<i>", "(?P<i"), "expected a folder of layout mine, got error"),
+        (MINE.replace("'color/(?P", "'(.+)+!color/(?P"), "place: expected a pattern that is matched with"),
     ):
         (tmp_path / "mine.yaml").write_text(wrong)
         assert run(folder, tmp_path / "b.sqlite", "--layout", tmp_path / "mine.yaml") == 2

@@ -6,7 +6,10 @@ A layout is data: which files there are, what their numbers mean, where poses ar
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -52,6 +55,13 @@ _FRONT = cube_rotations()[0][1]
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
 _SAME_PLACE_M = 1e-3
 
+_MOST_S = 10.0
+_TRY = """
+import json, re, sys
+pattern, names = json.load(sys.stdin)
+for name in names:
+    re.fullmatch(pattern, name)
+"""
 _LAYOUTS = Path(__file__).with_name("layouts.yaml")
 
 
@@ -168,10 +178,11 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     lens = lenses.FACE if layout.pictures == "faces" else None
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
-    place, frames = re.compile(f"(?:.*/)??(?:{layout.place})"), dict[tuple[str, ...], Frame]()
-    unposed = 0
-    for file in sorted(folder.rglob("[!.]*")):
-        match = place.fullmatch(file.relative_to(folder).as_posix())
+    pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
+    names = [file.relative_to(folder).as_posix() for file in sorted(folder.rglob("[!.]*"))]
+    if strict:
+        _check_time(pattern, names)
+    for match in map(re.compile(pattern).fullmatch, names):
         if match is None or match.groups() in frames:
             continue
         paths = {mode: _filled(folder, form.file, match) for mode, form in holds.items()}
@@ -193,10 +204,21 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
             says.append(f"{mode}: {lacking} of {len(frames)} frames have none")
         if lacking == len(frames):
             raise ArgumentError(f"{mode}: expected files {form.file}, got none")
-    names = layout.object_mask.names if layout.object_mask else ""
-    near = [at / names for at in (folder, *folder.absolute().parents[:2])] if names else []
+    listed = layout.object_mask.names if layout.object_mask else ""
+    above = (folder, *folder.absolute().parents[:2])
+    near = [at / listed for place in above for at in (place, place / "assets")] if listed else []
     table = next((objects_of(file) for file in near if file.exists()), ObjectTable({}))
     return Sequence([*frames.values()], table, tuple(says))
+
+
+def _check_time(pattern: str, names: list[str]) -> None:
+    """Raise ArgumentError for a pattern of the user's that takes too long: it is tried in another process."""
+    given = json.dumps([pattern, names]).encode()
+    try:
+        subprocess.run([sys.executable, "-I", "-c", _TRY], input=given, timeout=_MOST_S, capture_output=True)
+    except subprocess.TimeoutExpired as cause:
+        expected = f"expected a pattern that is matched with {len(names)} names within {_MOST_S:g} s"
+        raise ArgumentError(f"place: {expected}, got {shown(pattern)}") from cause
 
 
 def _filled(folder: Path, pattern: str, match: re.Match[str]) -> Path:

@@ -22,7 +22,7 @@ from omniscv.frame import Frame, ImageFiles
 from omniscv.geometry import Pose
 from omniscv.progress import Steps, counted
 from omniscv.sources.registry import is_recording, open_source
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
 _CUBE_FACES = 6
@@ -91,7 +91,8 @@ def gather(path: Path) -> Gathered:
         got = f"folders of images: choose one of {', '.join(inner)}" if inner else "none"
         raise ArgumentError(f"{path}: expected images of 'render' or a dataset, got {got}")
     if not path.is_file():
-        raise ArgumentError(f"{path}: expected a folder, an image or a recording, got nothing there")
+        got = "a device or a pipe" if path.exists() else "nothing there"
+        raise ArgumentError(f"{path}: expected a folder, an image or a recording, got {got}")
     if path.suffix == ".json":
         return _of_images(path.parent, [path])
     description = path.with_name(f"{path.name.split('.')[0]}.json")
@@ -153,7 +154,7 @@ def _of_picture(path: Path) -> Gathered:
     from PIL import Image
 
     try:
-        with Image.open(path) as picture:
+        with open_regular(path) as file, Image.open(file) as picture:
             width, height = picture.size
     except (OSError, Image.DecompressionBombError) as cause:
         expected = "expected a folder of images, a STEM.json, a picture or a recording"
