@@ -17,9 +17,9 @@ A reader must return what it returned before unchanged: :func:`dataclasses.repla
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import partial
-from typing import Any, TypeVar, dataclass_transform, overload
+from typing import Any, TypeVar, dataclass_transform, get_args, overload
 
-from omniscv.arguments import Reader, did_you_mean, shown, text
+from omniscv.arguments import Reader, did_you_mean, one_of, shown, text
 from omniscv.errors import ArgumentError
 
 T = TypeVar("T")
@@ -51,11 +51,16 @@ def checked(
     return field(default=default, metadata=metadata)
 
 
+def word(words: Any, *, default: Any, help: str = "") -> Any:
+    """Return a field of a record that is one of a few words, those of a Literal or of a tuple."""
+    return checked(one_of, words=get_args(words) or words, default=default, help=help)
+
+
 @overload
-@dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
+@dataclass_transform(frozen_default=True, field_specifiers=(checked, word, field))
 def record(cls: type[T], /) -> type[T]: ...
 @overload
-@dataclass_transform(frozen_default=True, field_specifiers=(checked, field))
+@dataclass_transform(frozen_default=True, field_specifiers=(checked, word, field))
 def record(*, eq: bool = ..., repr: bool = ..., in_files: bool = ...) -> Callable[[type[T]], type[T]]: ...
 def record(
     cls: type[T] | None = None, /, *, eq: bool = True, repr: bool = True, in_files: bool = False

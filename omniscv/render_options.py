@@ -17,7 +17,7 @@ from omniscv.arguments import (
     wrong,
 )
 from omniscv.errors import ArgumentError
-from omniscv.records import checked, optional, record
+from omniscv.records import checked, optional, record, word
 
 Filter = Literal["auto", "nearest", "bilinear", "bicubic", "area"]
 FILTERS: tuple[str, ...] = get_args(Filter)
@@ -105,26 +105,20 @@ class RenderOptions:
     face_size: int | Literal["auto"] = checked(
         _face_size, default="auto", help="px of a 90 degree face, or auto"
     )
-    filter: Filter = checked(
-        one_of, default="auto", words=FILTERS, help="auto, nearest, bilinear, bicubic or area"
-    )
+    filter: Filter = word(Filter, default="auto", help="auto, nearest, bilinear, bicubic or area")
     truth_scale: int = checked(
         whole_number,
         default=1,
         most=FINEST_TRUTH,
         help="how many times finer masks, depth and normals are captured, 1 to 8",
     )
-    normals: Normals = checked(
-        one_of,
-        default="captured",
-        words=get_args(Normals),
-        help="captured, or from-depth: of planes fitted to depth",
+    normals: Normals = word(
+        Normals, default="captured", help="captured, or from-depth: of planes fitted to depth"
     )
 
-    seams: Seams = checked(
-        one_of,
+    seams: Seams = word(
+        Seams,
         default="keep",
-        words=get_args(Seams),
         help="keep, gains (of exposure, where proven) or close, where faces differ at their edges",
     )
     straighten: bool = checked(
@@ -132,17 +126,15 @@ class RenderOptions:
         default=False,
         help="resample faces of a recording that are measurably turned against the others",
     )
-    checks: Checks = checked(
-        one_of,
+    checks: Checks = word(
+        Checks,
         default="none",
-        words=get_args(Checks),
         help="none; light: mark what light makes doubtful, in the layer light; or beat: capture depth and "
         "masks in a second size, and mark structures that one size hides",
     )
-    unseen: Unseen = checked(
-        one_of,
+    unseen: Unseen = word(
+        Unseen,
         default="refuse",
-        words=get_args(Unseen),
         help="refuse an image with rays that no recorded view sees, or blank: make their pixels invalid",
     )
     sky: tuple[str, ...] = checked(_names, default=(), help="objects that stand for the sky")
@@ -215,9 +207,8 @@ class MapOptions:
     corner_sigma: float | None = checked(
         _sigma, default=None, help="width of corners, a share of a full turn; default 0.0107"
     )
-    visibility: Visibility | None = checked(
-        one_of,
-        words=get_args(Visibility),
+    visibility: Visibility | None = word(
+        Visibility,
         default=None,
         help="room (default): not hidden by walls; full: not hidden by anything; all",
     )

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from omniscv import modalities, storage
-from omniscv.arguments import number, one_of, stems, text, texts, whole_number
+from omniscv.arguments import number, stems, text, texts, whole_number
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
@@ -27,7 +27,7 @@ from omniscv.job.recipe import Recipe
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import Draws, Vary
 from omniscv.planning import RenderOptions
-from omniscv.records import checked, mapping, nested, optional, record
+from omniscv.records import checked, mapping, nested, optional, record, word
 from omniscv.sensor import Sensor
 from omniscv.sensor.imu import Imu, ImuTrack
 from omniscv.sources.registry import SourceOptions
@@ -62,11 +62,8 @@ class Exposure:
     instants: int | Literal["auto"] = checked(
         _instants, default=9, help="averaged instants, an odd number, or auto: as many as the motion needs"
     )
-    camera: Literal["moves", "rests"] = checked(
-        one_of,
-        words=("moves", "rests"),
-        default="moves",
-        help="moves along timed poses during the exposure, or rests",
+    camera: Literal["moves", "rests"] = word(
+        ("moves", "rests"), default="moves", help="moves along timed poses during the exposure, or rests"
     )
 
     def offsets(self) -> tuple[float, ...]:
@@ -149,9 +146,7 @@ class Job:
     source_options: SourceOptions = checked(
         read_source_options, default_factory=SourceOptions, help="how the source is opened"
     )
-    freeze: Freeze | None = checked(
-        one_of, words=get_args(Freeze), default=None, help="how a live world is held at one instant"
-    )
+    freeze: Freeze | None = word(Freeze, default=None, help="how a live world is held at one instant")
     rig: Rig | None = checked(
         read_rig, default=None, help="cameras that move together, or the name of a rig's file"
     )
@@ -159,9 +154,8 @@ class Job:
     depth_format: str = checked(
         text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
     )
-    store: str = checked(
-        one_of,
-        words=("files", "fast"),
+    store: str = word(
+        ("files", "fast"),
         default="files",
         help="how layers are stored: files (pictures), or fast (arrays of Blosc2, by the extra fast)",
     )

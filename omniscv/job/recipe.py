@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import flag, number, one_of, shown, stem, texts, whole_number, within, wrong
+from omniscv.arguments import flag, number, shown, stem, texts, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import cluster_starts
-from omniscv.records import checked, listed, mapping, read, record
+from omniscv.records import checked, listed, mapping, read, record, word
 from omniscv.render_options import Tolerance
 from omniscv.storage import bounded
 
@@ -40,9 +40,7 @@ class Split:
     shares: Mapping[str, float]
     distance_m: float = checked(number, above=0, default=0.5, help="poses within this distance are one place")
     seed: int = checked(whole_number, least=0, default=0, help="seed of the division into splits")
-    by: str = checked(
-        one_of, words=("place", "world"), default="place", help="what is divided: places, or whole worlds"
-    )
+    by: str = word(("place", "world"), default="place", help="what is divided: places, or whole worlds")
 
     def of(self, place: str) -> str:
         """Return the split of a place."""
@@ -171,9 +169,8 @@ class Recipe:
     )
     split: Split | None = checked(read_split, default=None, help="share of each split")
     media: Any = checked(plain, cls=Media, default=None, help="metadata of pictures")
-    watch: str | None = checked(
-        one_of,
-        words=("mark", "fail"),
+    watch: str | None = word(
+        ("mark", "fail"),
         default=None,
         help="frames that the world left objects out of: mark (in frames.jsonl), or fail",
     )

@@ -34,7 +34,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.records import checked, mapping, record
+from omniscv.records import checked, mapping, record, word
 from omniscv.sources.base import OBJECT_SETTINGS
 
 KINDS = ("objects", "lights", "materials")
@@ -151,9 +151,7 @@ class Vary:
     """What is drawn, and how often: see the module."""
 
     seed: int = checked(whole_number, least=0, default=0, help="seed of all draws")
-    per: str = checked(
-        one_of, words=("frame", "place", "world"), default="frame", help="how often: frame, place or world"
-    )
+    per: str = word(("frame", "place", "world"), default="frame", help="how often: frame, place or world")
     objects: Rules = checked(_rules, default_factory=dict, help="by name: shift, turn_deg, shown, clearance")
     lights: Rules = checked(_rules, default_factory=dict, help="by name: settings, or a command's")
     materials: Rules = checked(_rules, default_factory=dict, help="by name: settings, or a command's")
