@@ -93,9 +93,6 @@ class RenderOptions:
     ``filter`` is of blended modalities: ``area`` averages what a pixel spans, and ``auto`` takes it where
     most pixels span two of a view's or more, else ``bilinear``. ``accuracy`` makes captures finer where the
     image needs it; if it is not given, ``auto`` aims at 3 % for cameras with several optical centres.
-
-    Raises:
-        ArgumentError: a value outside its domain.
     """
 
     strategy: str = checked(text, default="auto", help="which views are captured: auto, exact or cube")

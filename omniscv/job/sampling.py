@@ -78,11 +78,7 @@ _START_HELP = "X,Y,Z of a free position; the middle of the box if not given"
 
 @record
 class RandomPoses:
-    """Positions drawn evenly from the free space of a box, each with its own angles.
-
-    Raises:
-        ArgumentError: a value outside its domain.
-    """
+    """Positions drawn evenly from the free space of a box, each with its own angles."""
 
     count: int = checked(whole_number, unit="poses", most=_MOST, help="number of poses")
     low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of a corner of the box, metres")
@@ -132,11 +128,7 @@ class RandomPoses:
 
 @record
 class GridPoses:
-    """Positions on a grid, layer by layer from below; only free ones where a clearance is given.
-
-    Raises:
-        ArgumentError: a value outside its domain.
-    """
+    """Positions on a grid, layer by layer from below; only free ones where a clearance is given."""
 
     visible: ClassVar[None] = None
     low: ArrayLike = checked(numbers, shape=(3,), help="X,Y,Z of the first position, metres")
