@@ -468,6 +468,7 @@ def structured3d(folder, pose):
     Image.fromarray(lit).save(full / "rgb_rawlight.png")
     Image.fromarray(np.uint16(np.round(distance * 1000))).save(full / "depth.png")
     Image.fromarray(np.uint16(ids[..., 2])).save(full / "instance.png")
+    Image.fromarray(ids[..., 2]).save(full / "semantic.png")
     (full.parent / "camera_xyz.txt").write_text(" ".join(str(1000 * v) for v in pose.position))
 
 
@@ -481,19 +482,35 @@ def two_d_three_ds(folder, pose):
         Image.fromarray(pixels).save(folder / f"pano/{kind}/{NAME}_{kind}.png")
     (folder / "pano/pose").mkdir()
     file = folder / "pano/pose/camera_0_office_1_frame_equirectangular_domain_pose.json"
-    file.write_text(json.dumps({"camera_location": pose.position.tolist()}))
-    (folder / "semantic_labels.json").write_text(json.dumps(["<UNK>", *sorted(SCENE.objects)]))
+    R_c_w = pose.R_w_c.T
+    matrix = np.column_stack([R_c_w, -R_c_w @ pose.position]).tolist()
+    file.write_text(json.dumps({"camera_location": pose.position.tolist(), "camera_rt_matrix": matrix}))
+    (folder.parent / "assets").mkdir()
+    labels = json.dumps(["<UNK>", *sorted(SCENE.objects)])
+    (folder.parent / "assets" / "semantic_labels.json").write_text(labels)
 
 
 @pytest.mark.parametrize(("write", "name"), [(structured3d, "structured3d"), (two_d_three_ds, "2d3ds")])
 def test_presets_of_panoramas(write, name, tmp_path, capsys):
-    pose = Pose.from_angles(AT, yaw_deg=-90 if write is structured3d else 0)
+    angles = {"yaw_deg": -90} if write is structured3d else {"yaw_deg": 40, "pitch_deg": 5, "roll_deg": -3}
+    pose = Pose.from_angles(AT, **angles)
     write(tmp_path / "area", pose)
     assert run(tmp_path / "area", tmp_path / "a.sqlite") == 0
-    assert f"layout {name}: 1 place" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"layout {name}: 1 place" in out
+    assert ("1 semantic.png are not taken" in out) == (write is structured3d)
+    assert "heading" not in out
     judge(tmp_path / "a.sqlite", pose, ("lit", "depth"))
     if write is two_d_three_ds:
         judge(tmp_path / "a.sqlite", pose, ("object_mask",))
+        file = next((tmp_path / "area/pano/pose").iterdir())
+        said = json.loads(file.read_text())
+        file.write_text(json.dumps(said | {"camera_location": [1, 2, 3]}))
+        assert run(tmp_path / "area", tmp_path / "b.sqlite") == 2
+        assert "expected a camera_rt_matrix that has its camera at camera_location" in capsys.readouterr().err
+        file.write_text(json.dumps({"camera_location": said["camera_location"]}))
+        assert run(tmp_path / "area", tmp_path / "c.sqlite") == 0
+        assert "the heading of panoramas without camera_rt_matrix is not known" in capsys.readouterr().out
 
 
 MINE = """
@@ -644,3 +661,10 @@ def test_a_sequence_of_the_tum_benchmark(tmp_path, capsys):
             np.testing.assert_allclose(view.projection, np.array([535.4, 539.2, 320.6, 248.1]) / 4)
             (capture,) = source.capture([Request(view, "depth")])
             assert np.abs(capture.pixels - seen(view)[1]).max() <= 1.01 / 10000
+    (tmp_path / "freiburg1").mkdir()
+    folder = folder.rename(tmp_path / "freiburg1" / "mine")
+    assert run(folder, tmp_path / "b.sqlite") == 2
+    assert "expected --intrinsics FILE, a lens file, or a folder of the bench" in capsys.readouterr().err
+    (folder / "rgb.txt").write_text("# file: 'rgbd_dataset_freiburg3_x.bag'\n" + "\n".join(rgb))
+    assert run(folder, tmp_path / "b.sqlite") == 0
+    assert "lens of freiburg3" in capsys.readouterr().out

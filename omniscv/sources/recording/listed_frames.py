@@ -33,9 +33,9 @@ _TUM = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
     "freiburg2": (520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
-    "": (525.0, 525.0, 319.5, 239.5),
 }
-"""By a word in the folder's name: fx, fy, cx, cy of 640 x 480 px, centres at whole numbers; distortion."""
+"""By a word of the folder's name or of its lists: fx, fy, cx, cy of 640 x 480 px, centres at whole numbers;
+distortion."""
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -125,11 +125,17 @@ def tum(folder: Path, options: Options) -> Sequence:
     truth = read_trajectory(folder / "groundtruth.txt")
     poses, (depth_times, depths) = np.array(truth.times), _stamped(folder / "depth.txt")
     times, colors = _stamped(folder / "rgb.txt")
-    word = next((word for word in _TUM if word and word in str(folder.absolute())), "")
-    fx, fy, cx, cy, *bent = _TUM[word]
-    lens: Pinhole | None = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent))
+    start = read_bytes(folder / "rgb.txt", MOST_JSON_BYTES)[:1000].decode("utf-8", "replace")
+    word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
+    lens: Pinhole | None = None
     if options.intrinsics:
         lens = lens_in(options.intrinsics, size_of(inside(folder, colors[0])))
+    elif word:
+        fx, fy, cx, cy, *bent = _TUM[word]
+        lens = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent))
+    else:
+        expected = "expected --intrinsics FILE, a lens file, or a folder of the benchmark's freiburg1, 2 or 3"
+        raise ArgumentError(f"{expected}, whose lens is known; got {shown(folder.name)}")
     frames = []
     for time, name in zip(times, colors, strict=True):
         i, j = np.abs(poses - time).argmin(), np.abs(depth_times - time).argmin()
@@ -138,8 +144,7 @@ def tum(folder: Path, options: Options) -> Sequence:
             if abs(depth_times[j] - time) <= _LATEST_S:
                 paths["depth"] = inside(folder, depths[j])
             frames.append(Frame(paths, truth[int(i)], lens, {"depth": Files(unit="1/5000")}))
-    taken = word or "ROS, as the folder is not named after freiburg1, 2 or 3"
-    says = [] if options.intrinsics else [f"lens of {taken}"]
+    says = [] if options.intrinsics else [f"lens of {word}"]
     if late := len(colors) - len(frames):
         says.append(f"{late} pictures left out: no pose within {_LATEST_S} s")
     return Sequence(frames, says=tuple(says))

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose, cube_rotations
+from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_columns import FRAMES, Rows, length_unit
 from omniscv.records import checked, mapping, nested, optional, read, record
@@ -53,7 +53,7 @@ PANORAMAS = {"latlong": 0, "openexr-latlong": 1, "pinhole": 0}
 """Layouts of one picture. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
 _FRONT = cube_rotations()[0][1]
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
-_SAME_PLACE_M = 1e-3
+_SAME_PLACE_M, _CLOSE_M = 1e-3, 1e-2
 
 _MOST_S = 10.0
 _TRY = """
@@ -78,6 +78,7 @@ class _Poses:
     row: str = checked(text, default="")
     position: str = checked(text, default="")
     rotation: str = checked(text, default="")
+    matrix: str = checked(text, default="")
     axes: str = checked(one_of, words=FRAMES, default="camera")
     inverse: bool = checked(flag, default=False)
     unit: str | float | None = checked(length_unit, default=None)
@@ -100,6 +101,8 @@ class Layout:
     faces: str = checked(one_of, words=LAYOUTS, default="top-bottom")
     found: str = checked(text, default="")
     says: str = checked(text, default="")
+    level: str = checked(text, default="")
+    unused: str = checked(text, default="")
 
 
 @cache
@@ -198,6 +201,10 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
                 )
             frames[match.groups()] = Frame(paths, pose, lens, holds)
     says = [layout.says] if layout.says else []
+    if layout.level and any(np.array_equal(frame.pose.R_w_c, R_LEVEL) for frame in frames.values()):
+        says.append(layout.level)
+    if layout.unused and (others := sum(1 for _ in folder.glob(layout.unused))):
+        says.append(f"{others} {Path(layout.unused).name} are not taken: masks are the instances")
     says += [f"{unposed} frames left out: their poses are not finite"] if unposed else []
     for mode, form in holds.items() if strict and frames else ():
         if lacking := sum(mode not in frame.files for frame in frames.values()):
@@ -244,7 +251,13 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
             data = parse_json(read_bytes(file, MOST_JSON_BYTES))
             paths = {"position": poses.position, "rotation": poses.rotation}
             entry = {key: _at(data, path) for key, path in paths.items() if path}
+            if is_matrix := bool(poses.matrix and poses.matrix in data):
+                at, entry = entry["position"], {"transform_matrix": data[poses.matrix]}
+            options["inverse"] = poses.inverse and (is_matrix or not poses.matrix)
             pose = Rows.of_entries([("pose", entry)]).listed(**options)["0"]
+            if is_matrix and (pose is None or not np.allclose(pose.position, at, rtol=0, atol=_CLOSE_M)):
+                expected = f"expected a {poses.matrix} that has its camera at {poses.position}"
+                raise ArgumentError(f"{expected}, {shown(at)}; got {pose and shown(pose.position.tolist())}")
         elif "{" in poses.file or poses.row:
             rows = poses_in(file, False, whole=not poses.row, lossy=True, **options)
             row = int(match[poses.row]) if poses.row else 0
