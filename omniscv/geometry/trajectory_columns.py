@@ -62,10 +62,11 @@ _AXES: dict[str, tuple[Array, Array, tuple[int, int, int]]] = {
     "body": (_I, R_LEVEL, (-1, -1, 1)),
     "ned": (_GL, np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), (1, 1, 1)),
     "unreal": (_MIRROR, _MIRROR @ R_LEVEL, (1, 1, 1)),
+    "povray": (R_LEVEL @ _MIRROR, _MIRROR, (1, 1, 1)),
 }
 """By frame W and C of ``R_w_c = W R C``: from the file's world to ours, from our camera to the file's; and
 the signs of pitch, yaw and roll against Unreal's: nose up +, turning right +, right side down +."""
-FRAMES = tuple(name for name in _AXES if name != "object")
+FRAMES = tuple(name for name in _AXES if name not in ("object", "povray"))
 
 
 def length_unit(name: str, value: object) -> str | float | None:

@@ -513,6 +513,85 @@ def test_presets_of_panoramas(write, name, tmp_path, capsys):
         assert "the heading of panoramas without camera_rt_matrix is not known" in capsys.readouterr().out
 
 
+def replica(folder, views):
+    K = {"w": 64, "h": 64, "fx": 32.0, "fy": 32.0, "cx": 31.5, "cy": 31.5, "scale": 6553.5}
+    (folder.parent / "cam_params.json").write_text(json.dumps({"camera": K}))
+    for i, view in enumerate(views):
+        put(folder / f"results/frame{i:06d}.png", seen(view)[0])
+        put(folder / f"results/depth{i:06d}.png", np.uint16(np.round(6553.5 * seen(view)[1])))
+    matrices = [np.vstack([np.column_stack([v.pose.R_w_c, v.pose.position]), [0, 0, 0, 1]]) for v in views]
+    np.savetxt(folder / "traj.txt", np.reshape(matrices, (-1, 16)))
+
+
+def scannet(folder, views):
+    (folder / "intrinsic").mkdir(parents=True)
+    (folder / "pose").mkdir()
+    K = np.eye(4)
+    K[:2, :3] = [[32, 0, 31.5], [0, 32, 31.5]]
+    np.savetxt(folder / "intrinsic/intrinsic_color.txt", K)
+    for i, view in enumerate(views):
+        put(folder / f"color/{i}.png", seen(view)[0])
+        put(folder / f"depth/{i}.png", np.uint16(np.round(1000 * seen(view)[1][1::2, 1::2])))
+        matrix = np.vstack([np.column_stack([view.pose.R_w_c, view.pose.position]), [0, 0, 0, 1]])
+        np.savetxt(folder / f"pose/{i}.txt", matrix)
+    np.savetxt(folder / "pose/0.txt", np.full((4, 4), -np.inf))
+
+
+def kitti(folder, views):
+    """Poses of camera 0; camera 2 is 6 cm to its right."""
+    K, right = np.array([[32, 0, 31.5], [0, 32, 31.5], [0, 0, 1]]), np.array([0.06, 0, 0])
+    for i, view in enumerate(views):
+        put(folder / f"image_2/{i:06d}.png", seen(view)[0])
+    rows = [np.column_stack([v.pose.R_w_c, v.pose.position - v.pose.R_w_c @ right]).ravel() for v in views]
+    np.savetxt(folder / "poses.txt", rows)
+    P0, P2 = np.column_stack([K, np.zeros(3)]), np.column_stack([K, -K @ right])
+    lines = [f"{name}: " + " ".join(map(str, P.ravel())) for name, P in (("P0", P0), ("P2", P2))]
+    (folder / "calib.txt").write_text("\n".join(lines) + "\n")
+
+
+def icl_nuim(folder, views):
+    """POV-Ray's left-handed axes: x right, y up, z ahead."""
+    W, C, lines = np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]]), np.diag([1, -1, 1]), []
+    for i, view in enumerate(views):
+        put(folder / f"rgb/{i}.png", seen(view)[0])
+        put(folder / f"depth/{i}.png", np.uint16(np.round(5000 * seen(view)[1])))
+        own = Pose(W.T @ view.pose.position, W.T @ view.pose.R_w_c @ C)
+        lines.append(f"{i} " + " ".join(map(str, [*own.position, *own.quaternion()])))
+    (folder / "livingRoom0.gt.freiburg").write_text("\n".join(lines))
+
+
+def put(path, pixels):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(pixels).save(path)
+
+
+@pytest.mark.parametrize("write", [replica, scannet, kitti, icl_nuim])
+def test_posed_pictures_of_published_datasets(write, tmp_path, capsys):
+    poses = [Pose.from_angles(AT, yaw, 10, 5) for yaw in (0, 30)] + [Pose.from_angles((-0.4, 0.5, 1.2))]
+    views = [View(pose, 90, 64, 64) for pose in poses]
+    if write is icl_nuim:
+        fov_deg = 2 * np.degrees(np.arctan(320 / 481.2))
+        lens = omniscv.sources.base.Lens(480 / 481.2, 0, 0)
+        views = [View(pose, fov_deg, 640, 480, lens) for pose in poses[1:]]
+    write(tmp_path / "scene", views)
+    assert run(tmp_path / "scene", tmp_path / "a.sqlite") == 0
+    assert f"layout {write.__name__.replace('_', '-')}: 2 places" in capsys.readouterr().out
+    views = views[1:] if write is scannet else views
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        recorded = source.recorded_views()
+        for view in views:
+            (same,) = (
+                v for v in recorded if v.width == view.width and np.allclose(v.pose.R_w_c, view.pose.R_w_c)
+            )
+            np.testing.assert_allclose(same.pose.position, view.pose.position, atol=1e-6)
+            np.testing.assert_allclose(same.projection, view.projection, atol=1e-6)
+            (lit,) = source.capture([Request(same, "lit")])
+            np.testing.assert_array_equal(lit.pixels, seen(view)[0])
+            if write in (replica, icl_nuim):
+                (depth,) = source.capture([Request(same, "depth")])
+                assert np.abs(depth.pixels - seen(view)[1]).max() < 2e-4
+
+
 MINE = """
 pictures: pinhole
 place: 'color/(?P<i>\\d+)\\.png'
@@ -554,6 +633,27 @@ def test_a_layout_of_the_user(tmp_path, capsys, monkeypatch):
         (tmp_path / "mine.yaml").write_text(wrong)
         assert run(folder, tmp_path / "b.sqlite", "--layout", tmp_path / "mine.yaml") == 2
         assert says in capsys.readouterr().err
+
+
+def test_an_import_that_finds_nothing_says_what_takes_the_pictures(tmp_path, capsys):
+    folder, poses = tmp_path / "mine", [Pose.from_angles(AT, yaw) for yaw in (0, 30)]
+    for i, pose in enumerate(poses):
+        put(folder / f"color/{i:04d}.png", seen(View(pose, 90, 64, 64))[0])
+    assert run(folder, tmp_path / "a.sqlite") == 2
+    assert "got 2 of lit: 0000, 0001; no poses; if they are posed, --poses" in capsys.readouterr().err
+    rows = [" ".join(map(str, [*AT, *pose.quaternion()])) for pose in poses]
+    (folder / "trajectory.txt").write_text("\n".join(rows))
+    assert run(folder, tmp_path / "a.sqlite") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    layout = line.partition("takes them, with ")[2].removesuffix(" in it")
+    for word, number in {"FX": "32", "FY": "32", "CX": "32", "CY": "32"}.items():
+        layout = layout.replace(word, number)
+    (tmp_path / "my.yaml").write_text(layout)
+    assert run(folder, tmp_path / "a.sqlite", "--layout", tmp_path / "my.yaml") == 0
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        for view, pose in zip(source.recorded_views(), poses, strict=True):
+            np.testing.assert_allclose(view.pose.R_w_c, pose.R_w_c, atol=1e-9)
+            assert view.fov_deg == pytest.approx(90)
 
 
 def made(tmp_path, camera):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,6 +36,7 @@ from omniscv.sources.recording.posed_frames import (
 )
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
+_TEXTS = (".txt", ".csv", ".json")
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
 Faces = list[tuple[str, Picture, Array, float]]
@@ -232,6 +234,8 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
         if len(stems) != 6 or not orders:
             got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
             expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
+            if name == "auto" and len(stems) != 6:
+                expected, got = "six faces, panoramas or a layout that is known", _found(folder, files)
             raise ArgumentError(f"expected {expected}; got {got}")
         read = [read_as(file, mode, options, options.depth or DepthForm()) for file in files[mode]]
         edges = {picture.pixels.shape[:2] for picture in read}
@@ -244,6 +248,31 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
         lines = lines or choice.lines([stems[i] for i in order])
         faces += _views(mode, choice, [read[i] for i in order])
     return faces, lines
+
+
+def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
+    """Return what a folder has, and the options, or the one line of a ``my.yaml``, that take it."""
+
+    def pattern(file: Path) -> str:
+        return re.sub(r"\d+(?=\D*$)", "{i}", file.relative_to(folder).as_posix())
+
+    words = ("pose", "traj", "groundtruth", "camera")
+    texts = (
+        file for file in sorted(folder.rglob("[!.]*")) if file.suffix.lower() in (".txt", ".csv", ".json")
+    )
+    poses = [file for file in texts if any(word in str(file.relative_to(folder)).lower() for word in words)]
+    found = "; ".join(
+        f"{len(of)} of {mode}: {', '.join(file.stem for file in of[:8])}" for mode, of in files.items()
+    )
+    if not poses:
+        return f"{found}; no poses; if they are posed, --poses FILE and --intrinsics FILE take them"
+    names = {mode: pattern(of[0]) for mode, of in files.items()}
+    place = re.escape(names.get("lit", min(names.values()))).replace(r"\{i\}", r"(?P<i>\d+)")
+    where = f"file: '{pattern(poses[0])}'" if len(poses) > 1 else f"file: '{pattern(poses[0])}', row: i"
+    keys = {mode: f"{{file: '{name}'{', unit: mm' * (mode == 'depth')}}}" for mode, name in names.items()}
+    keys |= {"poses": f"{{{where}}}", "intrinsics": "{fx: FX, fy: FY, cx: CX, cy: CY}"}
+    layout = ", ".join(["pictures: pinhole", f"place: '{place}'", *(f"{key}: {keys[key]}" for key in keys)])
+    return f"{found}; poses in {poses[0].name}; --layout my.yaml takes them, with {{{layout}}} in it"
 
 
 def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, list[str]]:

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.arguments import number, shown
+from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose, pinhole
+from omniscv.geometry import Array, Pose, pinhole
 from omniscv.pictures.forms import Pixels
 from omniscv.records import mapping
 from omniscv.sources.base import Lens, View
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 _SAME_SHAPE = 0.01  # of a lens and its picture
 
@@ -86,6 +87,35 @@ def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole:
     lens = of_values(values, "intrinsics", size, 0.5 - center)
     assert lens is not None  # the form has none
     return lens
+
+
+def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole, Array]:
+    """Return the lens of the key ``intrinsics`` of a layout, and its centre (3,) in the frame of its poses.
+
+    ``file`` names JSON with fx, fy, cx and cy, or a text of a matrix, in the line that starts with ``row``.
+    """
+    values = mapping("intrinsics", value)
+    if (name := values.pop("file", "")) == "":
+        return of_keys("intrinsics", values, size), np.zeros(3)
+    row, center = values.pop("row", ""), values.pop("centers", 0.5)
+    file = next(
+        (at / name for at in (folder, folder.absolute().parent) if (at / name).exists()), folder / name
+    )
+    with within(file.name):
+        content = read_bytes(file, MOST_JSON_BYTES)
+        if file.suffix == ".json":
+            data = parse_json(content)
+            data = data.get("camera", data)
+            size = int(data.get("w", size[0])), int(data.get("h", size[1]))
+            P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
+        else:
+            lines = content.decode("utf-8", "replace").splitlines()
+            words = " ".join(line.removeprefix(row) for line in lines if line.startswith(row)).split()
+            P = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
+            P = np.column_stack([P.reshape(3, 3), np.zeros(3)]) if P.size == 9 else P.reshape(-1, 4)[:3]
+        keys = {"fx": P[0, 0], "fy": P[1, 1], "cx": P[0, 2], "cy": P[1, 2], "centers": center}
+        lens = of_keys("intrinsics", {key: float(number) for key, number in keys.items()}, size)
+        return lens, -np.linalg.solve(P[:, :3], P[:, 3])
 
 
 def of_file(file: Path, size: tuple[int, int]) -> Pinhole | None:

@@ -79,7 +79,7 @@ class _Poses:
     position: str = checked(text, default="")
     rotation: str = checked(text, default="")
     matrix: str = checked(text, default="")
-    axes: str = checked(one_of, words=FRAMES, default="camera")
+    axes: str = checked(one_of, words=(*FRAMES, "povray"), default="camera")
     inverse: bool = checked(flag, default=False)
     unit: str | float | None = checked(length_unit, default=None)
     yaw_deg: float = checked(number, default=0.0)
@@ -178,7 +178,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
         expected = "expected poses or a position, and intrinsics of pinhole pictures only"
         raise ArgumentError(f"{expected}; got none, or too many")
-    lens = lenses.FACE if layout.pictures == "faces" else None
+    lens, center = lenses.FACE if layout.pictures == "faces" else None, np.zeros(3)
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
@@ -195,10 +195,11 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
         if pose is not None:
             if is_pinhole and lens is None:
                 size = size_of(*next((file, mode) for mode, file in paths.items()))
-                given = options.intrinsics
-                lens = (
-                    lens_in(given, size) if given else lenses.of_keys("intrinsics", layout.intrinsics, size)
-                )
+                if options.intrinsics:
+                    lens = lens_in(options.intrinsics, size)
+                else:
+                    lens, center = lenses.of_layout(layout.intrinsics, folder, size)
+            pose = Pose(pose.position + pose.R_w_c @ center, pose.R_w_c)
             frames[match.groups()] = Frame(paths, pose, lens, holds)
     says = [layout.says] if layout.says else []
     if layout.level and any(np.array_equal(frame.pose.R_w_c, R_LEVEL) for frame in frames.values()):
@@ -229,8 +230,9 @@ def _check_time(pattern: str, names: list[str]) -> None:
 
 
 def _filled(folder: Path, pattern: str, match: re.Match[str]) -> Path:
-    """Return the path of a pattern with the groups of a place in its braces."""
-    return inside(folder, re.sub(r"\{(\w+)\}", lambda braces: match[braces[1]] or "", pattern))
+    """Return the path of a pattern with the groups of a place in its braces; the first that fits a ``*``."""
+    path = inside(folder, re.sub(r"\{(\w+)\}", lambda braces: match[braces[1]] or "", pattern))
+    return min(path.parent.glob(path.name), default=path) if "*" in path.name else path
 
 
 def _pose(folder: Path, layout: Layout, match: re.Match[str]) -> Pose | None:
