@@ -29,6 +29,9 @@ from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Source, View
 
+_FLOAT32 = 2.0**-23
+"""Relative error of a distance that is stored as float32, and of its ray's digits."""
+
 
 def compose(
     plan: Plan,
@@ -52,6 +55,8 @@ def compose(
     """
     composing = _Composing(plan, source, sampler_of, once, report)
     drive(replace(plan, doubt=lambda: composing.image().doubt).rounds(), composing.capture)
+    if plan.traced:
+        composing.trace()
     report(composing.progress + Progress(images=1))
     return composing.image(), composing.canvas.sky
 
@@ -68,6 +73,7 @@ class _Composing:
         report: Report,
     ) -> None:
         self._plan, self._source, self._modes = plan, source, plan.modes
+        self._shown = plan.modes  # and what is traced in the end
         self._make_sampler, self._once, self._report = sampler_of, once, report
         track = self._modes if plan.options.unseen == "blank" else ()
         self.canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
@@ -79,6 +85,27 @@ class _Composing:
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
         self._pixels, self._stopped, self._strategy = 0, "", plan.options.strategy
+
+    def trace(self) -> None:
+        """Put the ground truth that comes by one ray a pixel, exact but for the digits of float32."""
+        plan, pixels = self._plan, np.flatnonzero(self._plan.rays.valid)
+        origins_w, center_w = plan.origins_w(pixels), plan.pose.t_w_c
+        distance, label, normal = self._source.trace(origins_w, plan.directions_w(pixels))
+        error = np.where(np.isfinite(distance), distance * _FLOAT32, 0).astype(np.float32)
+        masks = self._source.objects().mask_values() if "object_mask" in plan.traced else label
+        values = {"depth": distance.astype(np.float32), "object_mask": masks[label]}
+        marks = {"depth_error": error, "label_edge": np.zeros(len(pixels), np.bool_)}
+        for mode in plan.traced:
+            self.canvas.put_part(mode, pixels, values.get(mode, normal.astype(np.float32)))
+            if mark := modalities.get(mode).marked_by:
+                self.canvas.put_part(mark, pixels, marks[mark])
+        self.canvas.put_centers(pixels, origins_w)
+        away = np.linalg.norm(origins_w - center_w, axis=-1)
+        apart = np.flatnonzero(away > SAME_M)
+        toward = (origins_w[apart] - center_w) / away[apart, None]
+        hidden = self._source.trace(center_w, toward).distance < away[apart] * (1 - SAME_M)
+        self.canvas.put_part("occluded", pixels[apart], hidden)
+        self._shown = (*self._modes, *plan.traced)
 
     def capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
@@ -111,13 +138,13 @@ class _Composing:
         plan, valid = self._plan, self.canvas.valid
         sampled = self.canvas.layers()
         layers, objects, unknown = derived_layers(
-            {mode: sampled[mode] for mode in self._modes if mode in sampled},
+            {mode: sampled[mode] for mode in self._shown if mode in sampled},
             valid,
             plan.pose.R_w_c,
             self._source.objects,
         )
         marks = {"unsure", "occluded", "relit", "light"}
-        marks |= {modalities.get(mode).marked_by for mode in self._modes}
+        marks |= {modalities.get(mode).marked_by for mode in self._shown}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
         layers |= {name: layer for name, layer in sampled.items() if name in marks}
         if plan.options.unseen == "blank":

@@ -190,7 +190,8 @@ class Renderer:
     ) -> Iterator[OmniImage]:
         """Yield the images of a moment, captured from a source in place of the renderer's own."""
         sampled = options.sampled(modes)
-        alone = [replace(self.plan(camera, pose, options), modes=sampled) for camera, pose in shots]
+        wanted = [replace(self.plan(camera, pose, options), modes=sampled) for camera, pose in shots]
+        alone = [plan.by_rays() for plan in wanted]
         plans = share_captures(alone, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
         captured, once = source, partial(self._once, _development(options))

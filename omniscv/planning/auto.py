@@ -17,7 +17,7 @@ class Auto(Strategy):
     :class:`Exact` does.
     """
 
-    name = "auto"
+    name, own_centers = "auto", True
 
     def rounds(self, plan: Plan) -> Rounds:
         return Exact().rounds(plan) if plan.aim is None else _refinement(plan).counted()

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from omniscv import plugins
+from omniscv import modalities, plugins
 from omniscv.arguments import one_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
@@ -43,6 +43,7 @@ class Plan:
         doubt: returns (H, W) bool, the pixels that the image doubts, as far as it is composed; None where
             captures are not composed.
         made: its rounds, as far as they do not depend on captures; None: not made yet.
+        traced: modes that are not captured: the source tells what the ray of each pixel meets.
     """
 
     rays: ImageRays
@@ -57,6 +58,7 @@ class Plan:
     shared: bool = False
     doubt: Callable[[], Mask] | None = None
     made: tuple[Round, ...] | None = None
+    traced: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.border_px is not None and self.border_px < 0:
@@ -89,6 +91,8 @@ class Plan:
     @cached_property
     def aim(self) -> float | None:
         """Share of the valid pixels that may be doubtful; None where captures do not depend on it."""
+        if self.traced and not self.modes:
+            return None
         return get(self.options.strategy).aim(self)
 
     def rounds(self) -> Rounds:
@@ -108,6 +112,17 @@ class Plan:
             raise ArgumentError(f"truth_scale: expected 1 of a source that cannot set the size, got {scale}")
         planned = get(self.options.strategy).rounds(self)
         yield from pass_on(planned, lambda each: each.changed(self.finished))
+
+    def by_rays(self) -> Plan:
+        """Return the plan with ground truth by one ray a pixel, which needs no captures: where the source
+        traces rays, and the strategy looks from each pixel's own optical centre, of which there are several.
+        """
+        own = get(self.options.strategy).own_centers and self.options.viewpoints is None
+        if not (self.capabilities.traces and own) or self.rays.one_center:
+            return self
+        traced = tuple(mode for mode in self.modes if modalities.get(mode).truth)
+        rest = tuple(mode for mode in self.modes if mode not in traced)
+        return replace(self, modes=rest, traced=traced, made=self.made if rest else ())
 
     def make(self, modes: Sequence[str]) -> Plan:
         """Return the plan with its rounds made for what is captured in some modes, without capturing."""
@@ -165,9 +180,12 @@ class Strategy(ABC):
 
     Attributes:
         name: of the options.
+        own_centers: whether it looks from the optical centre of each pixel, where the options ask for no
+            fewer: ground truth may then come by rays (:meth:`Plan.by_rays`).
     """
 
     name: ClassVar[str]
+    own_centers: ClassVar[bool] = False
 
     @abstractmethod
     def rounds(self, plan: Plan) -> Rounds:

@@ -72,7 +72,7 @@ def _groups(plans: Sequence[Plan]) -> list[list[int]]:
 def _cheapest(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
     """Return plans at one centre: each its own, or faces of one cube map, whichever takes less."""
     if not plans[0].rays.camera.central:
-        return [plan.make(modes) for plan in plans]
+        return [plan.make(plan.modes) if plan.modes else plan for plan in plans]
     # Planned as if captures were new, as when the recording was made; not by the views that it lacks.
     new = [plan if plan.recorded is None else replace(plan, recorded=None) for plan in plans]
     cheapest = _cheapest_new(new, modes)
@@ -157,7 +157,7 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     shared: dict[Request, None] = {}
     apart: dict[ImageRays, dict[tuple[Any, ...], Plan]] = defaultdict(dict)
     for plans in frames:
-        changed = [replace(p.by(**changes), modes=tuple(modes)) for p in plans]
+        changed = [replace(p.by(**changes), modes=tuple(modes)).by_rays() for p in plans]
         price = Price(*changed[0].options.capture_ms)
         for plan in share_captures([plan for plan in changed if not _is_apart(plan)], modes):
             shared |= plan.requests or plan.make(modes).requests
@@ -180,6 +180,8 @@ def _is_apart(plan: Plan) -> bool:
 
 
 def _cost_alone(plan: Plan, way: str) -> Cost:
+    if not plan.modes:
+        return Cost(way, 0, 0, 0.0)
     known = plan.rays.one_center or plan.options.viewpoints is None
     marked = plan.aim or (_MARKED if known else 1.0)
     return Cost(way, *get(plan.options.strategy).expected(plan), 0.0, marked)

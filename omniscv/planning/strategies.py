@@ -65,7 +65,7 @@ class Exact(Strategy):
     field of view, or is a recording without those views.
     """
 
-    name = "exact"
+    name, own_centers = "exact", True
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
@@ -90,7 +90,7 @@ class Exact(Strategy):
 class Cube(Exact):
     """Capture whole cube maps, as in the paper: one set serves every camera at the same centres."""
 
-    name = "cube"
+    name, own_centers = "cube", False
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         return face_viewpoints(plan, groups, around, whole=True)

@@ -8,7 +8,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import astuple, dataclass, field
 from functools import cached_property
-from typing import Literal, Self
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, shown
 from omniscv.errors import ArgumentError
@@ -64,6 +67,12 @@ class ObjectTable:
     def names(self) -> list[str]:
         """Return all names in sorted order: label - 1 is the index."""
         return list(self._labels)
+
+    def mask_values(self) -> NDArray[Any]:
+        """Return what masks show of each label, from 0: ids (L,) uint16, or colours (L, 3) uint8."""
+        if self.ids:
+            return np.array([0, *(self.ids[name] for name in self.names())], np.uint16)
+        return np.array([(0, 0, 0), *(self.colors[name] for name in self.names())], np.uint8)
 
     @cached_property
     def _labels(self) -> dict[str, int]:

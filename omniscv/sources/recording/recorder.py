@@ -13,6 +13,7 @@ from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
+    Capabilities,
     Capture,
     ObjectTable,
     Request,
@@ -79,6 +80,11 @@ class Recording(SourceWrapper):
             return partial(self._read, request)
 
         return in_order(requests, find, self._capture_and_write)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the source, but for single rays, which no recording holds."""
+        return replace(self._source.capabilities, traces=False)
 
     def objects(self) -> ObjectTable:
         """The objects, with those that the file held before; they are written to the file, with the shapes.
