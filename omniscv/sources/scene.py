@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -44,7 +45,6 @@ _CAPABILITIES = Capabilities(
     dialect="scene",
     transfer="linear",
     varies=frozenset(("objects",)),
-    traces=True,
 )
 
 
@@ -227,15 +227,23 @@ def room_of(scene: Scene) -> Room | None:
 
 
 def open_scene(address: str) -> SceneSource:
-    """Open ``scene://NAME-or-PATH?lit=float32&masks=ids&time=1.5``; all options may be left out."""
+    """Open ``scene://NAME-or-PATH?lit=float32&masks=ids&time=1.5``; all options may be left out.
+
+    With ``traces=0`` ground truth comes by captures alone, as from an engine.
+    """
     import mock_server
 
-    name, options = split_address(address, {"lit": str, "masks": str, "time": float})
+    name, options = split_address(address, {"lit": str, "masks": str, "time": float, "traces": int})
     time_s = options.pop("time", None)
+    can = replace(_CAPABILITIES, traces=bool(options.pop("traces", 1)))
     try:
-        return SceneSource(mock_server.load_scene(name), **options, instant=Instant(time=time_s))
+        return SceneSource(mock_server.load_scene(name), can, **options, instant=Instant(time=time_s))
     except ValueError as wrong:
         raise ArgumentError(f"source: {address!r}: {wrong}") from wrong
 
 
-open_scene.capabilities = lambda address: _CAPABILITIES  # type: ignore[attr-defined]  # for the registry
+def _known(address: str) -> Capabilities:
+    return replace(_CAPABILITIES, traces="traces=0" not in address)
+
+
+open_scene.capabilities = _known  # type: ignore[attr-defined]  # for the registry

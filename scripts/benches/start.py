@@ -30,7 +30,7 @@ IMAGE_PROGRAM = """
 import omniscv
 
 camera = omniscv.cameras.create("equirectangular", width=256, height=128)
-with omniscv.open_source("scene://four-wall") as source:
+with omniscv.open_source("scene://four-wall?traces=0") as source:
     omniscv.render(camera, omniscv.Pose.from_angles((0, 0, 1.5)), source)
 """
 

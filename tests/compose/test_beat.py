@@ -48,7 +48,7 @@ def test_a_beat_is_marked_or_captured_finer(tmp_path, options):
     path = tmp_path / "bars.yaml"
     path.write_text(BARS.format(", ".join(bars)))
     scene, wrong, doubtful = mock_server.load_scene(str(path)), {}, {}
-    with omniscv.open_source(f"scene://{path}") as source:
+    with omniscv.open_source(f"scene://{path}?traces=0") as source:
         for checks in ("none", "beat"):
             image = omniscv.render(PANORAMA, POSE, source, MODES, face_size=96, checks=checks, **options)
             wrong[checks] = Errors(image, scene).uncovered[image.valid].mean()
@@ -61,7 +61,7 @@ def test_a_beat_is_marked_or_captured_finer(tmp_path, options):
 @pytest.mark.parametrize("scene", ["four-wall", "six-wall", "fence"])
 @pytest.mark.parametrize("camera", [PANORAMA, RING])
 def test_rooms_are_hardly_marked_more(scene, camera):
-    with omniscv.open_source(f"scene://{scene}") as source:
+    with omniscv.open_source(f"scene://{scene}?traces=0") as source:
         once, twice = (
             omniscv.render(camera, POSE, source, ("lit", *MODES), checks=checks)
             for checks in ("none", "beat")
@@ -75,11 +75,13 @@ def test_rooms_are_hardly_marked_more(scene, camera):
 
 
 def test_a_recording_replays_what_it_was_made_with(tmp_path):
-    record = ["record", "--source", "scene://six-wall", "--position", "0.13,-0.21,1.47"]
+    record = ["record", "--source", "scene://six-wall?traces=0", "--position", "0.13,-0.21,1.47"]
     for name in ("beat", "none"):
         out = str(tmp_path / f"{name}.sqlite")
         assert run([*record, "--set", "face_size=64", "--set", f"checks={name}", "--out", out]) == 0
-    live = omniscv.render(PANORAMA, POSE, open_scene("scene://six-wall"), MODES, face_size=64, checks="beat")
+    live = omniscv.render(
+        PANORAMA, POSE, open_scene("scene://six-wall?traces=0"), MODES, face_size=64, checks="beat"
+    )
     with RecordedSource(tmp_path / "beat.sqlite") as source:
         replayed = omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
         plain = omniscv.render(PANORAMA, POSE, source, ("lit", *MODES))
@@ -98,7 +100,10 @@ def test_a_recording_replays_what_it_was_made_with(tmp_path):
 def test_a_recording_replays_finer_captures_of_a_ring(tmp_path):
     """Views that were planned and not captured are not asked for."""
     images, path = [], tmp_path / "ring.sqlite"
-    for opened in (lambda: Recording(open_scene("scene://four-wall"), path), lambda: RecordedSource(path)):
+    for opened in (
+        lambda: Recording(open_scene("scene://four-wall"), path),
+        lambda: RecordedSource(path),
+    ):
         with opened() as source:
             images.append(omniscv.render(RING, POSE, source, MODES, accuracy=0.02, checks="beat"))
     for layer in ("depth_error", "label_edge"):
@@ -107,7 +112,7 @@ def test_a_recording_replays_finer_captures_of_a_ring(tmp_path):
 
 def test_what_cannot_be_compared_is_refused():
     with pytest.raises(ArgumentError, match="checks: beat expects depth or object_mask in modes, got lit"):
-        omniscv.render(PANORAMA, POSE, open_scene("scene://six-wall"), checks="beat")
+        omniscv.render(PANORAMA, POSE, open_scene("scene://six-wall?traces=0"), checks="beat")
     fixed = Capabilities(frozenset(MODES), can_set_size=False, image_size=(64, 64))
     source = SceneSource(open_scene("scene://six-wall").scene, fixed)
     with pytest.raises(ArgumentError, match="checks: expected none or light of a source of one size"):

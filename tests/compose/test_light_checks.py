@@ -64,7 +64,7 @@ def test_a_sound_scene_has_no_bit(scene, faults):
 @pytest.fixture(scope="module")
 def sofa():
     """(H, W) where the sofa is."""
-    with omniscv.open_source("scene://four-wall") as source:
+    with omniscv.open_source("scene://four-wall?traces=0") as source:
         image = examined(source, checks="none")
         return image["labels"] == source.objects().label("Sofa")
 
@@ -96,7 +96,7 @@ def test_codes_at_the_ends_are_clipped():
 
 
 def test_a_dome_is_the_sky_by_two_signs():
-    with omniscv.open_source("scene://open") as source:
+    with omniscv.open_source("scene://open?traces=0") as source:
         true = examined(source, checks="none", face_size="auto")
     sky = np.isinf(true["depth"])
     image = served("open", "sky-dome=100", face_size="auto")
@@ -144,7 +144,7 @@ def test_a_recording_gives_the_same_bits_and_says_what_it_lacks(tmp_path):
 
 def test_the_layer_stands_in_files_and_in_the_record_of_a_frame(tmp_path):
     more = "checks: light\nsky: []\n"
-    folder = made(tmp_path, source="scene://four-wall", more=more)
+    folder = made(tmp_path, source="scene://four-wall?traces=0", more=more)
     frame = dataset.open(folder)[0]
     bits = frame.layer("light")
     assert bits.dtype == np.uint8

@@ -19,7 +19,7 @@ POSE = omniscv.Pose.from_angles((0, 0, 1.5))
 @pytest.fixture(scope="module")
 def image():
     camera = create("fisheye-equidistant", width=64, height=48, fov_deg=190)
-    with omniscv.open_source("scene://fence") as source:
+    with omniscv.open_source("scene://fence?traces=0") as source:
         return omniscv.render(camera, POSE, source, ("lit", "object_mask", "depth", "normals"), face_size=64)
 
 
@@ -77,7 +77,7 @@ def test_a_layer_that_is_not_there_is_named(image):
 def test_one_line_says_what_it_is(image, tmp_path):
     layers = "lit, object_mask, labels, depth, normals, unsure, depth_error, label_edge"
     assert repr(image) == f"<OmniImage fisheye-equidistant 64x48: {layers}>"
-    with omniscv.open_source("scene://fence") as source:
+    with omniscv.open_source("scene://fence?traces=0") as source:
         assert repr(source) == "<SceneSource fence, scene, depth lit normals object_mask>"
     with omniscv.open_source(ROOT / "captures/four-wall.sqlite") as replay:
         assert repr(replay).startswith("<RecordedSource four-wall.sqlite: 268 views")

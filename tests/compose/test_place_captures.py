@@ -35,7 +35,7 @@ def reads(renderer, place, yaw_deg):
 
 def test_a_place_is_decoded_once_until_another_one_comes(recording):
     """And images of held captures are those of new ones."""
-    fresh = omniscv.open_source("scene://four-wall")
+    fresh = omniscv.open_source("scene://four-wall?traces=0")
     counts = []
     with CountingSource(omniscv.open_source(recording)) as source:
         renderer = omniscv.Renderer(source)
@@ -58,14 +58,14 @@ def test_what_does_not_fit_is_read_again(recording, limit):
 
 
 def test_a_live_source_is_captured_anew():
-    with CountingSource(omniscv.open_source("scene://four-wall")) as source:
+    with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
         renderer = omniscv.Renderer(source)
         assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
 
 
 def test_what_images_share_is_released_after_the_last_of_them():
     request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
-    with CountingSource(omniscv.open_source("scene://four-wall")) as source:
+    with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
         shared = SharedCaptures(source, {request: 2})
         counts = []
         for _ in range(4):

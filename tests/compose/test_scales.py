@@ -47,7 +47,7 @@ def moved(view, scale):
 def made(name, way, scale):
     """An image of the world at a scale, as it would be of the world as it is."""
     pose = Pose(POSE.t_w_c * scale, POSE.R_w_c)
-    with omniscv.open_source("scene://six-wall") as source:
+    with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(
             CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=192, **way
         )
@@ -72,6 +72,6 @@ def test_marks_are_the_same_at_every_scale(name, way):
 def test_a_centre_a_micrometre_off_a_wall(seed):
     x, (y, z) = -3.0 + 1e-6, np.random.default_rng(seed).uniform((-1, 0.5), 2)
     camera, pose = CAMERAS["panorama"](1), Pose.from_angles((x, y, z), yaw_deg=40 + seed, pitch_deg=25)
-    with omniscv.open_source("scene://six-wall") as source:
+    with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(camera, pose, source, ("object_mask", "depth"))
     assert not Errors(image, mock_server.load_scene("six-wall")).uncovered.any()

@@ -34,7 +34,7 @@ def views(edge, turned=None, center=CENTER):
 def faces(edge=256, smooth=2, turned=None, scene="four-wall", center=CENTER, mode="lit"):
     """Pictures of a room, (6, s, s, 3) uint8, averaged over the pixel as engines do; masks are not."""
     smooth = smooth if mode == "lit" else 1
-    with open_scene(f"scene://{scene}") as source:
+    with open_scene(f"scene://{scene}?traces=0") as source:
         requests = [Request(view.scaled(smooth), mode) for view in views(edge, turned, center)]
         pictures = np.stack([capture.pixels for capture in source.capture(requests)]).astype(np.float64)
     return np.uint8(pictures.reshape(6, edge, smooth, edge, smooth, 3).mean(axis=(2, 4)) + 0.5)
@@ -205,7 +205,7 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
 @pytest.fixture(scope="module")
 def room_with_overscan():
     """Six views of 256 px of a face and 16 more on every side, and what they see."""
-    with open_scene("scene://four-wall") as source:
+    with open_scene("scene://four-wall?traces=0") as source:
         wide = [
             View(Pose((0.5, 0, 1.4), each.pose.R_w_c), each.fov_deg, 288, 288) for each in wide_views(256, 16)
         ]
@@ -223,7 +223,7 @@ def slipped():
 def test_a_turned_face_is_put_straight_in_every_mode(tmp_path, slipped):
     """The down face is turned by 0.24 degree: by 1.1 px in its middle. Its colours and masks both are."""
     straight, turned = ([*views(512, turn)] for turn in (None, SLIP))
-    with open_scene("scene://four-wall") as source:
+    with open_scene("scene://four-wall?traces=0") as source:
         (true,) = source.capture([Request(straight[5], "lit")])
         mask, true_mask = source.capture([Request(each[5], "object_mask") for each in (turned, straight)])
     store = Store(tmp_path / "room.sqlite", write=True)
@@ -313,7 +313,7 @@ def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
 
 def test_an_image_with_pixels_outside_the_field_of_view_is_mended():
     camera = omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170)
-    with open_scene("scene://four-wall") as source:
+    with open_scene("scene://four-wall?traces=0") as source:
         image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="gains")
     assert not image.valid.all()
     assert not image["relit"][~image.valid].any()
@@ -321,7 +321,7 @@ def test_an_image_with_pixels_outside_the_field_of_view_is_mended():
 
 def test_what_is_no_cube_stays_and_says_so():
     camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
-    with open_scene("scene://four-wall") as source:
+    with open_scene("scene://four-wall?traces=0") as source:
         image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="close")
         kept = omniscv.render(camera, Pose.from_angles(CENTER), source)
     np.testing.assert_array_equal(image.lit, kept.lit)

@@ -74,7 +74,7 @@ def test_only_ground_truth_is_finer(camera):
 def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
     """Faces also at the automatic size."""
     path, given = tmp_path / "finer.sqlite", {"strategy": strategy, "truth_scale": 2}
-    with omniscv.open_source("scene://four-wall") as live, omniscv.record(live, path) as source:
+    with omniscv.open_source("scene://four-wall?traces=0") as live, omniscv.record(live, path) as source:
         recorded = omniscv.render(camera, POSE, source, modes, face_size=64, **given)
     with omniscv.open_source(path) as replay:
         replayed = omniscv.render(camera, POSE, replay, modes, face_size=size, **given)

@@ -1,0 +1,81 @@
+"""Ground truth by one ray a pixel, of sources that trace, for cameras with many optical centres."""
+
+import numpy as np
+import pytest
+
+import omniscv
+from omniscv.chart.truth import traced
+from omniscv.errors import ArgumentError
+
+POSE = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 20, -5, 3)
+CAMERAS = {
+    "ring": omniscv.cameras.create("noncentral-panorama", width=48, height=24, radius=0.4),
+    "ball": omniscv.cameras.create(
+        "noncentral-spherical-mirror", width=32, height=32, mirror_radius=0.3, distance=0.3, fov_deg=280
+    ),
+    "push-broom": omniscv.cameras.create("push-broom", width=40, height=30, travel=(1, 0.2, 0), fov_deg=90),
+}
+DATA = ("object_mask", "depth", "normals")
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+@pytest.mark.parametrize("strategy", ["auto", "exact"])
+@pytest.mark.parametrize("masks", ["ids", "colors"])
+def test_each_pixel_shows_what_its_own_ray_meets(camera, strategy, masks):
+    with omniscv.open_source(f"scene://courtyard?masks={masks}") as source:
+        image = omniscv.render(camera, POSE, source, DATA, strategy=strategy)
+        truth = traced(source, camera, POSE)
+        table = source.objects()
+    valid = image.valid
+    assert image.effort.captures == 0
+    assert (image.labels[valid] == truth.label[valid]).all()
+    shown = image.object_mask[valid]  # of ids, as the colours made up for them
+    colors = np.array([(0, 0, 0), *(table.colors[name] for name in table.names())])
+    assert (shown == colors[truth.label[valid]]).all()
+    met = np.isfinite(truth.distance) & valid
+    assert (np.isposinf(image.depth[valid]) == ~met[valid]).all()
+    assert (np.abs(image.depth[met] - truth.distance[met]) <= image.depth_error[met]).all()
+    np.testing.assert_allclose(image.normals[met], (truth.normal @ POSE.R_w_c)[met], atol=1e-6)
+    assert image.doubtful == 0
+    points = np.sort(image.points(), axis=0)
+    origins = np.broadcast_to(POSE.to_world(camera.unproject().origins), truth.normal.shape)[met]
+    ends = origins + (camera.unproject().directions @ POSE.R_w_c.T * truth.distance[..., None])[met]
+    np.testing.assert_allclose(points, np.sort(ends, axis=0), atol=1e-5)
+
+
+def test_colours_beside_them_are_captured_as_alone():
+    with omniscv.open_source("scene://four-wall") as source:
+        alone = omniscv.render(CAMERAS["ring"], POSE, source)
+        image = omniscv.render(CAMERAS["ring"], POSE, source, ("lit", *DATA))
+        labels = traced(source, CAMERAS["ring"], POSE).label
+    assert np.array_equal(image.lit, alone.lit)
+    assert np.array_equal(image.unsure, alone.unsure)
+    assert np.array_equal(image.labels, labels)
+    assert image.effort == alone.effort
+
+
+def test_centres_behind_a_wall_are_marked():
+    """The ring around a place 0.2 m from the wall x = 3 goes through it."""
+    pose = omniscv.Pose.from_angles((2.8, 0, 1.5))
+    with omniscv.open_source("scene://four-wall") as source:
+        image = omniscv.render(CAMERAS["ring"], pose, source, DATA)
+    outside = image.centers_w[..., 0] > 3
+    assert 0.1 < outside.mean() < 0.5
+    assert (image["occluded"] == outside).all()
+
+
+@pytest.mark.parametrize("options", [{"strategy": "cube"}, {"viewpoints": 4}])
+def test_what_asks_for_shared_captures_has_them(options):
+    with omniscv.open_source("scene://four-wall") as source:
+        assert omniscv.render(CAMERAS["ring"], POSE, source, DATA, **options).effort.captures > 0
+
+
+def test_a_recording_holds_captures_in_place_of_rays(tmp_path):
+    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "room.sqlite") as source:
+        live = omniscv.render(CAMERAS["ring"], POSE, source, DATA)
+        assert live.effort.captures > 0
+    with omniscv.open_source(tmp_path / "room.sqlite") as replay:
+        image = omniscv.render(CAMERAS["ring"], POSE, replay, DATA)
+        with pytest.raises(ArgumentError, match="expected one that traces rays"):
+            replay.trace(np.zeros(3), np.array([[1.0, 0, 0]]))
+    assert all(np.array_equal(image[name], live[name]) for name in live.layers)
