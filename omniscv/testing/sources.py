@@ -44,6 +44,8 @@ def check_source(source: Source, position: Sequence[float] = (0.0, 0.0, 1.5), ed
     check_order(source, requests)
     check_pixels(source, requests)
     check_objects(source, requests)
+    if source.capabilities.traces:
+        check_rays(source, requests)
 
 
 def check_order(source: Source, requests: Sequence[Request]) -> None:
@@ -95,3 +97,20 @@ def check_objects(source: Source, requests: Sequence[Request]) -> None:
     list(source.capture(requests[:2]))
     assert source.objects() == before
     assert [before.label(name) for name in before.names()] == list(range(1, 1 + len(before.names())))
+
+
+def check_rays(source: Source, requests: Sequence[Request]) -> None:
+    """Rays meet what pictures show at the middles of their pixels, but for a pixel in a hundred at edges."""
+    masks = source.objects().mask_values()
+    for capture in source.capture([request for request in requests if request.mode != "lit"][::7]):
+        view, pixels = capture.view, capture.pixels
+        hits = source.trace(view.pose.position, view.directions_w())
+        assert np.array_equal(np.isinf(hits.distance), hits.label == 0)
+        rays = {
+            "depth": (hits.distance / view.ray_lengths()).astype(np.float32),
+            "object_mask": masks[hits.label],
+            "normals": hits.normal.astype(np.float32),
+        }[capture.mode]
+        with np.errstate(invalid="ignore"):
+            off = ~((rays == pixels) | (np.abs(rays.astype(float) - pixels) < 1e-3))
+        assert off.mean() <= 0.01, f"rays meet other {capture.mode} than pictures show"

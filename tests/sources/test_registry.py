@@ -30,7 +30,7 @@ WRONG = {
     "scene://": "expected one of .*four-wall",
     "scene://four-wall?lit=double": "lit: expected one of uint8, float32; got 'double'",
     "scene://four-wall?masks=red": "masks: expected one of colors, ids; got 'red'",
-    "scene://four-wall?size=3": "expected options among lit, masks, time .*got 'size'",
+    "scene://four-wall?size=3": "expected options among lit, masks, time, traces .*got 'size'",
     **dict.fromkeys((None, 9000, b"room.sqlite", ("mock://four-wall",)), "expected an address or the path"),
 }
 
