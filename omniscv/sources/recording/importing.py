@@ -8,16 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from omniscv.arguments import number, numbers, one_of, shown, within
+from omniscv.arguments import one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.instant import turn_about_z
-from omniscv.geometry.trajectory_columns import FRAMES, length_unit
 from omniscv.pictures import foreign
 from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
@@ -28,7 +26,6 @@ from omniscv.sources.recording.posed_frames import (
     NO_ID,
     Options,
     capture_of,
-    missing_numbers,
     mode_of,
     objects_of,
     pictures_in,
@@ -56,38 +53,7 @@ def layouts() -> tuple[str, ...]:
     return (*LAYOUTS, *sequences.sequences())
 
 
-class Said(TypedDict, total=False):
-    """What the user says of pictures.
-
-    Attributes:
-        position: (3,) of the optical centre, world frame, metres; the origin if not given.
-        yaw_deg: of the front face or the panorama's middle, to the left.
-        depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
-        missing: numbers of depth that stand for no surface.
-        names: JSON of the objects that masks show: see :func:`.posed_frames.objects_of`.
-        poses: file of the poses of panoramas, by their names.
-        intrinsics: lens file of any form, of pictures that are no faces or panoramas.
-        frame, unit: the axes and the unit of ``poses``, as of a job's.
-        mirrored: whether all pictures show left and right exchanged.
-        clip: take negative and NaN light as 0.
-    """
-
-    position: ArrayLike | None
-    yaw_deg: float | None
-    depth: str | None
-    missing: Iterable[float]
-    names: Path | None
-    poses: Path | None
-    intrinsics: Path | None
-    frame: str | None
-    unit: str | float | None
-    mirrored: bool
-    clip: bool
-
-
-def import_pictures(
-    pictures: Path | str, path: Path | str, layout: str = "auto", **said: Unpack[Said]
-) -> Imported:
+def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto", **said: Any) -> Imported:
     """Add pictures to a recording, lossless; PNGs that a codec of recordings decodes stay as received.
 
     Args:
@@ -96,31 +62,14 @@ def import_pictures(
         path: of the recording; new, or one to add to.
         layout: one of :func:`layouts`, a file ``.yaml`` that describes one, or ``auto``: by what lies in a
             folder, by names, and by seams.
-        said: see :class:`Said`.
+        said: as :class:`.posed_frames.Options`.
 
     Raises:
         ArgumentError: no pictures, an unknown layout, pictures that are wrong or do not fit together, or an
             option that acts on nothing.
         RecordingError: the recording cannot be written, or is of another scene.
     """
-    position, yaw_deg, names = said.get("position"), said.get("yaw_deg"), said.get("names")
-    missing = missing_numbers("missing", [*said.get("missing", ())])
-    form = DepthForm.parse(depth) if (depth := said.get("depth")) else None
-    center_w = numbers("position", (0, 0, 0) if position is None else position, (3,))
-    pose = Pose.from_angles(center_w, number("yaw_deg", yaw_deg or 0.0))
-    frame = said.get("frame")
-    options = Options(
-        depth=form,
-        pose=None if position is yaw_deg is None else pose,
-        poses=said.get("poses"),
-        frame=None if frame is None else one_of("frame", frame, FRAMES),
-        unit=length_unit("unit", said.get("unit")),
-        missing=missing,
-        intrinsics=said.get("intrinsics"),
-        mirrored=said.get("mirrored", False),
-        clip=said.get("clip", False),
-        clipped={},
-    )
+    options = Options(**said)
     pictures = Path(pictures)
     with within(pictures):
         if not layout.endswith((".yaml", ".yml")):
@@ -132,24 +81,29 @@ def import_pictures(
         else:
             faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
             faces, found = faces_in(pictures, layout, options)
-            lines, modes, turn_w = tuple(found), {mode for mode, *_ in faces}, turn_about_z(yaw_deg or 0.0)
-            provenance, ray = {"server": "imported", "file": pictures.name}, bool(form and form.ray)
+            lines, modes = tuple(found), {mode for mode, *_ in faces}
+            center_w, turn_w = options.front.position, turn_about_z(options.yaw_deg or 0.0)
+            provenance, ray = (
+                {"server": "imported", "file": pictures.name},
+                (options.depth or DepthForm()).ray,
+            )
             held = []
             for mode, picture, R, fov_deg in faces:
                 view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
                 held.append(capture_of(picture, mode, view, provenance, ray))
             captures = partial(iter, held)
         idle_if = {
-            "depth": (form or missing) and "depth" not in modes,
-            "names": names and "object_mask" not in modes,
+            "depth": (options.depth or options.missing) and "depth" not in modes,
+            "names": options.names and "object_mask" not in modes,
+            "poses": options.poses and not sequence,
+            "intrinsics": options.intrinsics and not sequence,
+            "frame or unit": (options.frame or options.unit) and not options.poses,
         }
-        idle_if["poses"] = options.poses and not sequence
-        idle_if["intrinsics"] = options.intrinsics and not sequence
-        idle_if["frame or unit"] = bool(frame or options.unit) and not options.poses
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
             got = f"pictures of {' and '.join(sorted(modes))}"
             raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")
-        known = objects_of(names) if names else sequence.objects if sequence else ObjectTable({})
+        listed = objects_of(options.names) if options.names else None
+        known = listed or (sequence.objects if sequence else ObjectTable({}))
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
         clipped = Counter[str]()

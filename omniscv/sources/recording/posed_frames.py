@@ -6,18 +6,20 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, one_of, shown, text, within
+from omniscv.arguments import number, numbers, one_of, optional_number, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.trajectory_columns import FRAMES, length_unit
 from omniscv.pictures import foreign
 from omniscv.pictures.forms import Pixels
-from omniscv.records import checked, record
+from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
@@ -37,22 +39,6 @@ _ROWS = 64  # of a face that are looked up at a time
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 
 
-class Options(NamedTuple):
-    """What the user says of pictures, as :func:`omniscv.sources.recording.importing.import_pictures` has it;
-    None or False: nothing."""
-
-    depth: DepthForm | None = None
-    pose: Pose | None = None
-    poses: Path | None = None
-    frame: str | None = None
-    unit: str | float | None = None
-    missing: tuple[float, ...] = ()
-    intrinsics: Path | None = None
-    mirrored: bool = False
-    clip: bool = False
-    clipped: dict[tuple[str, str], int] = {}  # noqa: RUF012 - given anew for each import
-
-
 def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
     """Return a number, or a list of some, as a tuple; texts may be hexadecimal."""
     items = value if isinstance(value, list | tuple) else [value]
@@ -65,6 +51,52 @@ def missing_numbers(name: str, value: Any) -> tuple[float, ...]:
     return listed_numbers(
         name, [item for item in items if str(item).lower().strip("+-.") not in ("nan", "inf")]
     )
+
+
+def _form(name: str, value: Any) -> DepthForm | None:
+    return DepthForm.parse(value) if isinstance(value, str) and value else value or None
+
+
+@record(eq=False)
+class Options:
+    """What the user says of pictures; None, False or nothing where it is not said.
+
+    Attributes:
+        position: (3,) of the optical centre, world frame, metres; the origin if not given.
+        yaw_deg: of the front face or the panorama's middle, to the left.
+        depth: ``KIND-UNIT`` as :meth:`omniscv.sources.pictures.DepthForm.parse`; due for whole numbers.
+        missing: numbers of depth that stand for no surface.
+        names: JSON of the objects that masks show: see :func:`.objects_of`.
+        poses: file of the poses of panoramas, by their names.
+        intrinsics: lens file of any form, of pictures that are no faces or panoramas.
+        frame, unit: the axes and the unit of ``poses``, as of a job's.
+        mirrored: whether all pictures show left and right exchanged.
+        clip: take negative and NaN light as 0.
+        clipped: by mode and file, the number of values taken as another.
+    """
+
+    position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
+    yaw_deg: float | None = checked(optional_number, default=None)
+    depth: DepthForm | None = checked(_form, default=None)
+    missing: tuple[float, ...] = checked(missing_numbers, default=())
+    names: Path | None = None
+    poses: Path | None = None
+    intrinsics: Path | None = None
+    frame: str | None = checked(optional(partial(one_of, words=FRAMES)), default=None)
+    unit: str | float | None = checked(length_unit, default=None)
+    mirrored: bool = False
+    clip: bool = False
+    clipped: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    @property
+    def front(self) -> Pose:
+        """The pose of the front face, or of the panorama's middle."""
+        return Pose.from_angles((0, 0, 0) if self.position is None else self.position, self.yaw_deg or 0.0)
+
+    @property
+    def pose(self) -> Pose | None:
+        """The same where it is said."""
+        return None if self.position is self.yaw_deg is None else self.front
 
 
 @record
