@@ -1,9 +1,12 @@
 """The texts of each dialect, by the protocol reference and its supplement."""
 
+import os
 from typing import NamedTuple
 
 import pytest
 from support.expected_views import npy, png
+
+from mock_server.dialects.common import OutputFolder
 
 SIZE = (20, 16)
 MODERN = ("M", "N1", "N2", "N3")
@@ -372,3 +375,12 @@ def test_conversations(talk, dialect, start, open_raw):
             assert expected(reply), (command, reply[:200])
         else:
             assert (command, reply.decode()) == (command, expected)
+
+
+@pytest.mark.timeout(30)
+def test_files_are_not_written_into_a_named_pipe(tmp_path):
+    os.mkfifo(tmp_path / "a.png")
+    OutputFolder(tmp_path).write("a.png", b"x")
+    OutputFolder(tmp_path).write("b.png", b"x")
+    assert (tmp_path / "a.png").is_fifo()
+    assert (tmp_path / "b.png").read_bytes() == b"x"

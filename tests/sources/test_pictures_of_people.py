@@ -576,6 +576,10 @@ def test_posed_pictures_of_published_datasets(write, tmp_path, capsys):
     write(tmp_path / "scene", views)
     assert run(tmp_path / "scene", tmp_path / "a.sqlite") == 0
     assert f"layout {write.__name__.replace('_', '-')}: 2 places" in capsys.readouterr().out
+    if write is replica:
+        (tmp_path / "cam_params.json").write_text('{"camera": {"scale": 1000}}')
+        assert run(tmp_path / "scene", tmp_path / "b.sqlite") == 2
+        assert "scale: expected 6553.5 of a metre, got 1000" in capsys.readouterr().err
     views = views[1:] if write is scannet else views
     with omniscv.open_source(tmp_path / "a.sqlite") as source:
         recorded = source.recorded_views()

@@ -16,6 +16,7 @@ from omniscv.records import mapping
 from omniscv.sources.base import Lens, View
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
+_SCALE = 6553.5  # of depth in Replica's cam_params.json
 _SAME_SHAPE = 0.01  # of a lens and its picture
 
 
@@ -106,6 +107,8 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole,
         if file.suffix == ".json":
             data = parse_json(content)
             data = data.get("camera", data)
+            if data.get("scale", _SCALE) != _SCALE:
+                raise ArgumentError(f"scale: expected {_SCALE:g} of a metre, got {shown(data['scale'])}")
             size = int(data.get("w", size[0])), int(data.get("h", size[1]))
             P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
         else:
