@@ -15,7 +15,7 @@ from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.failures import wrong_depth
 from omniscv.chart.truth import traced
-from omniscv.compose.cache import SharedCaptures
+from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
 from omniscv.progress import Steps, counted
@@ -108,7 +108,7 @@ def measure(
     truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
     rows: list[Row] = []
     for name, camera, series, options in counted(ways, progress):
-        source = SharedCaptures(SceneSource(scene, cached_views=1), {}, all_=True)
+        source = HeldCaptures(SceneSource(scene, cached_views=1), {}, all_=True)
         render(camera, _POSE, source, _MODES, **options)
         started = time.perf_counter()
         image = render(camera, _POSE, source, _MODES, **options)  # of captures that are held

@@ -18,7 +18,7 @@ from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.truth import traced_mean
-from omniscv.compose.cache import SharedCaptures
+from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.planning import Filter, RenderOptions
@@ -78,7 +78,7 @@ def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
     ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}
     for edge in (round(width / 4 * scale) for scale in SCALES):
         fixed = Capabilities(can_set_size=False, can_set_fov=False, image_size=(edge, edge), fov_deg=90.0)
-        source = SharedCaptures(SceneSource(scene, fixed, cached_views=1), {}, all_=True)
+        source = HeldCaptures(SceneSource(scene, fixed, cached_views=1), {}, all_=True)
         for filter in FILTERS:
             options = RenderOptions("cube", face_size=edge, filter=filter)
             ways[filter, edge, "kept"] = _ours(Renderer(source), camera, options, new=False)

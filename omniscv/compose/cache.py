@@ -1,6 +1,5 @@
 """What is kept for the next image: rays and lookups within a bound in bytes, and captures."""
 
-from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
@@ -73,7 +72,37 @@ class ByteCache:
 
 
 class HeldCaptures(SourceWrapper):
-    """A source that delivers held captures in place of new ones. Closing it does not close the source."""
+    """A source that delivers held captures in place of new ones. Closing it does not close the source.
+
+    Of one moment: captures are held until the last image has used them; for one thread. Of a recording: those
+    at the last optical centre, so that they are decoded once; for any threads.
+
+    Args:
+        source: where captures come from.
+        needed: of one moment, how often each request comes; None of a recording.
+        all_: whether all captures of the moment are held, as it is not known which of them come again.
+        most_bytes: that are held of a recording; captures beyond it are read again.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        needed: Mapping[Request, int] | None = None,
+        *,
+        all_: bool = False,
+        most_bytes: int = 0,
+    ) -> None:
+        super().__init__(source)
+        self._needed = None if needed is None else Counter(needed)
+        self._all, self._most_bytes, self._held = all_, most_bytes, dict[Request, Capture]()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held in memory."""
+        return sum(map(_nbytes, list(self._held.values())))
+
+    def close(self) -> None:
+        self._held = {}
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         def held(request: Request) -> Held | None:
@@ -87,68 +116,17 @@ class HeldCaptures(SourceWrapper):
 
         return in_order(requests, held, fresh)
 
-    @abstractmethod
     def _find(self, request: Request) -> Capture | None:
-        """Return the held capture of a request, or None."""
-
-    @abstractmethod
-    def _hold(self, capture: Capture) -> None:
-        """Keep a new capture if it may be requested again."""
-
-
-class SharedCaptures(HeldCaptures):
-    """A source whose captures are held until the last image of one moment has used them. For one thread.
-
-    Args:
-        source: where captures come from.
-        needed: how often each request comes; other requests are not held.
-        all_: whether all captures are held, because it is not known which of them come again.
-    """
-
-    def __init__(self, source: Source, needed: Mapping[Request, int], all_: bool = False) -> None:
-        super().__init__(source)
-        self._needed, self._all = Counter(needed), all_
-        self._held: dict[Request, Capture] = {}
-
-    def close(self) -> None:
-        self._held.clear()
-
-    def _find(self, request: Request) -> Capture | None:
+        if self._needed is None or self._all:
+            return self._held.get(request)
         self._needed[request] -= 1
-        again = self._all or self._needed[request] > 0
-        return self._held.get(request) if again else self._held.pop(request, None)
+        return self._held.get(request) if self._needed[request] > 0 else self._held.pop(request, None)
 
     def _hold(self, capture: Capture) -> None:
-        if self._all or self._needed[capture.request] > 0:
-            self._held[capture.request] = capture
-
-
-class CapturesOfCenter(HeldCaptures):
-    """A recording whose captures at the last optical centre are held, so that they are decoded once.
-
-    Safe to use from several threads.
-
-    Args:
-        recording: where captures come from.
-        most_bytes: that are held; captures beyond it are read again.
-    """
-
-    def __init__(self, recording: Source, most_bytes: int) -> None:
-        super().__init__(recording)
-        self._most_bytes, self._held = most_bytes, dict[Request, Capture]()
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes held in memory."""
-        return sum(map(_nbytes, list(self._held.values())))
-
-    def close(self) -> None:
-        self._held = {}
-
-    def _find(self, request: Request) -> Capture | None:
-        return self._held.get(request)
-
-    def _hold(self, capture: Capture) -> None:
+        if self._needed is not None:
+            if self._all or self._needed[capture.request] > 0:
+                self._held[capture.request] = capture
+            return
         held = next(iter(list(self._held)), capture.request)
         if (held.view.pose.t_w_c != capture.request.view.pose.t_w_c).any():
             self._held = {}

@@ -10,7 +10,7 @@ from omniscv import modalities
 from omniscv.arguments import did_you_mean, shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
-from omniscv.compose.cache import ByteCache, CapturesOfCenter, SharedCaptures, T
+from omniscv.compose.cache import ByteCache, HeldCaptures, T
 from omniscv.compose.composition import compose
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
@@ -68,7 +68,7 @@ class Renderer:
         captures_bytes = cache_bytes // _CAPTURES_DIVISOR
         self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - captures_bytes)
         self._captures_bytes, self._tile_bytes = captures_bytes, tile_bytes
-        self._held: tuple[Hashable, CapturesOfCenter] | None = None  # of a recording, by their development
+        self._held: tuple[Hashable, HeldCaptures] | None = None  # of a recording, by their development
         self._of = partial(Renderer, cache_bytes=cache_bytes, tile_bytes=tile_bytes, sampler=sampler)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -208,7 +208,7 @@ class Renderer:
         aimed = Counter(tuple(plan.pose.position) for plan in plans if plan.aim is not None)
         adapts = any(count > 1 for count in aimed.values())
         if needed or adapts:
-            source = SharedCaptures(source, needed, all_=adapts)
+            source = HeldCaptures(source, needed, all_=adapts)
         meter = Meter(len(plans), progress)
         for plan in plans:
             sampler_of = partial(self._sampler_of, plan.rays)
@@ -224,7 +224,7 @@ class Renderer:
             return developed
         held = self._held
         if held is None or held[0] != development:
-            self._held = held = development, CapturesOfCenter(developed, self._captures_bytes)
+            self._held = held = development, HeldCaptures(developed, most_bytes=self._captures_bytes)
         return held[1]
 
     def _once(

@@ -6,7 +6,7 @@ import pytest
 from support.recordings import CountingSource
 
 import omniscv
-from omniscv.compose.cache import SharedCaptures
+from omniscv.compose.cache import HeldCaptures
 from omniscv.geometry import Pose
 from omniscv.sources.base import Request, View
 
@@ -66,7 +66,7 @@ def test_a_live_source_is_captured_anew():
 def test_what_images_share_is_released_after_the_last_of_them():
     request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
     with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
-        shared = SharedCaptures(source, {request: 2})
+        shared = HeldCaptures(source, {request: 2})
         counts = []
         for _ in range(4):
             list(shared.capture([request]))
