@@ -103,7 +103,7 @@ class Server:
     """
 
     def __init__(self, scene: Scene | str | Path, settings: Settings) -> None:
-        self.scene = load_scene(scene) if isinstance(scene, str | Path) else scene
+        self.scene = scene if hasattr(scene, "view") else load_scene(scene)
         self.statistics = Statistics()
         self.faults = Faults(settings.faults, settings.seed)
         self.settings = settings
