@@ -15,11 +15,10 @@ from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.modalities import Transfer
-from omniscv.pictures import foreign
-from omniscv.pictures.forms import Pixels
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 
+Pixels = NDArray[Any]
 NAMES = tuple(name for name, _ in cube_rotations())
 PACKED = {"carla": "png carla", "tartanair": "png float32"}
 """Depth in all bits of a PNG's colours, planar metres, and the codec that decodes it."""
@@ -177,6 +176,8 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
     Raises:
         ArgumentError: no regular file, damaged, too large, or not of a form that the kind can have.
     """
+    from omniscv.pictures import foreign  # imports numba
+
     with within(file.name):
         if kind == "normals":
             raise ArgumentError("expected colours, depth or masks, got normals, whose frame is not known")
