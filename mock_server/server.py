@@ -103,7 +103,7 @@ class Server:
     """
 
     def __init__(self, scene: Scene | str | Path, settings: Settings) -> None:
-        self.scene = scene if hasattr(scene, "view") else load_scene(scene)
+        self.scene: Scene = scene if hasattr(scene, "view") else load_scene(scene)  # type: ignore[assignment]
         self.statistics = Statistics()
         self.faults = Faults(settings.faults, settings.seed)
         self.settings = settings
