@@ -15,9 +15,9 @@ To add a model
        is the model in ten lines (formula, parameters with units, domain, source), a constructor that keeps
        each argument in an attribute of the same name, ``_directions`` (``Camera``: ``_unproject``) and
        ``_project``.
-    2. Unless ``cls(width, width)`` is a typical camera, give typical parameters as ``typical``, or override
-       ``example`` if they depend on the size. The demo, the stability chart and the contract suite use the
-       example; ``tests/cameras/examples.py`` may add cameras at the limits of its parameters.
+    2. Unless ``cls(width, width)`` is a typical camera, give typical parameters as ``typical`` and
+       ``typical_focal``, or override ``example``. The demo, the stability chart and the contract suite use
+       the example; ``tests/cameras/examples.py`` may add cameras at the limits of its parameters.
     3. In this package, import it in ``omniscv/cameras/__init__.py``.
 """
 
@@ -138,6 +138,8 @@ class Camera(ABC):
     central: ClassVar[bool] = True
     lens: ClassVar[Parameters | None] = None  # of lenses: their numbers
     typical: ClassVar[dict[str, Any]] = {}
+    typical_focal: ClassVar[float] = 0.0  # in widths of the image; 0: the default
+    typical_aspect: ClassVar[float] = 1.0  # height by width
     typical_pitch_deg: ClassVar[float] = 0.0  # 90: a mirror above the camera; -90: a plan
 
     def __init__(self, width: int, height: int, center: ArrayLike | None = None) -> None:
@@ -152,7 +154,9 @@ class Camera(ABC):
     @classmethod
     def example(cls, width: int = 512) -> Self:
         """Return a typical camera of the model: an image ``width`` pixels wide, parameters ``typical``."""
-        return cls(width, width, **cls.typical)
+        names = [one.name for one in cls.lens.focal] if cls.lens else ["focal"]
+        focal = dict.fromkeys(names, cls.typical_focal * width) if cls.typical_focal else {}
+        return cls(width, max(1, int(width * cls.typical_aspect)), **focal, **cls.typical)
 
     # -- the contract ---------------------------------------------------------------------------
 

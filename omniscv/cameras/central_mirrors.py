@@ -7,7 +7,7 @@ measured from -z. With ``x_bar = (u - u_0) / (-eta f)`` and ``rho`` its length,
 2012), and its table of xi and eta.
 """
 
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -58,16 +58,13 @@ class CatadioptricParabolic(SphereModel):
     """
 
     name = "catadioptric-parabolic"
+    typical_focal = 0.39
     xi, _one_less_xi_squared = 1.0, 0.0
 
     def __init__(self, width: int, height: int, *, semi_latus_rectum: float = 1.0, **circle: Any) -> None:
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
         self.eta = -self.semi_latus_rectum
         super().__init__(width, height, **circle)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, width, semi_latus_rectum=1.0, focal=0.39 * width)
 
 
 @register

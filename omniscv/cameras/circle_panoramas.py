@@ -123,6 +123,7 @@ class Vr180(AngularGrid):
     """
 
     name = "vr180"
+    typical_aspect = 1.0
     typical: ClassVar = {"interpupillary": 0.064}
     central = False
     _half = np.array([np.pi / 2, np.pi / 2])
@@ -132,10 +133,6 @@ class Vr180(AngularGrid):
         self.interpupillary = number("interpupillary", interpupillary, least=0, most=FARTHEST)
         self.eye: Eye = one_of("eye", eye, ("left", "right"))
         self._center_c = np.array([side(self.eye) * self.interpupillary / 2, 0.0, 0.0])
-
-    @classmethod
-    def example(cls, width: int = 512) -> "Vr180":
-        return cls(width, width, **cls.typical)
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, bool]:
         directions, _ = self._directions(pixels)

@@ -4,7 +4,7 @@ Every face of a cube map is the image of a pinhole camera of 90 degrees in the c
 right, back and left are upright; the lower edge of ``up`` and the upper edge of ``down`` touch ``front``.
 """
 
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -43,6 +43,8 @@ class CubeLayout(CentralCamera):
 
     _layouts: ClassVar[dict[str, Slots]] = LAYOUTS
     _equiangular: ClassVar = False
+    typical: ClassVar = {"layout": "dice"}
+    typical_aspect = 0.75
 
     def __init__(self, width: int, height: int, layout: Layout = "3x2", padding_px: int = 0) -> None:
         super().__init__(width, height)
@@ -58,10 +60,6 @@ class CubeLayout(CentralCamera):
         self._face = np.array([_FACES.find(slot[0]) for slot in slots])
         self._slot_axes = np.array([_axes(slot) for slot in slots])
         self._slot_of = np.array([np.flatnonzero(self._face == face)[0] for face in range(6)])
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, max(1, 3 * width // 4), layout="dice")
 
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
         from omniscv.cameras.camera_kernels import cast  # slow to load

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,6 +124,7 @@ class Lidar(Camera):
     """
 
     name = "lidar"
+    typical_aspect = 1 / 8
     typical: ClassVar = {"preset": "os1-64"}
     central = False
 
@@ -161,10 +162,6 @@ class Lidar(Camera):
             raise ArgumentError("elevation_deg: expected half a row beyond the first and last within +-90")
         self._azimuth = np.radians(beams.azimuth_deg)
         self._offset = np.stack([beams.along_m, beams.across_m, beams.up_m])
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, max(1, width // 8), **cls.typical)
 
     def _arguments(self) -> dict[str, Any]:
         own = {"preset": self.preset} if self.preset else {"table": self._table.to_dict()}

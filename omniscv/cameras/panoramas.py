@@ -1,7 +1,7 @@
 """Panoramas: azimuth across, elevation down."""
 
 from collections.abc import Callable
-from typing import ClassVar, Literal, NamedTuple, Self, get_args
+from typing import ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -17,13 +17,10 @@ class AngularGrid(Camera):
     """Azimuth by column and elevation by row, in equal steps, to half the field of view on either side."""
 
     _half = np.array([np.pi, np.pi / 2])
+    typical_aspect = 0.5
 
     def __init__(self, width: int, height: int) -> None:
         super().__init__(width, height)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, max(1, width // 2), **cls.typical)
 
     def _angles(self, pixels: Array) -> tuple[Array, Array]:
         """Return azimuth and elevation of pixels; of a grid only those of its columns and rows."""

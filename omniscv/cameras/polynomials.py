@@ -1,6 +1,6 @@
 """Lenses by a polynomial, on the branch where it increases."""
 
-from typing import Any, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -165,6 +165,11 @@ class Fisheye624(AngleLens):
     """
 
     name = "fisheye624"
+    typical: ClassVar = {
+        "k": (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4), "p": (2e-4, -4e-4), "s": (-3e-4, -1e-5, 6e-4, -2e-5),
+        "fov_deg": 165,
+    }  # fmt: skip
+    typical_focal = 0.34
     lens = Parameters.of("fx fy | cx cy | skew k=k0,k1,k2,k3,k4,k5 p=p0,p1 s=s0,s1,s2,s3")
 
     def __init__(
@@ -181,12 +186,6 @@ class Fisheye624(AngleLens):
             self._distortion = Distortion(np.array([0, 0, p1, p0, 0, 0, 0, 0, *self.s]))
         self._end_where_it_turns(*self.k.tolist())
         super().__init__(*size, **lens)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        focal = 0.34 * width
-        k, p, s = (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4), (2e-4, -4e-4), (-3e-4, -1e-5, 6e-4, -2e-5)
-        return cls(width, width, fx=focal, fy=focal, k=k, p=p, s=s, fov_deg=165)
 
 
 @register

@@ -1,6 +1,6 @@
 """Lenses in closed form: spheres or an ellipsoid seen from an eccentric centre, division, field of view."""
 
-from typing import Any, Self
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,8 @@ class DoubleSphere(FocalLens):
     """
 
     name = "double-sphere"
+    typical: ClassVar = {"xi": -0.2, "alpha": 0.6, "fov_deg": 195}
+    typical_focal = 0.31
     lens = Parameters.of("fx fy | cx cy | skew xi alpha")
 
     def __init__(self, *size: Any, xi: float, alpha: float, **lens: Any) -> None:
@@ -39,10 +41,6 @@ class DoubleSphere(FocalLens):
         if self.xi == 1 and self.alpha > 0:  # seen from its surface the first sphere fills a half space
             self._r_end = float(np.nextafter(1 / self.alpha, 0))
         super().__init__(*size, **lens)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, width, fx=0.31 * width, fy=0.31 * width, xi=-0.2, alpha=0.6, fov_deg=195)
 
     def _meridian(self, r: Array) -> Meridian:
         height = _height(r, self.alpha, self._fold)
@@ -70,6 +68,8 @@ class ExtendedUnified(FocalLens):
     """
 
     name = "extended-unified"
+    typical: ClassVar = {"alpha": 0.62, "beta": 1.1, "fov_deg": 185}
+    typical_focal = 0.33
     lens = Parameters.of("fx fy | cx cy | skew alpha beta")
 
     def __init__(self, *size: Any, alpha: float, beta: float, **lens: Any) -> None:
@@ -79,10 +79,6 @@ class ExtendedUnified(FocalLens):
         self._theta_end = float(np.arctan2(np.sqrt(s), -self._w * self._stretch))
         self._r_end = self._fold / self._stretch if self._fold else np.inf
         super().__init__(*size, **lens)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, width, fx=0.33 * width, fy=0.33 * width, alpha=0.62, beta=1.1, fov_deg=185)
 
     def _meridian(self, r: Array) -> Meridian:
         height = _height(self._stretch * r, self.alpha, self._fold)
@@ -110,6 +106,8 @@ class Unified(FocalLens):
     """
 
     name = "unified"
+    typical: ClassVar = {"xi": 0.95, "distortion": (-0.08, 0.01, 5e-4, -3e-4), "fov_deg": 185}
+    typical_focal = 0.57
     lens = Parameters.of("fx fy | cx cy | skew xi distortion=k1,k2,p1,p2")
 
     def __init__(
@@ -125,11 +123,6 @@ class Unified(FocalLens):
         if self.distortion.any():
             self._distortion = Distortion(np.append(self.distortion, np.zeros(8)))
         super().__init__(*size, **lens)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        terms: dict[str, Any] = {"xi": 0.95, "distortion": (-0.08, 0.01, 5e-4, -3e-4)}
-        return cls(width, width, fx=0.57 * width, fy=0.57 * width, **terms, fov_deg=185)
 
     def _meridian(self, r: Array) -> Meridian:
         if self._fold:
@@ -160,6 +153,8 @@ class Division(FocalLens):
     """
 
     name = "division"
+    typical: ClassVar = {"k": -0.3}
+    typical_focal = 0.3
     lens = Parameters.of("focal | cx cy | k")
 
     def __init__(
@@ -178,10 +173,6 @@ class Division(FocalLens):
         if self.k > 0:
             self._r_end = BEFORE_TURN * float(1 / np.sqrt(self.k))
         super().__init__(width, height, self.focal, self.focal, cx, cy, 0.0, fov_deg)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, width, focal=0.3 * width, k=-0.3)
 
     def _meridian(self, r: Array) -> Meridian:
         height = 1 + self.k * r * r
@@ -208,6 +199,8 @@ class FieldOfView(FocalLens):
     """
 
     name = "field-of-view"
+    typical: ClassVar = {"omega": 1.0}
+    typical_focal = 0.35
     lens = Parameters.of("fx fy | cx cy | skew omega")
 
     def __init__(self, *size: Any, omega: float, **lens: Any) -> None:
@@ -215,10 +208,6 @@ class FieldOfView(FocalLens):
         self._stretch = 2 * float(np.tan(self.omega / 2))
         self._r_end = np.pi / self.omega
         super().__init__(*size, **lens)
-
-    @classmethod
-    def example(cls, width: int = 512) -> Self:
-        return cls(width, width, fx=0.35 * width, fy=0.35 * width, omega=1.0)
 
     def _meridian(self, r: Array) -> Meridian:
         across, along = np.sin(self.omega * r), self._stretch * np.cos(self.omega * r)

@@ -124,7 +124,8 @@ class Rows:
         kept = self.finite() if lossy else np.ones(len(self), np.bool_)
         rows = np.flatnonzero(kept)
         names = [str(name).strip() for name in self.columns.get("name", np.arange(len(self)))]
-        self.refuse(np.array([name in names[:i] for i, name in enumerate(names)]), "each name once")
+        first = {name: i for i, name in reversed([*enumerate(names)])}
+        self.refuse(np.array([first[name] != i for i, name in enumerate(names)]), "each name once")
         poses: dict[str, Pose | None] = dict.fromkeys(names)
         finite = replace(
             self,
