@@ -18,6 +18,7 @@ from omniscv.calibration.documents import Content
 from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.forms import Entry, Form
 from omniscv.calibration.hugin import HUGIN
+from omniscv.calibration.intrinsics import check_limits
 from omniscv.calibration.kalibr import KALIBR
 from omniscv.calibration.nodes import Node, plain
 from omniscv.calibration.ocamcalib import OCAMCALIB
@@ -53,6 +54,13 @@ def _own(content: Content) -> dict[str, Any] | None:
     return document if is_own or document.keys() == {"model", "width", "height"} else None
 
 
+def _plausible(entry: Entry) -> Entry:
+    """Return a camera whose numbers a picture can have."""
+    camera = entry.camera
+    check_limits((camera.lens and camera.lens.numbers(camera)) or {}, max(camera.width, camera.height))
+    return entry
+
+
 class Own(Form):
     """Our own JSON, of a camera or a rig."""
 
@@ -71,14 +79,16 @@ class Own(Form):
             raise ArgumentError(f"{_MARK}: expected 1, got {shown(document[_MARK])}")
         if "cameras" in values:
             mounts = Rig.from_dict(values).cameras.items()
-            return {name: Entry(mount.camera, mount.pose, mount.time_offset) for name, mount in mounts}
+            return {
+                name: _plausible(Entry(mount.camera, mount.pose, mount.time_offset)) for name, mount in mounts
+            }
         if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
             _log.warning(
                 "no mark %r: 1 in the file: read as omniscv's own, whose pixel centres are at .5; "
                 "add 0.5 to the centre where they were at whole numbers",
                 _MARK,
             )
-        return {"cam0": Entry(from_dict(values))}
+        return {"cam0": _plausible(Entry(from_dict(values)))}
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
         if not rig and len(cameras) != 1:

@@ -117,19 +117,23 @@ def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float])
     Raises:
         ArgumentError: numbers that the model refuses.
     """
-    name, longer = model.removesuffix("-inverse"), max(width, height)
+    name = model.removesuffix("-inverse")
     lens = cameras.model(name).lens
     assert lens is not None
-    for each in lens.names:
-        if each in _LIMITS:
-            least, most = _LIMITS[each]
-            number(each, numbers[each], least=least * longer, most=most * longer)
+    check_limits({each: numbers[each] for each in lens.names if each in _LIMITS}, max(width, height))
     arguments = lens.arguments(numbers)
     if name == "ftheta":
         arguments["reference"] = "pixel-to-angle" if name != model else "angle-to-pixel"
         if abs(arguments["max_angle_deg"] - 180) < 1e-9:
             arguments["max_angle_deg"] = None
     return cameras.create(name, width, height, **arguments)
+
+
+def check_limits(numbers: Numbers, longer: int) -> None:
+    """Refuse focal lengths and centres that no picture with such a longer side, px, can have."""
+    for name in (each for each in _LIMITS if each in numbers):
+        least, most = _LIMITS[name]
+        number(name, numbers[name], least=least * longer, most=most * longer)
 
 
 def complete(values: Mapping[str, float], width: int, height: int, shift_px: float) -> Numbers:

@@ -154,7 +154,7 @@ class Rows:
         self.refuse(~self.finite(), f"finite numbers {shown(self.named)}")
         limits = dict.fromkeys((*"xyz", *_MOVED), (FARTHEST, "coordinates"))
         limits |= dict.fromkeys(ANGLES, (_MOST_ANGLE, "angles"))
-        for name in limits.keys() & columns.keys():
+        for name in (each for each in limits if each in columns):
             most, what = limits[name]
             self.refuse(np.abs(columns[name]) > most, f"{what} of at most {most:g}")
         if "m0" in columns:

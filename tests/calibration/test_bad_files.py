@@ -161,3 +161,28 @@ def test_hostile_text_is_refused(text):
 
 def test_entities_are_refused_behind_what_looks_like_a_comment():
     refused("opencv", '<?p <!-- ?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "without <!DOCTYPE")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            '{"omniscv": 1, "model": "pinhole", "width": 64, "height": 48, "fx": 1e308, "fy": 9}',
+            "fx: expected",
+        ),
+        (
+            '{"omniscv": 1, "model": "pinhole", "width": 64, "height": 48, "focal": 9, "center": [1e9, 2]}',
+            "cx",
+        ),
+        ('{"fx": 500, "fy": 500, "cx": , "cy": 24, "width": 64, "height": 48}', "a key without a value"),
+        (
+            "# oST version 5.0 parameters\n\n[image]\n\nwidth\n64\n\nheight\n48\n\n[a]\n\ncamera matrix\n"
+            "50 0 32\n0 50 24\n0 0 1\n\ndistortion\nnull 0.2 0 0 0\n\nrectification\n1 0 0\n0 1 0\n0 0 1\n\n"
+            "projection\n50 0 32 0\n0 50 24 0\n0 0 1 0\n",
+            "distortion_coefficients: expected 5 finite numbers",
+        ),
+    ],
+)
+def test_what_was_wrong_in_silence_is_refused(text, says):
+    with pytest.raises(ArgumentError, match=says):
+        calibration.loads(text)

@@ -84,8 +84,10 @@ def of_option(folder, rows, frame, unit, suffix="csv"):
     for name in names:
         (folder / f"{name}.png").touch()
     file = folder.parent / f"poses.{suffix}"
-    of_json = {name: entry(row) for name, row in zip(names, rows, strict=True)}
-    file.write_text(table(rows, names) if suffix == "csv" else json.dumps(of_json))
+    if suffix == "csv":
+        file.write_text(table(rows, names))
+    else:
+        file.write_text(json.dumps({name: entry(row) for name, row in zip(names, rows, strict=True)}))
     options = Options(poses=file, frame=frame, unit=unit)
     return [frame.pose for frame in find_sequence(folder, "latlong", options).frames]
 
