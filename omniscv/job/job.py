@@ -150,7 +150,7 @@ class Job:
     rig: Rig | None = checked(
         read_rig, default=None, help="cameras that move together, or the name of a rig's file"
     )
-    image_format: str = checked(text, default="png", help="file format of lit: png, jxl or jpg")
+    image_format: str = checked(text, default="png", help="file format of lit: png or jpg")
     depth_format: str = checked(
         text, default="exr", help="file format of depth, its bounds and normals: exr, tiff or npy"
     )
