@@ -261,7 +261,16 @@ def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[Imu
 
 
 _FILES = (
-    *("rig", "record", "classes", "poses", "poses.file", "poses.frame", "sensor.shading"),
+    *(
+        "rig",
+        "record",
+        "classes",
+        "poses",
+        "poses.file",
+        "poses.frame",
+        "sensor.shading",
+        "source_options.qpos",
+    ),
     *("cameras.*", "cameras.*.file", "cameras.*.preset", "cameras.*.base.preset", "motions.*"),
     *("motions.*.spline", "rig.cameras.*.camera.preset", "rig.cameras.*.camera.base.preset"),
 )

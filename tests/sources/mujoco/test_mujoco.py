@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +10,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 import omniscv
+from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
+from omniscv.job import load
+from omniscv.make import make
 from omniscv.sources import Request, View, codecs
 
 mujoco = pytest.importorskip("mujoco", reason="needs the extra mujoco")
@@ -310,3 +315,32 @@ def test_images_of_every_kind_are_within_their_bounds(room):
         met = np.isfinite(exact.distance) & np.isfinite(image.depth[valid])
         off = np.abs(image.depth[valid][met] - exact.distance[met])
         assert (off > image.depth_error[valid][met]).mean() <= 2e-4
+
+
+def test_a_job_moves_bodies_along_a_trajectory_and_draws_materials(tmp_path):
+    """The arm follows the post, which a motion moves; the ball is where the rows of qpos have it."""
+    shutil.copy(ROOM, tmp_path / "room.xml")
+    rows = [[0, 1.2, 0.5, 0.8, 1, 0, 0, 0, 0], [1, 1.2, -0.5, 0.8, 1, 0, 0, 0, 0.5]]
+    np.save(tmp_path / "track.npy", np.array(rows))
+    ways = [{"time": 0, "position": [-1, 1, 0.6]}, {"time": 1, "position": [-1, 0, 0.6]}]
+    job = {
+        "source": "mujoco://room.xml",
+        "source_options": {"qpos": "track.npy"},
+        "cameras": {"ring": {"model": "noncentral-panorama", "width": 32, "height": 16, "radius": 0.2}},
+        "poses": [{"position": CENTER}, {"position": CENTER, "yaw_deg": 20}],
+        "times": [0.0, 0.5],
+        "motions": {"post": ways},
+        "vary": {"seed": 1, "materials": {"red": {"rgba": {"choice": [[0, 1, 0], [0, 0, 1]]}}}},
+        "modes": ["object_mask", "depth"],
+        "truth": {"poses": {}, "flow": {}},
+        "out": "data",
+    }
+    (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
+    make(load(tmp_path / "job.yaml"))
+    frames = dataset.open(tmp_path / "data")
+    poses = [{name: pose["position"] for name, pose in frame.truth["poses"].items()} for frame in frames]
+    varied = [frame.varied["materials"]["red"]["rgba"] for frame in frames]
+    np.testing.assert_allclose([of["ball"] for of in poses], [(1.2, 0.5, 0.8), (1.2, 0, 0.8)], atol=1e-9)
+    np.testing.assert_allclose([of["post"] for of in poses], [(-1, 1, 0.6), (-1, 0.5, 0.6)], atol=1e-9)
+    np.testing.assert_allclose([of["arm"] for of in poses], [(-1, 1, 1.2), (-1, 0.5, 1.2)], atol=1e-9)
+    assert all(rgba in ([0, 1, 0], [0, 0, 1]) for rgba in varied)
