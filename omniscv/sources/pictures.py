@@ -14,6 +14,7 @@ from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
+from omniscv.geometry.trajectory_columns import PER_M
 from omniscv.modalities import Transfer
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
@@ -23,7 +24,6 @@ NAMES = tuple(name for name, _ in cube_rotations())
 PACKED = {"carla": "png carla", "tartanair": "png float32"}
 """Depth in all bits of a PNG's colours, planar metres, and the codec that decodes it."""
 
-PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 _MOST_M = 1e7  # Blender writes 1e10 for no surface
 _MOST_LIGHT = 1e12
 

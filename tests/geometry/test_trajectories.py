@@ -116,19 +116,6 @@ def test_wrong_trajectories(poses, times, says):
         Trajectory(poses, times)
 
 
-def test_quaternions_turn_camera_to_world(tmp_path):
-    """Worked by hand: (0.5, -0.5, 0.5, -0.5) takes a camera's z to X, x to -Y and y to -Z: level, ahead."""
-    path = tmp_path / "path.txt"
-    path.write_text(
-        "# time tx ty tz qx qy qz qw\n\n0.1 1 2 3 0.5 -0.5 0.5 -0.5  # level\n0.2 0 0 0 0 0 0 1\n"
-    )
-    level, plain = read_trajectory(path).poses
-    ahead = Pose.from_angles((1, 2, 3))
-    np.testing.assert_allclose(level.t_w_c, ahead.t_w_c, atol=1e-12)
-    np.testing.assert_allclose(level.R_w_c, ahead.R_w_c, atol=1e-12)
-    np.testing.assert_array_equal(plain.R_w_c, np.eye(3))
-
-
 def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0.5 -0.5 0.5 -0.5\n1 2 0 1.5 0.5 -0.5 0.5 -0.5\n")
     job = tmp_path / "job.yaml"
@@ -182,16 +169,6 @@ def test_a_table_has_the_angles_of_a_pose(rows, tmp_path):
     np.testing.assert_allclose(poses[0].rotation, wanted.rotation, atol=1e-12)
     of_object = read_trajectory(path, frame="object")[0]  # unturned, its axes are the world's
     np.testing.assert_allclose(of_object.rotation, object_pose((1, 2, 3), 90, -10, 5).rotation, atol=1e-12)
-
-
-def test_a_table_of_quaternions_is_as_tum(tmp_path):
-    (tmp_path / "a.csv").write_text("time,x,y,z,qx,qy,qz,qw\n1,1,2,3,0.1,0.5,0.5,0.7\n2,1,2,4,0,0,0,1\n")
-    (tmp_path / "a.txt").write_text("1 1 2 3 0.1 0.5 0.5 0.7\n2 1 2 4 0 0 0 1\n")
-    for frame in ("camera", "body"):
-        table, tum = (read_trajectory(tmp_path / name, frame=frame) for name in ("a.csv", "a.txt"))
-        assert table.times == tum.times
-        for one, other in zip(table, tum, strict=True):
-            np.testing.assert_array_equal(one.rotation, other.rotation)
 
 
 def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):

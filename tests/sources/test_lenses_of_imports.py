@@ -159,3 +159,13 @@ def test_one_picture_with_depth_and_a_lens_file_of_any_form(form, tmp_path, caps
     np.testing.assert_allclose(depth.pixels, 1.5, rtol=1e-6)
     assert view.fov_deg == pytest.approx(2 * np.degrees(np.arctan(W / 2 / 60)))
     np.testing.assert_allclose((view.lens.x, view.lens.y), (1 / W, -1 / H), atol=1e-12)
+
+
+def test_a_lens_file_stands_in_place_of_what_a_folder_says(folder, tmp_path):
+    camera = omniscv.cameras.create("pinhole", W, H, fx=70, fy=71, cx=31, cy=22)
+    calibration.save(tmp_path / "lens.json", {"cam0": camera}, "json")
+    nerfstudio(folder, PLAIN)
+    (tmp_path / "my.yaml").write_text(LAYOUT.format("{fx: 60, fy: 61, cx: 32, cy: 23}"))
+    for layout in ("nerfstudio", str(tmp_path / "my.yaml")):
+        (frame,) = find_sequence(folder, layout, Options(intrinsics=tmp_path / "lens.json")).frames
+        assert frame.lens == (70, 71, 31, 22, W, H, ())

@@ -125,13 +125,14 @@ def of_file(file: Path, size: tuple[int, int]) -> Pinhole | None:
     """Return the lens of a lens file of any form, for pictures of a size; None for a panorama."""
     from omniscv.calibration import load  # slow to load
 
-    try:
-        cameras = load(file)
-    except ArgumentError:  # it does not hold the size, or is wrong
-        cameras = load(file, size=size)
-    if len(cameras) != 1:
-        raise ArgumentError(f"{file}: expected a file of one camera, got {shown([*cameras])}")
-    return _pinhole(next(iter(cameras.values())))
+    with within("intrinsics"):
+        try:
+            cameras = load(file)
+        except ArgumentError:  # it does not hold the size, or is wrong
+            cameras = load(file, size=size)
+        if len(cameras) != 1:
+            raise ArgumentError(f"{file}: expected a file of one camera, got {shown([*cameras])}")
+        return _pinhole(next(iter(cameras.values())))
 
 
 def _pinhole(camera: Any) -> Pinhole | None:

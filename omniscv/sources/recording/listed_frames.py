@@ -75,14 +75,14 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     from omniscv.calibration.parts import lens_of_frame
 
     files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
-    of_file = list[Any]()
+    documents = list[Any]()
     for file in files:
         with within(file.name):
             content = Content(read_bytes(file, MOST_JSON_BYTES))
             if not content.values or not isinstance(content.values[0].get("frames"), list):
                 raise content.error or ArgumentError("expected a list 'frames', got none")
-            of_file.append(content.values[0])
-    entries = [(data, entry) for data in of_file for entry in data["frames"]]
+            documents.append(content.values[0])
+    entries = [(data, entry) for data in documents for entry in data["frames"]]
     matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
     poses, frames, lenses = Rows.of_entries(keys).poses("opengl"), list[Frame](), dict[str, Pinhole | None]()
@@ -96,7 +96,7 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
             if (known := json.dumps(values)) not in lenses:
                 given = options.intrinsics
                 size = (0, 0) if not given and {"w", "h"} <= values.keys() else size_of(lit)
-                lenses[known] = lens_in(given, size) if given else of_values(values, "nerfstudio", size)
+                lenses[known] = of_file(given, size) if given else of_values(values, "nerfstudio", size)
             unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else _depth_unit(values)
             holds = {"depth": Files(kind="planar" if lenses[known] else "ray", unit=unit)}
             paths = {"lit": lit} | ({"depth": inside(folder, depth)} if depth else {})
@@ -104,7 +104,7 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
             frames.append(Frame(paths, Pose(*pose), lenses[known], holds, hidden))
     masked = sum(frame.mask is not None for frame in frames)
     says = [f"{masked} frames are black, without label or surface, where masks are 0"] if masked else []
-    says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in of_file[0]]
+    says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in documents[0]]
     return Sequence(frames, says=tuple(says))
 
 
@@ -112,12 +112,6 @@ def _depth_unit(values: Mapping[str, Any]) -> str:
     """Return the unit of depth in whole numbers: ``integer_depth_scale`` metres of one, else mm."""
     scale = number("integer_depth_scale", values.get("integer_depth_scale", 0.001), above=0)
     return "mm" if scale == 0.001 else f"{scale!r}/1"
-
-
-def lens_in(file: Path, size: tuple[int, int]) -> Pinhole | None:
-    """Return the lens that the user gives."""
-    with within("intrinsics"):
-        return of_file(file, size)
 
 
 def tum(folder: Path, options: Options) -> Sequence:
@@ -129,7 +123,7 @@ def tum(folder: Path, options: Options) -> Sequence:
     word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
     lens: Pinhole | None = None
     if options.intrinsics:
-        lens = lens_in(options.intrinsics, size_of(inside(folder, colors[0])))
+        lens = of_file(options.intrinsics, size_of(inside(folder, colors[0])))
     elif word:
         fx, fy, cx, cy, *bent = _TUM[word]
         lens = Pinhole(fx, fy, cx + 0.5, cy + 0.5, 640, 480, tuple(bent))
@@ -179,7 +173,7 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     lens = None
     if options.intrinsics:
         files = next(iter(places.values()))
-        lens = lens_in(options.intrinsics, size_of(*next((file, mode) for mode, file in files.items())))
+        lens = of_file(options.intrinsics, size_of(*next((file, mode) for mode, file in files.items())))
     if options.depth and not options.depth.ray and lens is None:
         raise ArgumentError("depth: expected ray-UNIT of panoramas, which have no optical axis, got planar")
     if len(places) > 1 and not options.poses:

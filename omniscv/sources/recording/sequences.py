@@ -32,7 +32,6 @@ from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.recording.listed_frames import (
     inside,
     is_panoramas,
-    lens_in,
     named_pose,
     nerfstudio,
     panoramas,
@@ -196,7 +195,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
             if is_pinhole and lens is None:
                 size = size_of(*next((file, mode) for mode, file in paths.items()))
                 if options.intrinsics:
-                    lens = lens_in(options.intrinsics, size)
+                    lens = lenses.of_file(options.intrinsics, size)
                 else:
                     lens, center = lenses.of_layout(layout.intrinsics, folder, size)
             pose = Pose(pose.position + pose.R_w_c @ center, pose.R_w_c)
