@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from examples import example_cameras
 from omniscv.cameras import RollingShutter, create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -189,19 +188,3 @@ def test_orthographic_centres_are_the_middles_of_blocks(count):
     # Neighbours in the list are neighbours in the image.
     steps = np.linalg.norm(np.diff(views.centers, axis=0), axis=1)
     assert np.median(steps, axis=0) <= 1.5 * 3.1 / np.sqrt(len(views.centers)) if len(steps) else True
-
-
-@pytest.mark.parametrize("metres", [0.7, 3.0])
-def test_a_point_near_by_is_seen_by_a_line_that_meets_it(metres):
-    """Lines of a fast turn see some points twice, within a sixteenth of the read-out."""
-    for name, camera in example_cameras().items():
-        if not name.startswith("rolling-shutter"):
-            continue
-        rays = camera.unproject()
-        points = (rays.origins + metres * rays.directions)[rays.valid]
-        pixels, seen = camera.project(points)
-        assert seen.all(), name
-        again = camera.unproject(pixels)
-        offset = points - again.origins
-        along = np.linalg.norm(np.cross(offset, again.directions), axis=-1)
-        assert along.max() <= 1e-7 * metres  # what 1e-6 px turn these rays
