@@ -203,3 +203,11 @@ def test_limits_skew_and_second_cameras_are_not_lost_silently(format: str, tmp_p
     for lenses, message in wrong:
         with pytest.raises(ArgumentError, match=message):
             calibration.save(tmp_path / "file", lenses, format)
+
+
+def test_a_chain_of_kalibr_keeps_its_names() -> None:
+    first, second = cameras.Pinhole(61, 48), cameras.Unified(61, 48, 40.0, 40.0, xi=0.7)
+    again = calibration.loads(calibration.dumps({"cam1": first, "cam0": second}, "kalibr"), "kalibr")
+    assert {name: camera.name for name, camera in again.items()} == {"cam1": "pinhole", "cam0": "unified"}
+    with pytest.raises(ArgumentError, match="cam0, cam1"):
+        calibration.dumps({"left": first}, "kalibr")

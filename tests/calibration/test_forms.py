@@ -107,6 +107,11 @@ def basalt(camera_type: str, **more: float) -> str:
     return json.dumps({"value0": rig})
 
 
+def kalibr(model: str, own: list[float], distortion: str = "none", k: Any = ()) -> str:
+    chain = {"camera_model": model, "intrinsics": [*own, *F.values()], "distortion_model": distortion}
+    return json.dumps({"cam0": {**chain, "distortion_coeffs": [*k], "resolution": SIZE}})
+
+
 def nerf(**values: Any) -> str:
     frames = [{"file_path": "a.png", "transform_matrix": EYE}]
     return json.dumps({"w": 640.0, "h": 480, "aabb_scale": 4, **values, "frames": frames})
@@ -281,10 +286,10 @@ CASES: dict[str, tuple[str | bytes, Any]] = {
         lambda p: ideal(p, [[320, 0, 0.51 * 640 - 0.5], [0, 288.0, 0.49 * 480 - 0.5], [0, 0, 1]]),
     ),
     "dso-fov": ("310.5 309.25 322.25 238.75 0.9\n640 480\ncrop\n640 480\n", lambda p: fov(p, 0.9)),
-    "kalibr-fov": (
-        json.dumps({"cam0": {"camera_model": "pinhole", "distortion_model": "fov", "intrinsics": list(F.values()), "distortion_coeffs": [0.9], "resolution": SIZE}}),
-        lambda p: fov(p, 0.9),
-    ),
+    "kalibr-fov": (kalibr("pinhole", [], "fov", [0.9]), lambda p: fov(p, 0.9)),
+    "kalibr-omni": (kalibr("omni", [1.2], "radtan", D5[:4]), lambda p: mei(p, 1.2, D5[:4])),
+    "kalibr-eucm": (kalibr("eucm", [0.6, 1.1]), lambda p: eucm(p, 0.6, 1.1)),
+    "kalibr-ds": (kalibr("ds", [-0.2, 0.6]), lambda p: double_sphere(p, -0.2, 0.6)),
     "colmap-fov": ("1 FOV 640 480 310.5 309.25 322.75 239.25 0.9\n", lambda p: fov(p, 0.9)),
     "zed": (ZED, lambda p: pinhole(p, D5)),
     "hugin-fisheye": (

@@ -12,6 +12,8 @@ from omniscv import cameras
 WIDE = {"width": 96, "height": 48}
 ROUND = {"width": 61, "height": 61}
 LONG = {"width": 80, "height": 45}
+TINY = {"width": 25, "height": 16}
+"""Where a projection takes an iteration of its own for each point."""
 
 EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "equirectangular": [WIDE, {"width": 45, "height": 33}],
@@ -64,7 +66,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "rolling-shutter": [
         {**LONG, "base": {"model": "fisheye-equidistant"}, "readout": 0.0, "velocity": (1, 2, 3)},
         {
-            **ROUND,
+            **TINY,
             "base": {"model": "fisheye-stereographic", "fov_deg": 200},
             "readout": 0.05,
             "velocity": (1, -2, 0.5),
@@ -72,7 +74,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
             "scan": "bottom-to-top",
         },
         {
-            **LONG,
+            **TINY,
             "base": {"model": "cylindrical", "fov_h_deg": 200, "fov_v_deg": 100},
             "readout": 0.5,
             "velocity": (0.0, 0.0, 3.0),
@@ -80,7 +82,7 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
             "scan": "right-to-left",
         },
         {
-            **WIDE,
+            **TINY,
             "base": {"model": "lidar", "preset": "vlp-16"},
             "readout": 0.05,
             "velocity": (0.0, 0.0, 1.0),

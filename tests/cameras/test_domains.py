@@ -103,10 +103,10 @@ BRANDTS = [name for name in TURNING if name.startswith("kannala")]
 @mp.workdps(DIGITS)
 def first_turn(lens):
     """(angle, radius) where one of them first stops growing with the other: on a grid, and then by halves."""
-    grid = [mp.mpf(x) for x in np.linspace(0, lens.most, 501)[1:-1].tolist()]
+    grid = [mp.mpf(x) for x in np.linspace(0, lens.most, 251)[1:-1].tolist()]
     falls = next(i for i, s in enumerate(grid) if not grows(lens, s))
     low, high = grid[falls - 1], grid[falls]
-    for _ in range(80):
+    for _ in range(50):
         middle = (low + high) / 2
         low, high = (middle, high) if grows(lens, middle) else (low, middle)
     return float(lens.angle(low)), float(lens.radius(low))

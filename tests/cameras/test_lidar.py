@@ -113,7 +113,8 @@ def test_a_turn_while_moving():
     behind = reach * still.directions[..., 2] + still.origins[..., 2]  # in the frame that moves
     np.testing.assert_allclose(behind[:, 0] - behind[:, -1], 1.0 * 1023 / 1024, rtol=0, atol=1e-12)
     np.testing.assert_allclose(moving.viewpoints().centers[512], [0, -0.03618, 0.5], atol=0.02)
-    points = rays.origins + 5 * rays.directions
+    some = np.s_[::7, ::16]
+    points = (rays.origins + 5 * rays.directions)[some]
     pixels, seen = moving.project(points)
     assert seen.all()
     first = moving.unproject(
@@ -121,7 +122,7 @@ def test_a_turn_while_moving():
     )  # near the seam a point is seen by two columns: the first one is returned
     aside = np.cross(points - first.origins, first.directions)
     assert np.abs(aside).max() < 1e-7
-    assert (pixels[..., 0] < moving.pixels()[..., 0] + 1e-6).all()
+    assert (pixels[..., 0] < moving.pixels()[some][..., 0] + 1e-6).all()
 
 
 @pytest.mark.parametrize(

@@ -56,20 +56,6 @@ def by_name(read):
     return {image.name.split("/")[1].removesuffix(".png"): image for image in read.images.values()}
 
 
-def test_pycolmap_projects_as_we_do(model):
-    """Rays in front of every camera, and all around for the panorama."""
-    frames, _, read = model
-    assert len(read.cameras) == 5
-    draw = np.random.default_rng(4)
-    directions = draw.normal(size=(10_000, 3))
-    for frame in frames[:5]:
-        points = directions if frame.camera is PANORAMA else directions * np.sign(directions[:, 2:])
-        pixels, valid = frame.camera.project(points)
-        theirs = by_name(read)[frame.key].camera.img_from_cam(points)
-        assert valid.sum() > 1000
-        np.testing.assert_allclose(theirs[valid], pixels[valid], atol=1e-9)
-
-
 def test_pycolmap_has_the_poses_of_all_sensors_and_frames(model):
     frames, _, read = model
     (rig,) = read.rigs.values()

@@ -144,7 +144,7 @@ def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys
     assert [frame.key for frame in dataset.open("made")] == ["ahead", "pano"]
 
 
-KILLS, SOAK_KILLS = 3, 20
+KILLS, SOAK_KILLS = 2, 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 EXPORT = "export: [webdataset, hf]\n"
 
@@ -166,19 +166,16 @@ def seen(out):
 @pytest.mark.parametrize("kills", NUMBERS)
 def test_killed_and_resumed_is_as_if_it_had_not_been_killed(kills, processes, tmp_path):
     processes.run("warm")
-    durations = [
-        processes.run("make", job_file(tmp_path, out=out, more=EXPORT)) for out in ("whole", "second")
-    ]
+    whole_s = processes.run("make", job_file(tmp_path, out="whole", more=EXPORT))
     wanted = tree(tmp_path / "whole")
-    assert tree(tmp_path / "second") == wanted
     complete = []
-    for number, moment_s in enumerate(moments(kills, max(durations), complete)):
+    for number, moment_s in enumerate(moments(kills, whole_s, complete)):
         job = job_file(tmp_path, out=f"killed-{number}", more=EXPORT)
         out = tmp_path / f"killed-{number}"
         processes.run("make", job, kill_after_s=moment_s)
         complete.append(seen(out))
         processes.run("make", job)
         assert tree(out) == wanted
-    print(f"killed {kills} times within {max(durations):.2f} s: {complete} frames were complete")
+    print(f"killed {kills} times within {whole_s:.2f} s: {complete} frames were complete")
     assert max(complete) > 0
     assert dataset.check(out, deep=True) == []

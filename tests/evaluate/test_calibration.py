@@ -31,7 +31,7 @@ def test_exact_points_give_r_vl(name, value):
     assert estimate(points_of(name, value, 1), name) == pytest.approx(value, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["equi-solid", "hyper-catadioptric"])
 def test_noisy_points_give_r_vl(name):
     value, rng, estimates = 0.85, np.random.default_rng(2), []
     for seed in range(3):

@@ -25,7 +25,7 @@ GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10
 
 
 @cache
-def seen_lines(name, count, wanted=5):
+def seen_lines(name, count, wanted=3):
     """Lines (6,), their points (N, 3) and their pixels in an image, of 5 cm of baseline or more."""
     camera, _ = CAMERAS[name]
     rng, lines = np.random.default_rng(3), []

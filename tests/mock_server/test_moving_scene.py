@@ -142,19 +142,12 @@ GOOD = {"kind": "waypoints", "points": [[0, 0, 0, 0, 0], [1, 0, 0, 0, 0]]}
     [
         ({"kind": "fly"}, "kind: expected one of steady, swing, waypoints; got 'fly'"),
         ({"period_s": 2}, "unknown key 'period_s'; known keys: about, kind, points, repeat"),
-        ({"about": [1, 2, 3]}, "about: expected 2 numbers (from -1e9 to 1e9), got [1, 2, 3]"),
         ({"points": [[0, 0, 0, 0, 0]]}, "points: expected a list of at least 2, got"),
-        ({"points": [[0, 0, 0, 0], [1, 0, 0, 0]]}, "points: expected 5 numbers (from -1e9 to 1e9), got"),
         (
             {"points": [[1, 0, 0, 0, 0], [1, 0, 0, 0, 0]]},
             "points: expected [time, x, y, z, turn] with times that grow",
         ),
         ({"repeat": 1}, "repeat: expected true or false, got 1"),
-        ({"kind": "swing", "points": None}, "period_s: expected 1 number (from 1e-9 to 1e9), got None"),
-        (
-            {"kind": "steady", "points": None, "velocity": 1},
-            "velocity: expected 3 numbers (from -1e9 to 1e9)",
-        ),
     ],
 )
 def test_wrong_motions_are_refused(change, message):

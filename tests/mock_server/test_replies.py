@@ -266,7 +266,7 @@ TALKS = [
             b'"tracking_actor": "Sofa"', b'"overscan": 0.1', b'"crop_overscan": true', b'"iso": 100.0',
         ))),
     ]),
-    Talk("the controller limits the player's camera", "M N1 N2 N3", [
+    Talk("the controller limits the player's camera", "L M N1 N2 N3", [
         row for rotation, read in (
             ("-90 -30 95", "270.100 330.000 89.900"),
             ("90 720.5 -100", "89.900 0.500 270.100"),

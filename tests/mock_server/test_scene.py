@@ -216,18 +216,6 @@ def test_objects_lie_in_their_bounds_and_fill_them(name):
         assert (points.max(axis=0) >= high - slack).all()
 
 
-def test_hidden_objects_are_not_met():
-    scene = mock_server.load_scene("four-wall")
-    o, d = random_rays(np.random.default_rng(12), 5000)
-    shown, without = scene.trace(o, d), scene.trace(o, d, hidden={"Sofa", "Layout_Ceiling"})
-    gone = np.isin(shown.label, [scene.label("Sofa"), scene.label("Layout_Ceiling")])
-    assert gone.any()
-    assert not np.isin(without.label, [scene.label("Sofa"), scene.label("Layout_Ceiling")]).any()
-    np.testing.assert_array_equal(without.distance[~gone], shown.distance[~gone])
-    assert (without.distance[gone] >= shown.distance[gone]).all()
-    assert np.isinf(without.distance[shown.label == scene.label("Layout_Ceiling")]).any()
-
-
 def test_shapes_broadcast_and_lengths_do_not_matter():
     scene = mock_server.load_scene("four-wall")
     d = np.random.default_rng(13).normal(size=(4, 5, 3))

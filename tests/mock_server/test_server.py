@@ -1,7 +1,6 @@
 """What ``serve`` accepts, and how a server ends."""
 
 import contextlib
-import re
 import socket
 import time
 
@@ -10,30 +9,29 @@ import pytest
 import mock_server
 from mock_server.server import MAX_WAITING, Statistics
 
+WRONG = {
+    **{key: [None, "double", 3] for key in ("dialect", "depth", "platform", "shared_memory", "files")},
+    **{
+        key: [float("inf"), float("nan"), -1, True, "x"]
+        for key in ("latency_ms", "frames_per_s", "time_step_s")
+    },
+    "port": [65536, 0.5, -1, "9000"],
+    "fov_deg": [180.0, 0, None],
+    "size": [(64, 0), (64,), (1 << 16, 8), 64],
+    "host": ["", "é" * 64, "a b", None],
+    "seed": ["x", 0.5],
+    "folder": ["x"],
+    "faults": ["reset"],
+}
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"dialect": "1.0"}, "dialect: expected one of N3, 1.x, 0.3.10, L, M, N1, N2, Dev; got '1.0'"),
-        ({"depth": "double"}, "depth: expected one of half, float32; got 'double'"),
-        ({"platform": None}, "platform: expected one of windows, linux; got None"),
-        ({"port": 65536}, "port: expected a number from 0 to 65535, got 65536"),
-        ({"fov_deg": 180.0}, "fov_deg: expected a number from 1 to 179, got 180.0"),
-        ({"latency_ms": float("inf")}, "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
-        ({"size": (64, 0)}, "size: expected (width, height) of 1 to 32768 px each, got (64, 0)"),
-        ({"port": 0.5}, "port: expected a whole number, got 0.5"),
-        ({"frames_per_s": 0}, "frames_per_s: expected a number from 0.001 to 1e+06, got 0"),
-        ({"host": ""}, "host: expected an address, got ''"),
-        ({"host": "é" * 64}, f"host: expected an address, got '{'é' * 12}...{'é' * 13}'"),
-        ({"host": "0.0.0.0", "files": "anywhere"}, "files: expected one of folder; got 'anywhere'"),
-        ({"seed": "x"}, "seed: expected a whole number, got 'x'"),
-        ({"folder": "x"}, "folder: expected a Path or None, got 'x'"),
-        ({"faults": "reset"}, "faults: expected a list of texts, got 'reset'"),
-    ],
-)
-def test_a_wrong_option_is_named(options, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        mock_server.serve("direction", **options)
+
+@pytest.mark.parametrize("key", WRONG)
+def test_a_wrong_option_is_named(key):
+    for value in WRONG[key]:
+        with pytest.raises(ValueError, match=rf"^{key}: expected [^\n]+ got [^\n]+$"):
+            mock_server.serve("direction", **{key: value})
+    with pytest.raises(ValueError, match=r"^files: expected one of folder; got 'anywhere'$"):
+        mock_server.serve("direction", host="0.0.0.0", files="anywhere")
 
 
 def test_stopping_waits_for_no_client_that_has_stopped_reading(start, open_raw):

@@ -35,22 +35,6 @@ def test_long_runs_are_encoded_as_pycocotools_does():
     assert encoded["counts"] == library(mask)["counts"].decode("ascii")
 
 
-def test_the_known_answer_of_rows_1_to_2_and_columns_2_to_4():
-    labels = np.zeros((4, 6), np.uint16)
-    labels[1:3, 2:5] = 7
-    assert rle.encode(labels == 7) == {"size": [4, 6], "counts": "9220003"}
-    (box,) = truth.boxes(labels, {"Sofa": 7})
-    assert box == {"instance_id": 7, "name": "Sofa", "class": None, "area": 6, "bbox": [2, 1, 3, 2]}
-
-
-def test_a_mask_in_the_first_and_last_of_8_columns():
-    labels = np.zeros((4, 8), np.uint16)
-    labels[1:3, [0, 7]] = 1
-    (box,) = truth.boxes(labels, ["Sofa"], wrap=True)
-    assert (box["bbox"], box["bbox_wrap"], box["crosses_seam"]) == ([0, 1, 8, 2], [7, 1, 2, 2], True)
-    assert "bbox_wrap" not in truth.boxes(labels, ["Sofa"])[0]
-
-
 @settings(max_examples=25, deadline=None)
 @given(
     labels=arrays(np.uint16, SHAPES, elements=st.sampled_from([0, 0, 0, 1, 300, 65535])),

@@ -39,7 +39,7 @@ def test_points_lie_on_the_surfaces(name):
 def test_points_of_a_lidar_by_ring_and_time(preset, degrees, turned):
     """The elevation follows from the ring, and the azimuth from the time after the first firing: at 10 Hz, to
     the right, from behind; an OS1's four columns of lasers are 4.2 or 1.4 degrees aside."""
-    camera = omniscv.cameras.create("lidar", preset=preset)
+    camera = omniscv.cameras.create("lidar", preset=preset, width=200)
     with omniscv.open_source("scene://six-wall") as source:
         image = omniscv.render(camera, POSE, source, modes=("depth",))
     assert np.isfinite(image.depth).all()
