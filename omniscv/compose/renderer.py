@@ -238,8 +238,7 @@ class Renderer:
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:
-        views = self.source.recorded_views()
-        return None if views is None else RecordedViews(views, self.source.recorded_in)
+        return self.source.recorded()
 
     def _sampler_of(
         self, image: ImageRays, rays: Blocks, R_w_d: Array, views: tuple[View, ...], whole: bool

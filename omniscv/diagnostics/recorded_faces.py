@@ -20,7 +20,6 @@ from omniscv.sources.developing.seams import estimate_gains
 from omniscv.sources.developing.slips import proven_turns
 from omniscv.sources.developing.vignette import POOLED, pooled_vignette
 from omniscv.sources.labels import labels_of, labels_of_ids
-from omniscv.sources.recorded_views import RecordedViews
 from omniscv.storage.local import whole_file
 
 _STEP = 2.0  # levels across an edge that show
@@ -65,8 +64,7 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
         f"{np.quantile(steps, 0.9):.1f} (90 %), {steps.max():.1f} at ({at}) m"
     )
     if picture is not None:  # the pixels on both sides of the edge, which is the line in the middle
-        recorded = RecordedViews(source.recorded_views() or ())
-        cube = Cube.recorded(source, recorded, np.array(worst.center), source.state)
+        cube = Cube.recorded(source, np.array(worst.center), source.state)
         assert cube is not None
         a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
         with whole_file(picture) as part:
@@ -102,9 +100,9 @@ def measure_places(source: Source) -> Iterator[Place]:
 
 
 def _cubes(source: Source) -> Iterator[tuple[tuple[float, ...], Cube]]:
-    recorded = RecordedViews(source.recorded_views() or ())
-    for center in recorded.centers():
-        if cube := Cube.recorded(source, recorded, np.array(center), source.state):
+    recorded = source.recorded()
+    for center in recorded.centers() if recorded else ():
+        if cube := Cube.recorded(source, np.array(center), source.state):
             yield center, cube
 
 

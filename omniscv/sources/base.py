@@ -22,6 +22,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import Transfer
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.requests import Capture as Capture
 from omniscv.sources.requests import Lens as Lens
 from omniscv.sources.requests import Request as Request
@@ -140,6 +141,11 @@ class Source(ABC):
     def recorded_in(self, mode: str) -> tuple[View, ...]:
         """Return those of :meth:`recorded_views` that can be replayed in a mode; all, if not overridden."""
         return self.recorded_views() or ()
+
+    def recorded(self) -> RecordedViews | None:
+        """Return the index of :meth:`recorded_views`; None for a source that makes new captures."""
+        views = self.recorded_views()
+        return None if views is None else RecordedViews(views, self.recorded_in)
 
     @property
     def scene_identity(self) -> SceneIdentity:
@@ -268,6 +274,7 @@ class SourceWrapper(Source):
     poses = _forwarded(Source.poses)
     recorded_views = _forwarded(Source.recorded_views)
     recorded_in = _forwarded(Source.recorded_in)
+    recorded = _forwarded(Source.recorded)
     command = _forwarded(Source.command)
     one_instant = _forwarded(Source.one_instant)
     share_exposure = _forwarded(Source.share_exposure)

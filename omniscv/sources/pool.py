@@ -62,7 +62,8 @@ class SourcePool(SourceWrapper):
         self._lock, self._closed = threading.Lock(), False
         self.share_exposure(exposure or SharedExposure())
 
-    recorded_in, one_instant, world = Source.recorded_in, Source.one_instant, Source.world  # of all replicas
+    recorded, recorded_in = Source.recorded, Source.recorded_in  # of all replicas, as these:
+    one_instant, world = Source.one_instant, Source.world
 
     @property
     def capabilities(self) -> Capabilities:

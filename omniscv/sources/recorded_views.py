@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Ints
-from omniscv.sources.base import View
+from omniscv.sources.requests import View
 
 _POSITION_DECIMALS = 6  # a micrometre
 _SAME = 1e-6  # matrix entries, and relative to the focal length

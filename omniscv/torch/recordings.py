@@ -19,7 +19,6 @@ from omniscv.frame import Frame
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.records import checked, record
-from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.torch.faces import Faces, Rules
 from omniscv.torch.samples import Epochs, Sample, bound_threads, sample_of
@@ -114,7 +113,7 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         self.truth_scale, self.cache_bytes = truth_scale, 1 << 30
         self.classes = None if classes is None else class_rules(classes)
         with RecordedSource(self.path) as source:
-            self.centers = RecordedViews(source.recorded_views()).centers()
+            self.centers = source.recorded().centers()
         if not self.centers:
             raise ArgumentError(f"{path}: expected six faces around some optical centre; record with 'cube'")
 

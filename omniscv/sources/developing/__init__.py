@@ -125,7 +125,7 @@ class Developed(SourceWrapper):
             return capture
         center_w, R_w_c = capture.view.pose.t_w_c, capture.view.pose.R_w_c
         if (at := center_w.tobytes()) not in self._turns:
-            cube = Cube.recorded(self._source, self._recorded, center_w, capture.request.state)
+            cube = Cube.recorded(self._source, center_w, capture.request.state)
             turns = {} if cube is None else proven_turns(cube)
             self._turns[at] = (
                 [(cube.views[face].pose.R_w_c, turn) for face, turn in turns.items()] if cube else []
@@ -135,8 +135,7 @@ class Developed(SourceWrapper):
 
     @cached_property
     def _recorded(self) -> RecordedViews | None:
-        views = self._source.recorded_views()
-        return None if views is None else RecordedViews(views, self._source.recorded_in)
+        return self._source.recorded()
 
     @cached_property
     def _recorded_masks(self) -> frozenset[View]:
@@ -157,7 +156,7 @@ class Developed(SourceWrapper):
         centers = self._recorded.centers()
         some = np.unique(np.linspace(0, len(centers) - 1, min(len(centers), POOLED)).astype(int))
         places = (np.array(centers[i]) for i in some)
-        cubes = (Cube.recorded(self._source, self._recorded, at, self._source.state) for at in places)
+        cubes = (Cube.recorded(self._source, at, self._source.state) for at in places)
         return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
 
 

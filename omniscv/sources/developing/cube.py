@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, Pose, cube_rotations
 from omniscv.sources.base import Request, Source, View
-from omniscv.sources.recorded_views import RecordedViews
 
 SIDES = np.array([(0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0)])  # top, right, bottom, left
 _SAME = 1e-3  # directions of the middles of edges
@@ -74,9 +73,11 @@ class Cube:
         return cube if len(cube.edges) == 12 else None
 
     @classmethod
-    def recorded(cls, source: Source, views: RecordedViews, center_w: Array, state: str = "") -> Cube | None:
+    def recorded(cls, source: Source, center_w: Array, state: str = "") -> Cube | None:
         """Return the colours of a recording's source at an optical centre; None where they are no cube."""
         six = [View(Pose(center_w, R_w_c), 90, 1, 1) for _, R_w_c in cube_rotations()]
+        if (views := source.recorded()) is None:
+            return None
         try:
             faces = list(source.capture(Request(view, "lit", state) for view in views.faces(center_w, six)))
         except MissingCaptureError:  # recorded in other modes only

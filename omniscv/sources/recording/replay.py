@@ -28,6 +28,7 @@ from omniscv.sources.base import (
     View,
     copy_with,
 )
+from omniscv.sources.recorded_views import RecordedViews
 from omniscv.sources.recording.rows import Row, sizes_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.world_rows import WorldState, object_from_json
@@ -40,7 +41,7 @@ _TRANSFER = re.compile(f'"transfer": ?"({"|".join(TRANSFERS)})"')
 _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in a mode
 
 
-class RecordedViews:
+class StateViews:
     """The requested views of a state of the world, parsed on first use.
 
     Args:
@@ -70,6 +71,11 @@ class RecordedViews:
         return tuple(view for view, modes in self._modes_of.items() if mode in modes)
 
     @cached_property
+    def index(self) -> RecordedViews:
+        """All views by centre, made once for all renderers."""
+        return RecordedViews(self.views, self.in_mode)
+
+    @cached_property
     def _modes_of(self) -> dict[View, set[str]]:
         modes: dict[View, set[str]] = defaultdict(set)
         for text, names in self._texts.items():
@@ -95,7 +101,7 @@ class RecordedViews:
         return min(views, key=lambda view: sum(_distances(view, request.view)), default=None)
 
 
-NO_VIEWS = RecordedViews(())
+NO_VIEWS = StateViews(())
 
 
 def states_in_words(states: Collection[str]) -> str:
@@ -184,7 +190,7 @@ class RecordedSource(Source):
             of_state: dict[str, list[Row]] = defaultdict(list)
             for row in rows:
                 of_state[row.state].append(row)
-            self._views = {state: RecordedViews(group) for state, group in of_state.items()}
+            self._views = {state: StateViews(group) for state, group in of_state.items()}
             missing_still = state == "" and "" not in self._views
             self._state = self._actual_states.get("", "") if missing_still else state
             self._check_holds(self._state)
@@ -221,6 +227,9 @@ class RecordedSource(Source):
     def recorded_views(self) -> tuple[View, ...]:
         """The views of the state that is replayed."""
         return self._views.get(self._state, NO_VIEWS).views
+
+    def recorded(self) -> RecordedViews:
+        return self._views.get(self._state, NO_VIEWS).index
 
     def recorded_in(self, mode: str) -> tuple[View, ...]:
         return self._views.get(self._state, NO_VIEWS).in_mode(mode)
