@@ -21,7 +21,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
-from omniscv.planning.relief import depth_relief
+from omniscv.planning.relief import depth_relief, planar_error
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
@@ -243,10 +243,11 @@ class _Composing:
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
         faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
-        precision, rays, seen = codecs.precision(captures[0].encoding), len(viewpoint.pixels), None
+        precision, rays, seen = codecs.precision(captures[0]), len(viewpoint.pixels), None
 
         def pictures_of() -> DepthPictures:
-            return DepthPictures.of(faces, views, precision, rays)
+            off = [error for capture in captures if (error := planar_error(capture)).size]
+            return DepthPictures.of(faces, views, precision, rays, off)
 
         pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
         if viewpoint.check is None or offsets_w is None:
@@ -263,10 +264,6 @@ class _Composing:
             depth = depth._replace(error=seen.bound(depth.distance))
             behind = _may_begin_behind(depth.distance, depth.error)
             self.canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
-        errors = [codecs.error_of(capture) for capture in captures]
-        if any(error is not None for error in errors):
-            known = [np.zeros_like(faces[0]) if error is None else error for error in errors]
-            depth = depth._replace(error=depth.error + sampler.sample("nearest", known))
         self.canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
         self.canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return depth.parallax, seen

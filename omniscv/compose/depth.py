@@ -71,6 +71,7 @@ class DepthPictures(NamedTuple):
         shape: h and w.
         projections: (V, 4) fx, fy, cx, cy, px.
         precision: of the depth.
+        off: (V h w,) float32 metres that it may be off beside that; or empty.
         bends: (V h w,) uint32, how much 1/z bends between a pixel, its neighbours to the right and below, and
             the one between these: across, and down, 1/m, rounded up to the upper half of a float32 each.
             :data:`_BENT` where that does not say how far depth may be off. Empty if rays read few pixels.
@@ -80,18 +81,22 @@ class DepthPictures(NamedTuple):
     shape: Shape
     projections: Array
     precision: Precision
+    off: Floats
     bends: Ints
 
     @classmethod
-    def of(cls, faces: Faces, views: Sequence[View], precision: Precision, rays: int) -> DepthPictures:
-        """Return pictures, one per view, that so many rays read."""
+    def of(
+        cls, faces: Faces, views: Sequence[View], precision: Precision, rays: int, off: Sequence[Floats] = ()
+    ) -> DepthPictures:
+        """Return pictures, one per view, that so many rays read; ``off`` (h, w) of each, or empty."""
         stack, projections = stacked(faces), np.array([view.projection for view in views])
         bends = np.full(0 if rays * _FEW < stack.size else stack.size, _BENT, np.uint32)
         if bends.size:
             of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
             side_by_side(lambda of: _find_bends(*of, precision), of_faces)
         bends.flags.writeable = False
-        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, bends)
+        known = np.concatenate([each.reshape(-1) for each in off] or [np.empty(0, np.float32)])
+        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, known, bends)
 
     @property
     def faces(self) -> Floats:
@@ -101,7 +106,7 @@ class DepthPictures(NamedTuple):
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        return self.depth.nbytes + self.bends.nbytes
+        return self.depth.nbytes + self.off.nbytes + self.bends.nbytes
 
 
 class _Gathered(NamedTuple):
@@ -261,6 +266,8 @@ def _sample(
                 stored = _nearest_distance(pictures, k, px, py)
                 error[i] += abs(stored - distance[i]) if distance[i] < np.inf else 0.0
                 distance[i] = stored
+            if pictures.off.size:
+                error[i] += _off_at(pictures, k, px, py) * _ray_length(pictures, k, px, py)
         first = last
 
 
@@ -334,6 +341,14 @@ def _nearest_distance(pictures: DepthPictures, k: int, x: float, y: float) -> fl
 
 
 @inner(cache=True, nogil=True)
+def _off_at(pictures: DepthPictures, k: int, x: float, y: float) -> float:
+    """Return how far planar depth may be off as captures say, metres."""
+    height, width = pictures.shape
+    r, c = nearest_pixel(pictures.shape, x, y)
+    return float(pictures.off[(k * height + r) * width + c])
+
+
+@inner(cache=True, nogil=True)
 def _ray_length(pictures: DepthPictures, k: int, x: float, y: float) -> float:
     """Return the length of the ray through a point of a picture to a planar depth of 1 m, metres."""
     of = pictures.projections[k]
@@ -376,6 +391,9 @@ def _displace(rays: _Displaced, pictures: DepthPictures, around: _Surroundings, 
             if there.inverse > 0.0:  # a curved surface has another slope there
                 a, b, e = plane_of(there.inverse, there.across, there.down, dx + right, dy + below, fx, fy)
                 shift = max(shift, abs(a * offset[0] + b * offset[1] + e * offset[2]))
-            error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * point.error * focal * aside)
+            off = point.error
+            if pictures.off.size:
+                off += _off_at(pictures, k, px, py) * point.inverse * point.inverse
+            error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * off * focal * aside)
         if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
             error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size

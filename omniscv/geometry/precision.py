@@ -23,6 +23,8 @@ class Precision(NamedTuple):
         along_ray: whether distances to the optical centre were stored, not planar depth.
         largest_m: farther surfaces are stored as no surface.
         middle_px: how far from the middle of its pixel a depth may have been taken, across and down.
+        off_m, share: how far planar depth may be off beside its digits: metres, such as half the step of
+            whole numbers, and a share of the depth.
     """
 
     unit_m: float = 1.0
@@ -30,6 +32,8 @@ class Precision(NamedTuple):
     along_ray: bool = False
     largest_m: float = math.inf
     middle_px: float = 0.0
+    off_m: float = 0.0
+    share: float = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -50,7 +54,7 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     # 2^floor(log2(stored)). math.frexp is a call, which keeps loops from being vectorized: 3 times slower.
     power = np.int64(np.float64(stored).view(np.int64) & _EXPONENT).view(np.float64)
     step = precision.unit_m / np.float64(np.int64(1) << precision.digits) * power
-    return float(step / length + COMPUTED * FLOAT32 * z)
+    return float(step / length + (COMPUTED * FLOAT32 + precision.share) * z + precision.off_m)
 
 
 @inner(cache=True, nogil=True, error_model="numpy", forceinline=True)

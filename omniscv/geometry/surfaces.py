@@ -209,7 +209,7 @@ def _bend(line: Corners, at: float, noise: float) -> float:
 def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, Any]:
     """Return how 1/z bends between the second and the third of four pixels, 1/m; its second differences on
     both sides; and whether the two show one surface: on one line with the neighbours on both sides, or nearly
-    equal.
+    equal, or nearer than rounding tells.
 
     ``t`` the way along the chord 1/z lies at most ``t (1 - t)`` times the first off it; that is +inf where
     it has no such bound: beside an edge, and at a step. The second differences bound a crease, less what
@@ -226,7 +226,7 @@ def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, 
         noise: what rounding makes of second differences, 1/m.
     """
     (before, a, b, after), (of_before, of_a, of_b, of_after) = line, inverses
-    step, allowed = (a - b) * of_a * of_b, _STEP * max(of_a, of_b)
+    step, allowed = (a - b) * of_a * of_b, max(_STEP * max(of_a, of_b), noise + noise)
     turn_left, turn_right = (before - a) * of_before * of_a - step, step - (b - after) * of_b * of_after
     known_left, known_right = of_before > _NONE, of_after > _NONE
     left, right = abs(turn_left) if known_left else _NONE, abs(turn_right) if known_right else _NONE

@@ -14,14 +14,14 @@ from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.precision import Precision
 from omniscv.geometry.surfaces import Point, discontinuities, nearest_pixel, surface_point
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import planar_relief
+from omniscv.planning.relief import planar_error, planar_relief
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
 CELL_PX = 8
-CAPTURED, NEAREST, RELIEF = 0, 1, 2
+CAPTURED, NEAREST, RELIEF, OFF = 0, 1, 2, 3
 """The ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
@@ -33,9 +33,10 @@ class DepthShell(NamedTuple):
 
     Attributes:
         center_w: (3,) metres.
-        pictures: (3, N) float32, the pictures of all views, one after the other: planar metres, +inf for the
-            sky; the depth of the nearest surface within a pixel, where that is another surface than the
-            pixel's own, else the pixel's own depth; and by how much relief may change the depth.
+        pictures: (3 or 4, N) float32, the pictures of all views, one after the other: planar metres, +inf for
+            the sky; the depth of the nearest surface within a pixel, where that is another surface than the
+            pixel's own, else the pixel's own depth; by how much relief may change the depth; and how far
+            captures say it is off, where they do.
         lenses: (V, 15) of each view: the rows of the rotation from the world to it, its focal length, half
             its width and height, where its picture starts, and how far from its middle, across and down, it
             is looked up; px. Finer views, the finest first, are behind the others, and looked up first.
@@ -83,7 +84,7 @@ class DepthShell(NamedTuple):
 
 def _views(captures: Sequence[Capture]) -> tuple[Floats, Array]:
     """Return the pictures and lenses of captures of depth, as :class:`DepthShell` has them."""
-    pictures = [each.reshape(3, -1) for each in side_by_side(_pictures, list(captures))]
+    pictures = [each.reshape(len(each), -1) for each in side_by_side(_pictures, list(captures))]
     starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])
     lenses = []
     for view, start in zip((capture.view for capture in captures), starts, strict=False):
@@ -130,7 +131,7 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
         focal=captures[0].view.focal_px,
         least=min(least),
         most=max(most),
-        precision=codecs.precision(captures[0].encoding),
+        precision=codecs.precision(captures[0]),
     )
 
 
@@ -150,12 +151,13 @@ def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
 
 
 def _pictures(capture: Capture) -> Floats:
-    """Return (3, h, w) a view's pictures, as :class:`DepthShell` has them."""
-    face, relief = capture.pixels, planar_relief(capture)
+    """Return (3 or 4, h, w) a view's pictures, as :class:`DepthShell` has them."""
+    face, relief, off = capture.pixels, planar_relief(capture), planar_error(capture)
     # Beyond its border a picture goes on: OpenCV's own border is a finite depth, in the sky the nearest.
     least = cv2.erode(face, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    return np.stack([face, np.where(beside, least, face), np.zeros_like(face) if relief is None else relief])
+    relief = np.zeros_like(face) if relief is None else relief
+    return np.stack([face, np.where(beside, least, face), relief, *([off] if off.size else [])])
 
 
 def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
@@ -244,6 +246,12 @@ def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
     return float(shell.pictures[which, int(shell.lenses[k, 12]) + r * width + c])
 
 
+@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def error_said(shell: Any, k: int, u: float, v: float) -> float:
+    """Return how far planar depth may be off as captures say, metres."""
+    return float(pixel_depth(shell, OFF, k, u, v)) if shell.pictures.shape[0] > OFF else 0.0
+
+
 @inner(cache=True, nogil=True, error_model="numpy")
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
@@ -251,7 +259,8 @@ def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     first, focal = int(shell.lenses[k, 12]), shell.lenses[k, 9]
     point = surface_point(shell.pictures[CAPTURED], first, shape, u, v, focal, shell.precision)
     relief = pixel_depth(shell, RELIEF, k, u, v) * point.inverse * point.inverse
-    return Point(point.inverse, point.across, point.down, max(point.error, relief), point.jump)
+    error = max(point.error, relief) + error_said(shell, k, u, v) * point.inverse * point.inverse
+    return Point(point.inverse, point.across, point.down, error, point.jump)
 
 
 @inner(cache=True, nogil=True, error_model="numpy")

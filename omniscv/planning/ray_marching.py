@@ -27,6 +27,7 @@ from omniscv.planning.depth_shell import (
     CELL_PX,
     NEAREST,
     DepthShell,
+    error_said,
     look_up,
     pixel_depth,
     planar_depth,
@@ -205,7 +206,8 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
         _meet(shell, arc, hit, met_at)
     elif hit.sure:
         hit.reach = np.inf
-        hit.error = np.inf if shell.precision.largest_m < np.inf else 0.0
+        k, u, v, _ = look_up(shell, arc.direction)
+        hit.error = np.inf if shell.precision.largest_m < np.inf else error_said(shell, k, u, v)
     if passed < np.inf:
         hit.grazes = True
         hit.error = max(hit.error, _MARGIN * (hit.reach - passed))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.geometry.precision import COMPUTED, LEAST_M, Precision, stored_length
+from omniscv.geometry.precision import COMPUTED, FLOAT32, LEAST_M, Precision, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
@@ -52,6 +52,8 @@ px, by less than so many rounding steps: a rounded surface goes one way, or turn
 edge."""
 _NEAR_PX = 8
 """On every side, the neighbourhood that bounds depth."""
+
+_BESIDE = np.ones((3, 3), np.uint8)
 
 Marks = NDArray[np.uint8]
 
@@ -87,18 +89,26 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
     return _grown(fired, _GROWN_PX) | (_grown(beats, _BEAT_PX) if beats.any() else np.False_)
 
 
-def planar_relief(capture: Capture) -> Floats | None:
-    """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none.
+def planar_error(capture: Capture) -> Floats:
+    """Return (h, w) float32 metres that planar depth may be off at each pixel and between it and the next, as
+    the capture says; an empty array where it does not."""
+    error = codecs.error_of(capture)
+    if error is None:
+        return np.zeros((0, 0), np.float32)
+    error /= capture.view.ray_lengths().astype(np.float32)
+    between = error if capture.encoding == codecs.RESAMPLED else cv2.dilate(error, _BESIDE)
+    return np.asarray(between, np.float32)
 
-    Depth that comes with a bound was resampled from a panorama: its steps are the pixels of that.
-    """
-    if capture.encoding == codecs.BOUNDED:
+
+def planar_relief(capture: Capture) -> Floats | None:
+    """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none."""
+    if capture.encoding == codecs.RESAMPLED:
         return None
     depth, focal = capture.pixels, capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
     alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)
-    precision = codecs.precision(capture.encoding)
-    counts = _patterns(depth, focal, precision, fired, alone, beats)
+    precision = codecs.precision(capture)
+    counts = _patterns(depth, focal, precision, planar_error(capture), fired, alone, beats)
     if precision.digits <= _FEW_DIGITS:
         fired |= _swings(depth, focal, precision)
         fired |= _swings(np.ascontiguousarray(depth.T), focal, precision).T
@@ -162,13 +172,20 @@ def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _patterns(
-    depth: Floats, focal: float, precision: Precision, fired: Marks, alone: Marks, beats: Marks
+    depth: Floats,
+    focal: float,
+    precision: Precision,
+    off: Floats,
+    fired: Marks,
+    alone: Marks,
+    beats: Marks,
 ) -> tuple[int, int]:
     """Mark patterns of second differences of 1/z; return how many pixels stand out alone, across and down.
 
     Args:
         depth: (h, w) planar metres.
         focal, precision: of the picture.
+        off: (h, w) how far it may be off beside that, metres; or empty.
         fired: (h, w), pixels from the first to the last of many turns, or of three equal steps.
         alone: (2, h, w), pixels that stand out from their row, or their column.
         beats: (h, w), pixels at the end of many turns, one at each pixel, or of three uneven steps.
@@ -176,7 +193,8 @@ def _patterns(
     height, width = depth.shape
     rows = np.zeros((3, width), np.float32)  # 1/z above, here and below
     x, y = np.zeros(width, np.float32), np.zeros((4, width), np.float32)
-    per_unit, computed = np.float32(1.0 / precision.unit_m), np.float32(_NOISE * COMPUTED * 2.0**-24)
+    per_unit, off_m = np.float32(1.0 / precision.unit_m), np.full(width, _NOISE * precision.off_m, np.float32)
+    share = np.float32(_NOISE * (COMPUTED * FLOAT32 + precision.share))
     step_m = np.float32(_NOISE * precision.unit_m / np.float64(np.int64(1) << precision.digits))
     turns = np.zeros((2, width), np.uint8)
     # Of the row in the last place, and of each column: where the sign turned last, and the last two steps.
@@ -190,6 +208,9 @@ def _patterns(
             below[c] = np.float32(1) / max(depth[r + 1, c], np.float32(LEAST_M))
         if r < 1:
             continue
+        if off.size:
+            for c in range(width):
+                off_m[c] = np.float32(_NOISE) * (np.float32(precision.off_m) + off[r, c])
         down, last, second, third = y[r % 4], y[(r - 1) % 4], y[(r - 2) % 4], y[(r - 3) % 4]
         for c in range(1, width - 1):  # vectorized
             bend_across = here[c - 1] + here[c + 1] - np.float32(2) * here[c]
@@ -198,7 +219,7 @@ def _patterns(
             z, length = depth[r, c], np.float32(stored_length(r, c, (height, width), focal, precision))
             stored = np.float32(z * length * per_unit)
             power = np.int32(stored.view(np.int32) & 0x7F800000)
-            noise = (power.view(np.float32) * step_m / length + computed * z) * here[c] * here[c]
+            noise = (power.view(np.float32) * step_m / length + share * z + off_m[c]) * here[c] * here[c]
             noise = noise if z < np.inf else np.float32(1e-30)
             x[c] = _exceeded(bend_across, here[c - 1] - here[c + 1], z, noise)
             down[c] = _exceeded(bend_down, above[c] - below[c], z, noise)

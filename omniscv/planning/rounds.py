@@ -182,7 +182,7 @@ def captured(
         finer = frozenset(viewpoint.finer(modes))
         for request, capture in zip(requests, islice(captures, len(requests)), strict=False):
             mode = (FINER if request in finer else "") + capture.mode
-            by_mode.setdefault(mode, []).append(capture)
+            by_mode.setdefault(mode, []).append(source.stated(capture) if mode == "depth" else capture)
         if (count := sum(map(len, by_mode.values()))) < len(requests):
             raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
         yield viewpoint, by_mode

@@ -57,6 +57,7 @@ class Capabilities:
         near_m: no surface is nearer to an optical centre, metres: bounds the marks of masks at shared centres
             where no depth is captured.
         transfer: what 8-bit colours say of light (:mod:`omniscv.light`).
+        depth_error: how far planar depth may be off beside its encoding's digits: metres, and a share of it.
         moves: whether the world may change between two captures; captures that must show one instant are
             then checked for motion (:mod:`omniscv.sources.stillness`).
         varies: what of ``objects``, ``lights``, ``materials`` can be varied (:mod:`omniscv.job.vary`);
@@ -76,6 +77,7 @@ class Capabilities:
     dialect: str = ""
     near_m: float = 0.1
     transfer: Transfer = "unknown"
+    depth_error: tuple[float, float] = (0.0, 0.0)
     moves: bool = False
     varies: frozenset[str] = frozenset()
     traces: bool = False
@@ -114,6 +116,15 @@ class Source(ABC):
     @abstractmethod
     def objects(self) -> ObjectTable:
         """Return the objects of the scene, and how masks show them."""
+
+    def stated(self, capture: Capture) -> Capture:
+        """Return one of its captures with what the capabilities say of it in its provenance."""
+        can, told = self.capabilities, dict[str, Any]()
+        if capture.mode == "lit" and can.transfer != "unknown":
+            told = {"transfer": can.transfer}
+        if capture.mode == "depth" and any(can.depth_error):
+            told = {"depth_error": list(can.depth_error)}
+        return replace(capture, provenance={**capture.provenance, **told}) if told else capture
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
         """Return what rays meet, exactly: the judge of pictures, and data without a plan.

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.arguments import shown
-from omniscv.errors import BadReplyError
+from omniscv.arguments import numbers, shown
+from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry.precision import Precision
 from omniscv.geometry.unreal_frame import direction_from_unreal
 from omniscv.pictures import MAX_PIXELS, npy, png
@@ -23,7 +23,8 @@ from omniscv.sources.base import Capture, View
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
 
-NEAR_MIDDLE, BOUNDED = "npy 0.005 px", "npy bounded"
+NEAR_MIDDLE, BOUNDED, RESAMPLED = "npy 0.005 px", "npy bounded", "npy resampled"
+"""Resampled depth shows the pixels of another picture, whose steps are no relief."""
 
 _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
 _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
@@ -59,19 +60,25 @@ def encodings() -> tuple[str, ...]:
     return tuple(_codecs)
 
 
-def precision(encoding: str | None) -> Precision:
-    """Return the precision of an encoding's depth; that of floats for captures without a known one."""
-    return _codecs[encoding].precision if encoding in _codecs else Precision()
+def precision(capture: Capture) -> Precision:
+    """Return the precision of a capture of depth: of its encoding, floats if that is not known, and what its
+    provenance says as ``depth_error``, metres and a share."""
+    of_codec = _codecs[capture.encoding].precision if capture.encoding in _codecs else Precision()
+    if "depth_error" not in capture.provenance:
+        return of_codec
+    off_m, share = numbers("depth_error", capture.provenance["depth_error"], (2,)).tolist()
+    if min(off_m, share) < 0:
+        raise ArgumentError(
+            f"depth_error: expected metres and a share of 0 or more, got {off_m:g}, {share:g}"
+        )
+    return of_codec._replace(off_m=of_codec.off_m + off_m, share=of_codec.share + share)
 
 
 def error_of(capture: Capture) -> NDArray[np.float32] | None:
     """Return (H, W) how far the distance along the rays of a capture of depth may be off beside its
     precision, metres; None where nothing more is known, +inf where nothing bounds it."""
-    if capture.encoding == BOUNDED and capture.payload is not None:
-        return np.ascontiguousarray(decode_npy(capture.payload, capture.view)[..., 1])
-    if capture.encoding and capture.encoding.startswith("png uint16 "):
-        half_step = 0.5 / float(capture.encoding.rpartition(" ")[2]) * capture.view.ray_lengths()
-        return np.where(capture.pixels < np.inf, half_step, np.inf).astype(np.float32)
+    if capture.encoding in (BOUNDED, RESAMPLED) and capture.payload is not None:
+        return decode_npy(capture.payload, capture.view)[..., 1].copy()
     return None
 
 
@@ -313,13 +320,15 @@ register("png", _png_colors)
 register("npy", _npy_pixels)
 register(NEAR_MIDDLE, _npy_pixels, ("depth",), Precision(middle_px=0.005))
 register(BOUNDED, _bounded, ("depth",))
+register(RESAMPLED, _bounded, ("depth",))
 register("png float32", _float32, ("depth",))
-register("png carla", _carla, ("depth",))
+register("png carla", _carla, ("depth",), Precision(off_m=_CARLA_STEP_M / 2))
 register("png ids", _ids, ("object_mask",))
 register("pfm planar", partial(_pfm, False), ("depth",))
 register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))
 for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
-    register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",))
+    _whole = Precision(largest_m=0xFFFF / _scale, off_m=0.5 / _scale)
+    register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",), _whole)
 register("png normal", _unreal_normals, ("normals",))
 _PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
 _RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)

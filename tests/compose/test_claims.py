@@ -4,6 +4,7 @@ Measured on captures as they come over the wire: depth in half floats, masks of 
 """
 
 from contextlib import ExitStack
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,10 @@ import mock_server
 import omniscv
 from omniscv.cameras import create, model, names
 from omniscv.geometry import Pose
+from omniscv.pictures import png
+from omniscv.sources import codecs
+from omniscv.sources.base import SourceWrapper
+from omniscv.sources.recording import Recording
 
 MODES = ("object_mask", "depth")
 UNCOVERED = 0.0005
@@ -187,3 +192,54 @@ def test_normals_lie_on_a_surface(normals, rooms):
         image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)
         most = 0.001 if normals == "captured" else 0.02
         assert Errors(image, scene).judgement().normals_20_deg <= most
+
+
+class Inexact(SourceWrapper):
+    """A scene whose depth comes in whole millimetres, or off by up to 1 mm and 0.1 % and saying so."""
+
+    def __init__(self, source, whole):
+        super().__init__(source)
+        self._whole, self._rng = whole, np.random.default_rng(0)
+
+    @property
+    def capabilities(self):
+        error = (0.0, 0.0) if self._whole else (0.001, 0.001)
+        return replace(self._source.capabilities, depth_error=error)
+
+    def capture(self, requests):
+        for capture in self._source.capture(requests):
+            if capture.mode != "depth":
+                yield capture
+            elif self._whole:
+                stored = np.where(capture.pixels < np.inf, np.round(capture.pixels * 1000), 0).astype(
+                    np.uint16
+                )
+                payload, encoding = png.encode(stored), "png uint16 1000"
+                depth = codecs.decode(payload, encoding, "depth", capture.view)
+                yield replace(capture, pixels=depth, payload=payload, encoding=encoding)
+            else:
+                off = self._rng.uniform(-0.99, 0.99, capture.pixels.shape) * (0.001 + 0.001 * capture.pixels)
+                yield replace(capture, pixels=(capture.pixels + off).astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    "name", ["fisheye-equidistant", "noncentral-panorama", "noncentral-spherical-mirror"]
+)
+@pytest.mark.parametrize("whole", [True, False])
+def test_depth_of_a_source_that_is_not_exact_is_bounded(tmp_path, name, whole):
+    camera = SMALL.get(name) or create(name, 96, 96, fov_deg=170)
+    pose = Pose.from_angles((0.31237, -0.41713, 1.41391), 33.7, 25, 14)
+    path = tmp_path / "room"
+    with (
+        Inexact(omniscv.open_source("scene://four-wall?traces=0"), whole) as source,
+        Recording(source, path) as to,
+    ):
+        image = omniscv.render(camera, pose, to, MODES)
+    errors = Errors(image, mock_server.load_scene("four-wall"))
+    assert not (image.valid & ~image.unsure & ~errors.label & (errors.depth_m > image.depth_error)).any()
+    if whole:  # a quarter of a step is off in the median
+        assert image.doubtful < 0.2
+        assert np.median(image.depth_error[image.valid]) < 3 * 0.00025 * 1.2
+    with omniscv.open_source(str(tmp_path / "room")) as replayed:
+        again = omniscv.render(camera, pose, replayed, MODES)
+    assert (again.depth_error == image.depth_error).all()

@@ -309,19 +309,22 @@ def world(kind, px, seed, turn_deg=12.0):
     return World(*arrays, tuple(np.array([label for _, label in of[name]], np.int64) for name in of))
 
 
+FLOATS, HALF_FLOATS, MILLIMETRES = "npy", "npy planar cm", "png uint16 1000"
 COLORS = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
 
 
-def captured(scene, view, half_floats=False):
+def captured(scene, view, encoding=FLOATS):
     """Return depth and mask of a structure in a view."""
     at_x, at_y = ((np.arange(size) + 0.5 - size / 2) / view.focal_px for size in (view.width, view.height))
     rays = np.stack([*np.broadcast_arrays(at_x[None], at_y[:, None], 1.0)], axis=-1)
     lengths = np.linalg.norm(rays, axis=-1)
     rays_w = (rays / lengths[..., None]).reshape(-1, 3) @ view.pose.R_w_c.T
     distance, label = scene.seen_from(view.pose.t_w_c).trace(rays_w)
-    depth, encoding = distance.reshape(lengths.shape) / lengths, "npy"
-    if half_floats:  # as plugin 1.x sends them: centimetres
-        depth, encoding = (depth * 100).astype(np.float16).astype(np.float64) / 100, "npy planar cm"
+    depth = distance.reshape(lengths.shape) / lengths
+    if encoding == HALF_FLOATS:  # as plugin 1.x sends them: centimetres
+        depth = (depth * 100).astype(np.float16).astype(np.float64) / 100
+    elif encoding == MILLIMETRES:
+        depth = np.round(depth * 1000) / 1000
     mask = np.array([(0, 0, 0), *COLORS.values()], np.uint8)[label.reshape(lengths.shape)]
     return {
         "depth": Capture(Request(view, "depth"), view, depth.astype(np.float32), encoding=encoding),
@@ -329,10 +332,10 @@ def captured(scene, view, half_floats=False):
     }
 
 
-def capture(scene, half_floats=False, edge=EDGE_PX, fov_deg=90.0):
+def capture(scene, encoding=FLOATS, edge=EDGE_PX, fov_deg=90.0):
     """Return a source of one picture of a structure."""
     view = View(Pose(np.zeros(3), np.eye(3)), fov_deg, edge, edge)
-    return PictureSource([*captured(scene, view, half_floats).values()], ObjectTable(COLORS))
+    return PictureSource([*captured(scene, view, encoding).values()], ObjectTable(COLORS))
 
 
 class Traced(Source):
@@ -340,8 +343,8 @@ class Traced(Source):
 
     capabilities = Capabilities(frozenset(MODES))
 
-    def __init__(self, scene, half_floats=False):
-        self._captured = lru_cache(8)(lambda view: captured(scene, view, half_floats))
+    def __init__(self, scene, encoding=FLOATS):
+        self._captured = lru_cache(8)(lambda view: captured(scene, view, encoding))
 
     def capture(self, requests):
         return (self._captured(request.view)[request.mode] for request in requests)
@@ -361,13 +364,13 @@ class Judged(NamedTuple):
     bound: float
 
 
-def judge(kind, px, seed, half_floats=False, camera_px=300, **options):
+def judge(kind, px, seed, encoding=FLOATS, camera_px=300, **options):
     """Return how an image of a structure errs without saying so."""
     scene = world(kind, px, seed)
     camera = omniscv.cameras.create("fisheye-equidistant", camera_px, camera_px, fov_deg=70)
     turn = Pose.from_angles((0, 0, 0), yaw_deg=0.7, pitch_deg=0.4, roll_deg=11.3)
     pose = Pose(np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ turn.R_w_c)
-    image = omniscv.render(camera, pose, capture(scene, half_floats), MODES, **options)
+    image = omniscv.render(camera, pose, capture(scene, encoding), MODES, **options)
     return judged(image, scene)
 
 
@@ -391,14 +394,14 @@ def judged(image, scene):
 def table(kinds=tuple(KINDS), sizes=(1.4, 2.0, 3.0, 4.5), seeds=(21, 22), camera_px=200) -> Iterator[str]:
     """Yield rows of Markdown: percent of the pixels on a structure whose depth, or label, is wrong and not
     marked."""
-    columns = [(px, half) for half in (False, True) for px in sizes]
-    titles = [f"{px:g} px, {'half floats' if half else 'floats'}" for px, half in columns]
+    columns = [(px, encoding) for encoding in (FLOATS, HALF_FLOATS) for px in sizes]
+    titles = [f"{px:g} px, {'floats' if encoding == FLOATS else 'half floats'}" for px, encoding in columns]
     yield f"| kind | {' | '.join(titles)} |"
     yield "|---" * (1 + len(columns)) + "|"
     wrong = np.empty((len(kinds), len(columns), 2))
     for kind, shares in zip(kinds, wrong, strict=True):
-        for column, (px, half) in zip(shares, columns, strict=True):
-            each = [judge(kind, px, seed, half, camera_px) for seed in seeds]
+        for column, (px, encoding) in zip(shares, columns, strict=True):
+            each = [judge(kind, px, seed, encoding, camera_px) for seed in seeds]
             column[:] = 100 * np.mean([one[:2] for one in each], axis=0)
         yield _cells(kind, shares)
     yield _cells("mean", wrong.mean(axis=0))

@@ -251,6 +251,7 @@ def capture_of(
     ``ray`` is whether depth (h, w) is along the ray; depth (h, w, 2) is planar, and has its error.
     """
     pixels, request = picture.pixels, Request(view, mode)
+    encoding_of_depth = codecs.BOUNDED if pixels.ndim == 2 else codecs.RESAMPLED
     if picture.encoding:
         return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
     if mode == "depth" and pixels.ndim == 2:
@@ -264,7 +265,7 @@ def capture_of(
         pixels = np.round(pixels / 257).astype(np.uint8)
     payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
     if mode == "depth" and pixels.ndim == 3:
-        return Capture(request, view, pixels[..., 0], provenance, payload, codecs.BOUNDED)
+        return Capture(request, view, pixels[..., 0], provenance, payload, encoding_of_depth)
     return Capture(request, view, pixels, provenance, payload, encoding)
 
 

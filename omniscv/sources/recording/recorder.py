@@ -155,10 +155,7 @@ class Recording(SourceWrapper):
         raise MissingCaptureError("a capture was removed while recording", self._store.path)
 
     def _capture_and_write(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        transfer = self._source.capabilities.transfer
-        for capture in self._source.capture(requests):
-            if capture.mode == "lit" and transfer != "unknown":
-                capture = replace(capture, provenance={**capture.provenance, "transfer": transfer})
+        for capture in map(self._source.stated, self._source.capture(requests)):
             if not capture.request.again:
                 self._write(capture)
             yield capture
