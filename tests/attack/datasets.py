@@ -11,12 +11,11 @@ import shutil
 import tarfile
 import tempfile
 from contextlib import closing
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
 import yaml
-from support.datasets import image, job_file
+from support.datasets import enter, image, job_file
 
 from attack.commands import clear, nothing_left, ran, require
 from attack.spoiling import bytes_changed, head, regular_files, spoil_file, strange, text_changed, write
@@ -24,7 +23,6 @@ from attack.words import YAML
 from omniscv import dataset
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import OmniscvError
-from omniscv.frame import FileEntry
 from omniscv.job import load
 from omniscv.make import make
 
@@ -78,19 +76,10 @@ def contents(frames):
 
 def listed(out, path):
     """Enter a file as it is now into ``frames.jsonl`` and its frame's own file, with size and checksum."""
-    entry = asdict(FileEntry.of(path))
     key, kind = path.name.split(".")[:2]
-    own = out / f"{key}.json"
-    if not (own.is_file() and (out / "frames.jsonl").is_file()):
+    if not ((out / f"{key}.json").is_file() and (out / "frames.jsonl").is_file()):
         raise OSError("spoiled before")
-    said = json.loads(own.read_bytes())
-    said["frame"]["files"][kind] = entry
-    own.write_text(json.dumps(said), encoding="utf-8")
-    lines = [json.loads(line) for line in head(out / "frames.jsonl").decode().splitlines()]
-    for line in lines:
-        if line["key"] == key:
-            line["files"] |= {kind: entry, "image": asdict(FileEntry.of(own))}
-    (out / "frames.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
+    enter(out, key, kind, path.name)
 
 
 def spoil(rng, out):

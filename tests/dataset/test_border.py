@@ -2,47 +2,25 @@
 
 import json
 import os
-from dataclasses import asdict
 
 import numpy as np
 import pytest
-from support.datasets import tree
+from support.datasets import enter, relisted, tree
 
 from omniscv import cameras, cli, dataset
 from omniscv.errors import ArgumentError, DatasetError
-from omniscv.frame import FileEntry
 from omniscv.frame.forms import checked
 from omniscv.job import load
 from omniscv.make import make
 from omniscv.pictures import png
 from omniscv.viewing.look import look
 
-
-def listed(out, change):
-    """Change the lines of frames.jsonl, as plain values."""
-    path = out / "frames.jsonl"
-    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    path.write_text("".join(f"{json.dumps(line)}\n" for line in change(lines)), encoding="utf-8")
-
-
-def enter(out, key, kind):
-    """List a file of a frame as it is now, with its size and checksum."""
-
-    def change(lines):
-        for line in lines:
-            if line["key"] == key:
-                line["files"][kind] = asdict(FileEntry.of(out / line["files"][kind]["path"]))
-        return lines
-
-    listed(out, change)
-
-
 # -- what a dataset may hold: each changes one, and returns what every reader says --------------------------
 
 
 def blank_colours(out):
     """Layers without a file are marks that no pixel has."""
-    listed(out, lambda lines: [{**line, "blank": ["lit"]} for line in lines])
+    relisted(out, lambda lines: [{**line, "blank": ["lit"]} for line in lines])
     return "blank: expected one of label_edge, occluded, relit, unsure, unseen; got 'lit'"
 
 
@@ -69,21 +47,14 @@ def pipe(out):
 
 
 def twice(out):
-    listed(out, lambda lines: [lines[0], *lines])
+    relisted(out, lambda lines: [lines[0], *lines])
     return "frames.jsonl: expected every key once"
 
 
 def executable(out):
     """WebDataset's default decoder unpickles members that end in .pyd."""
     (out / "pano-0.notes.pyd").write_bytes(b"cos\nsystem\n(S'true'\ntR.")
-
-    def change(lines):
-        for line in lines:
-            if line["key"] == "pano-0":
-                line["files"]["notes"] = asdict(FileEntry.of(out / "pano-0.notes.pyd"))
-        return lines
-
-    listed(out, change)
+    enter(out, "pano-0", "notes", "pano-0.notes.pyd")
     return "pano-0"
 
 

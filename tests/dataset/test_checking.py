@@ -4,25 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from support.datasets import enter
 
-from omniscv import cli, dataset, modalities, storage
+from omniscv import cli, dataset, modalities
 from omniscv.compose.files import write_picture
-from omniscv.dataset import manifest
 from omniscv.errors import DatasetError
-from omniscv.frame import FileEntry
-
-
-def relisted(out, key, kind):
-    """Enter a file of a frame as it is now, with its checksum, as an attacker or a faulty tool would."""
-    entries = {entry.key: entry for entry in manifest.read_frames(out)}
-    own = out / f"{key}.json"
-    stored = json.loads(own.read_bytes())
-    entry = FileEntry.of(out / stored["frame"]["files"][kind]["path"])
-    stored["frame"]["files"][kind] = {"path": entry.path, "bytes": entry.bytes, "sha256": entry.sha256}
-    own.write_text(json.dumps(stored, indent=2) + "\n", encoding="utf-8")
-    whole = manifest.read(out)
-    entries[key] = whole.frame_of_file(own.name, own.read_bytes(), storage.folder(out))
-    manifest.write_frames(out, entries.values())
 
 
 def changed(out, key, layer, change):
@@ -31,7 +17,7 @@ def changed(out, key, layer, change):
     pixels = frame.layer(layer).copy()
     change(pixels, frame.valid)
     write_picture(frame.files[layer], pixels, modalities.get(layer))
-    relisted(out, key, layer)
+    enter(out, key, layer)
 
 
 def test_a_dataset_as_it_was_made_has_no_faults(whole):
@@ -139,8 +125,6 @@ def test_deep_faults_are_found_behind_right_checksums(layer, change, says, copie
 
 
 def test_records_are_json_of_objects_that_the_dataset_has(copied):
-    own = copied / "pano-0.json"
-    stored = json.loads(own.read_bytes())
     for text, says in (
         ('{"boxes": [{"instance_id": 777, "name": "Ball", "bbox": [0, 0, 1, 1]}]}', "got 'Ball' as 777"),
         ('{"boxes": [{"instance_id": 1, "name": "Ball"}]}', "boxes[0]: missing key 'bbox'"),
@@ -156,9 +140,7 @@ def test_records_are_json_of_objects_that_the_dataset_has(copied):
         ('{"boxes": [', "expected JSON"),
     ):
         (copied / "pano-0.truth.json").write_text(text, encoding="utf-8")
-        stored["frame"]["files"]["truth"] = {"path": "pano-0.truth.json", "bytes": 0, "sha256": "0" * 64}
-        own.write_text(json.dumps(stored), encoding="utf-8")
-        relisted(copied, "pano-0", "truth")
+        enter(copied, "pano-0", "truth", "pano-0.truth.json")
         assert dataset.check(copied) == []
         (line,) = dataset.check(copied, deep=True)
         assert line.startswith("pano-0.truth.json: ")

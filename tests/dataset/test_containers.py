@@ -5,16 +5,14 @@ import tarfile
 import threading
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
 from itertools import chain
 
 import numpy as np
 import pytest
 import webdataset
-from support.datasets import tree
+from support.datasets import enter, tree
 
 from omniscv import cli, dataset
-from omniscv.frame import FileEntry
 
 
 def samples(folder):
@@ -112,17 +110,11 @@ def test_hugging_face_reads_every_row(copied, datasets, tmp_path):
 
 def with_boxes(out):
     """Give every frame a record of a box."""
-    lines = (out / "frames.jsonl").read_text(encoding="utf-8").splitlines()
-    rows = [json.loads(line) for line in lines]
-    names = {
-        number: name for name, number in json.loads((out / "dataset.json").read_bytes())["names"].items()
-    }
-    for row in rows:
-        path = out / f"{row['key']}.truth.json"
-        box = {"instance_id": 4, "name": names[4], "class": "chair", "bbox": [1, 2, 3, 4]}
-        path.write_text(json.dumps({"boxes": [box]}), encoding="utf-8")
-        row["files"]["truth"] = asdict(FileEntry.of(path))
-    (out / "frames.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    for frame in dataset.open(out):
+        (name,) = [name for name, number in frame.instances.items() if number == 4]
+        box = {"instance_id": 4, "name": name, "class": "chair", "bbox": [1, 2, 3, 4]}
+        (out / f"{frame.key}.truth.json").write_text(json.dumps({"boxes": [box]}), encoding="utf-8")
+        enter(out, frame.key, "truth", f"{frame.key}.truth.json")
 
 
 @pytest.mark.parametrize("out", [None, "beside"])

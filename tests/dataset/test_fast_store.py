@@ -4,18 +4,16 @@ import json
 import shutil
 import sys
 import tracemalloc
-from dataclasses import asdict
 
 import blosc2
 import numpy as np
 import pytest
-from support.datasets import image, job_file, made, tree
+from support.datasets import enter, image, job_file, made, tree
 
 from omniscv import dataset
 from omniscv.compose.reading import check_header, read
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
-from omniscv.frame import FileEntry
 from omniscv.job import load
 from omniscv.make import make
 from omniscv.pictures import b2nd
@@ -125,17 +123,6 @@ def test_a_dataset_has_one_store(stores, tmp_path):
     assert tree(out) == before
 
 
-def enter(out, kind, content):
-    """Replace a file of a frame, with its size and checksum."""
-    path = out / f"pano-0.{kind}.b2nd"
-    path.write_bytes(content)
-    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text(encoding="utf-8").splitlines()]
-    for line in lines:
-        if line["key"] == "pano-0":
-            line["files"][kind] = asdict(FileEntry.of(path))
-    (out / "frames.jsonl").write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
-
-
 def array(pixels, **settings):
     """The bytes of an array as somebody else writes it."""
     return blosc2.asarray(np.ascontiguousarray(pixels), **settings).to_cframe()
@@ -159,7 +146,8 @@ SPOILED = {
 
 @pytest.mark.parametrize("content", SPOILED.values(), ids=SPOILED)
 def test_other_arrays_are_refused(fast, content):
-    enter(fast, "depth", content)
+    (fast / "pano-0.depth.b2nd").write_bytes(content)
+    enter(fast, "pano-0", "depth")
     frame = dataset.open(fast)[-3]
     assert frame.key == "pano-0"
     tracemalloc.start()

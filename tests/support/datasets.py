@@ -1,11 +1,14 @@
 """Small datasets to test with."""
 
 import hashlib
+import json
+from dataclasses import asdict
 
 import numpy as np
 
 import mock_server
 import omniscv
+from omniscv.frame import FileEntry
 from omniscv.job import load
 from omniscv.make import make
 
@@ -59,6 +62,27 @@ def tree(folder):
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def enter(out, key, kind, name=None):
+    """List a file of a frame as it is now, with its size and checksum, in ``frames.jsonl`` and beside it."""
+    own = out / f"{key}.json"
+    stored = json.loads(own.read_bytes())
+    files = stored["frame"]["files"]
+    files[kind] = asdict(FileEntry.of(out / (name or files[kind]["path"])))
+    own.write_text(json.dumps(stored, indent=2) + "\n", encoding="utf-8")
+
+    def change(line):
+        return {**line, "files": {**line["files"], kind: files[kind], "image": asdict(FileEntry.of(own))}}
+
+    relisted(out, lambda lines: [change(line) if line["key"] == key else line for line in lines])
+
+
+def relisted(out, change):
+    """Change the lines of ``frames.jsonl``, as plain values."""
+    path = out / "frames.jsonl"
+    lines = change([json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()])
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
 
 
 def traced_names(scene, camera, pose):
