@@ -1,7 +1,7 @@
 """What is kept for the next image: rays and lookups within a bound in bytes, and captures."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, TypeVar
 
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper
@@ -100,6 +100,11 @@ class HeldCaptures(SourceWrapper):
     def nbytes(self) -> int:
         """Bytes held in memory."""
         return sum(map(_nbytes, list(self._held.values())))
+
+    @property
+    def requests(self) -> Collection[Request]:
+        """The requests of the moment so far, each once, in their order."""
+        return (self._needed or {}).keys()
 
     def close(self) -> None:
         self._held = {}

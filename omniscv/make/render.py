@@ -2,7 +2,7 @@
 
 import time
 from collections import ChainMap
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache, partial, reduce
@@ -16,6 +16,7 @@ import numpy as np
 from omniscv import planning
 from omniscv.arguments import wrong
 from omniscv.cameras import Camera
+from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -30,7 +31,7 @@ from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
-from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, check_modes
+from omniscv.sources.base import Request, Source, View, check_modes
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
@@ -177,8 +178,9 @@ def capture(
                         for camera, pose in views
                     ]
                     if job.options.checks == "light" or any(plan.aim is not None for plan in plans):
-                        noting = _Noting(renderer_then.source, needed)
-                        list(renderer.of(noting).render_together(views, shown, job.options))
+                        asked = HeldCaptures(renderer_then.source, {})
+                        list(renderer.of(asked).render_together(views, shown, job.options))
+                        needed |= dict.fromkeys(asked.requests)
                         report(Progress(images=len(views)))
                         continue
                     modes = job.options.sampled(shown)
@@ -207,19 +209,6 @@ def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | 
         return None
     wider_px = [view.width - edge for view in recorded if abs(2 * view.focal_px / edge - 1) < _SAME_PITCH]
     return min(wider_px) // 2 if wider_px else max(FACE_BORDER_PX, edge // _FACE_PER_OVERSCAN)
-
-
-class _Noting(SourceWrapper):
-    """Notes the requests that it passes on."""
-
-    def __init__(self, source: Source, needed: dict[Request, None]) -> None:
-        super().__init__(source)
-        self._needed = needed
-
-    def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        for capture in self._source.capture(requests):
-            self._needed[capture.request] = None
-            yield capture
 
 
 def _capture_plans(
