@@ -119,8 +119,9 @@ def read(cls: type[T], value: object, where: str = "") -> T:
     Raises:
         ArgumentError: no mapping, an unknown or missing key, or as a reader raises.
     """
+    given = _given(fields(cls), value, where)  # type: ignore[arg-type]
     try:
-        return cls(**_given(fields(cls), value, where))  # type: ignore[arg-type]
+        return cls(**given)
     except ArgumentError as cause:
         raise ArgumentError(f"{where}.{cause.args[0]}" if where else cause.args[0]) from cause
 

@@ -226,7 +226,6 @@ def test_tables_beside_a_job(tmp_path):
         (("imu: {rate: 100", "#"), "euroc: expected frames with imu"),
         (("time: 0.35, ", ""), "expected a time for every pose"),
         (("rate: 100", "rate: 0"), "imu.rate: expected a finite number > 0"),
-        (("noise_density: 0.001", "noise_density: [1, 2]"), "imu.gyroscope.noise_density: expected 3"),
     ],
 )
 def test_what_is_refused_before_the_first_capture(change, says, tmp_path):

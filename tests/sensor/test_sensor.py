@@ -52,9 +52,7 @@ def test_presets_are_defaults(name):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"preset": "imx1"}, "preset: expected one of imx250, imx249, imx363; got 'imx1'"),
         ({"bits": 17}, "bits: expected a whole number <= 16, got 17"),
-        ({"mosaic": "rgbg"}, "mosaic: expected one of none, mono, rggb, bggr, grbg, gbrg; got 'rgbg'"),
         ({"blur": [1, 1, 1, 1, 1, 1]}, r"blur: expected 1 to 5 standard deviations, got \[1, 1"),
         ({"shading": [[10, 1], [0, 1]]}, "shading: expected natural, a file, or at least two pairs"),
         ({"black_level": 300, "bits": 8}, "black_level: expected less than 255, got 300"),

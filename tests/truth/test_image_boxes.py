@@ -57,6 +57,8 @@ def test_boxes_turn_with_a_panorama(labels, by):
         inside = np.zeros_like(mask)
         inside[y : y + h, np.arange(x, x + w) % width] = True
         assert (inside >= mask).all()
+        assert w <= a["bbox"][2]
+        assert w == width or mask[:, [x, (x + w - 1) % width]].any(axis=0).all()
         assert (b["bbox_wrap"][2:], b["bbox_wrap"][1]) == ([w, h], y)
         assert a["crosses_seam"] == (x + w > width or w == width)
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from omniscv.arguments import number, one_of, shown, text, whole_number, within
+from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.records import checked, optional, record
 from omniscv.sources.registry import split_address
@@ -27,9 +27,9 @@ _NOT_FOUND = (
 _MOST_FRAMES = 1_048_574  # as Blender has it
 
 
-def _clip(name: str, value: tuple[float, float]) -> tuple[float, float]:
-    near = number(name, value[0], least=1e-6)
-    return near, number(name, value[1], above=near, most=1e9)
+def _clip(name: str, value: object) -> tuple[float, float]:
+    near, far = numbers(name, value, (2,)).tolist()
+    return number(name, near, least=1e-6), number(name, far, above=near, most=1e9)
 
 
 _FRAME = optional(partial(whole_number, least=-_MOST_FRAMES, most=_MOST_FRAMES))

@@ -54,7 +54,7 @@ def missing_numbers(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _form(name: str, value: Any) -> DepthForm | None:
-    return DepthForm.parse(value) if isinstance(value, str) and value else value or None
+    return value if isinstance(value, DepthForm) else DepthForm.parse(text(name, value)) if value else None
 
 
 @record(eq=False)
