@@ -124,8 +124,6 @@ def test_how_evenly_pixels_are_spread():
 
 
 def test_equal_area_pixels_are_equal():
-    angles = solid_angles(create("cylindrical", 90, 60, fov_v_deg=180, profile="equal-area"))
-    np.testing.assert_allclose(angles[1:-1], 4 * np.pi / 5400, rtol=1e-2)  # triangles cut their columns' arcs
     rows = create("cylindrical", 90, 60, fov_v_deg=180, profile="equal-area").unproject(
         np.stack([np.full(61, 45.0), np.arange(61.0)], axis=-1)
     )

@@ -39,15 +39,6 @@ def test_webdataset_reads_every_byte(options, whole, tmp_path):
     assert largest == {"max_count": 2, "max_bytes": 1}.get(next(iter(options), ""), 4)
 
 
-def test_frames_of_some_cameras_are_exported(whole, tmp_path):
-    dataset.export(whole / "dataset", "webdataset", out=tmp_path / "lens", cameras=["lens"])
-    assert sorted(sample["__key__"] for sample in samples(tmp_path / "lens")) == [
-        "lens-0",
-        "lens-1",
-        "lens-2",
-    ]
-
-
 def test_shards_are_deterministic_and_plain(whole, tmp_path):
     for name in ("a", "b"):
         dataset.export(whole / "dataset", "webdataset", tmp_path / name, max_count=2)

@@ -12,12 +12,11 @@ from PIL import Image
 
 import omniscv
 from omniscv import dataset
-from omniscv.dataset import Frame, media
+from omniscv.dataset import Frame
 from omniscv.dataset.media import (
     photo_sphere_fields,
     video_boxes,
     with_photo_sphere,
-    with_video_boxes,
     write_video,
 )
 from omniscv.errors import ArgumentError
@@ -135,17 +134,6 @@ def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
         )  # not where the ramp starts again
         assert np.abs(pixels - expected)[smooth].mean() < 3  # of 256, lossy at a quality of 18
     assert not list(tmp_path.glob("a/.*"))
-
-
-def test_tags_do_not_touch_the_pictures(tmp_path, monkeypatch):
-    plain = []
-    monkeypatch.setattr(
-        media, "with_video_boxes", lambda video: plain.append(video) or with_video_boxes(video)
-    )
-    tagged = write_video(frames(tmp_path), tmp_path / "tagged.mp4").read_bytes()
-    for (one, before), (other, after) in zip(decoded(plain[0]), decoded(tagged), strict=True):
-        np.testing.assert_array_equal(one, other)
-        assert {each.type.name for each in after} - {each.type.name for each in before} >= {"STEREO3D"}
 
 
 def test_other_cameras_have_no_sphere(tmp_path):

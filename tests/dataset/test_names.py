@@ -11,8 +11,8 @@ from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.viewing.look import look
 
-HARMLESS = ["x: y", 'a"b', "yes", "&a *b", "</script>", "日本", "😀"]
-PORTABLE = ["yes", "x - y", "日本", "😀"]
+HARMLESS = ["x: y", 'a"b', "yes", "</script>", "日本"]
+PORTABLE = ["yes", "x - y", "日本"]
 NOT_PORTABLE = ["con", "LPT1", "a:b", 'a"b', "<script>", "a?", "a*", "a|b", "a\\b", "x ", " x"]
 REFUSED = ["x" * 10_000, "a\nb", "\u202eab", "\ud800", "a/b", "..", ""]
 

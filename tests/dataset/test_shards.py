@@ -126,8 +126,6 @@ def longer(tar, member, data):
     ("change", "says"),
     [
         (linked(tarfile.SYMTYPE, ""), "expected files of samples, got 'lens-"),
-        (linked(tarfile.SYMTYPE, "/etc/passwd"), "expected files of samples"),
-        (linked(tarfile.SYMTYPE, "../outside"), "expected files of samples"),
         (linked(tarfile.LNKTYPE, "lens-0.lit.png"), "expected files of samples"),
         (linked(tarfile.FIFOTYPE, ""), "expected files of samples"),
         (sparse, "expected files of samples"),

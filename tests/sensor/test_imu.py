@@ -53,13 +53,6 @@ def test_dead_reckoning(imu):
         np.testing.assert_allclose(sampled, of_path, rtol=0, atol=1e-12)
 
 
-def test_at_rest_it_measures_that_it_does_not_fall():
-    rest = Trajectory((Pose.from_angles((1, 2, 3), 90),) * 3, (0.0, 1.0, 2.0), "spline")
-    samples = truth.imu(rest, Imu(rate=10))
-    np.testing.assert_allclose(samples.specific_force, [[0, 0, 9.81]] * 21, atol=1e-12)
-    np.testing.assert_allclose(samples.angular_velocity, 0, atol=1e-12)
-
-
 def test_the_spline_passes_through_poses_of_any_rate():
     """Uneven times, 3 to 200 a second: it passes within 1e-6 m and rad; its derivatives are its own."""
     rng = np.random.default_rng(3)

@@ -8,12 +8,6 @@ from omniscv import light
 LEVELS = np.arange(256, dtype=np.uint8)
 
 
-def test_light_and_codes_are_the_standards():
-    assert light.decode(LEVELS[[128, 188]], "srgb") == pytest.approx([0.215861, 0.502886], abs=5e-7)
-    codes = 255 * light.light_to_srgb([0.18, 0.25, 0.5, 0.75])
-    assert codes == pytest.approx([117.65, 136.96, 187.52, 224.61], abs=5e-3)
-
-
 @pytest.mark.parametrize("transfer", ["srgb", "linear", "film", "unknown"])
 def test_every_code_comes_back(transfer):
     np.testing.assert_array_equal(light.encode(light.decode(LEVELS, transfer), transfer), LEVELS)

@@ -105,14 +105,6 @@ def unit(vector):
     return [v / length for v in vector]
 
 
-def off_axis(camera, pixel):
-    """(x, y) of a pixel in units of the focal length, in 50 digits."""
-    return [
-        (mp.mpf(p) - mp.mpf(c)) / mp.mpf(camera.focal)
-        for p, c in zip(np.asarray(pixel).tolist(), camera.center.tolist(), strict=True)
-    ]
-
-
 def body_of(camera):
     """The mirror of a non-central camera."""
     if camera.name == "noncentral-spherical-mirror":
