@@ -7,14 +7,19 @@ missing, kernels use numba's own cache: slower to load, the same results.
 
 import logging
 import os
+import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache as cached
 from functools import cached_property
+from threading import Timer
 from typing import Any
 
 import numba
+
+SILENT_S = 1.0
+"""Seconds of compiling, of a process, before it says so."""
 
 LOGGER = logging.getLogger("omniscv.compiled")
 
@@ -61,8 +66,10 @@ class _Files(FunctionCache):  # type: ignore[misc]
 class _Cache(NullCache):  # type: ignore[misc]
     """A cache that looks for its folder when its kernel is first called: most are called by kernels only."""
 
+    spent_s = 0.0  # compiling, in this process
+
     def __init__(self, function: Any) -> None:
-        self._function = function
+        self._function, self._timer, self._started = function, Timer(0, _say), 0.0
 
     @cached_property
     def _files(self) -> Any:
@@ -81,11 +88,16 @@ class _Cache(NullCache):  # type: ignore[misc]
         """Return the kernel of a signature from its file, or None."""
         kernel = self._files.load_overload(sig, target_context)
         if kernel is None:
-            _say()
+            self._started = time.monotonic()
+            self._timer = Timer(max(0.0, SILENT_S - _Cache.spent_s), _say)
+            self._timer.daemon = True
+            self._timer.start()
         return kernel
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Write the kernel of a signature to its file."""
+        self._timer.cancel()
+        _Cache.spent_s += time.monotonic() - self._started
         self._files.save_overload(sig, data)
 
     def flush(self) -> None:

@@ -47,7 +47,9 @@ def run(tmp_path, source=KERNEL, **environment):
 
 COMMAND = """
 import sys
+import mock_server.compiled
 from omniscv import cli
+mock_server.compiled.SILENT_S = 0
 from omniscv.cli import servers
 servers._list_scenes = lambda as_json: __import__("kernel")
 sys.argv[1:] = ["scenes"]

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from omniscv.progress import Progress
 
 Style = Literal["bar", "plain", "none"]
-_HELP = "bar, plain (lines for a log) or none; else bar on a terminal."
+_HELP = "bar, plain (lines for a log) or none; else bar on a terminal, and a line a minute elsewhere."
 StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
 """The option of every command that runs long."""
-_LINES_EVERY_S = 5.0
+_LINES_EVERY_S, _LINES_ELSEWHERE_S = 5.0, 60.0
 
 
 def line(text: object) -> None:
@@ -72,15 +72,18 @@ class Display:
     Args:
         what: is counted, such as "images".
         style: of the display.
-        every_s: least seconds between lines; the first and the last one are always printed.
+        every_s: least seconds between lines.
+        from_s: seconds before the first line; the last one is printed if another one was.
     """
 
-    def __init__(self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S) -> None:
+    def __init__(
+        self, what: str, style: Style = "none", every_s: float = _LINES_EVERY_S, from_s: float = 0.0
+    ) -> None:
         from omniscv.progress import Progress
 
         self._what, self._started, self._seconds = what, time.monotonic(), 0.0
         self._now = self._last_image = Progress()  # now, and when the last image was done
-        self._style, self._every_s, self._printed_s, self._printed = style, every_s, -every_s, ""
+        self._style, self._every_s, self._printed_s, self._printed = style, every_s, from_s - every_s, ""
         if style == "bar":
             from rich import progress
             from rich.console import Console
@@ -108,6 +111,11 @@ class Display:
         from omniscv.progress import Progress
 
         self(Progress(done, total))
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since it was made."""
+        return time.monotonic() - self._started
 
     def close(self) -> None:
         """End the display."""
@@ -150,10 +158,12 @@ def display(what: str, style: Style | None = None) -> Iterator[Display]:
 
     Args:
         what: is counted, such as "images".
-        style: by default a bar if standard error is a terminal, else nothing.
+        style: by default a bar if standard error is a terminal, else a line a minute.
     """
-    style = style or ("bar" if sys.stderr and sys.stderr.isatty() else "none")  # None: it is closed
-    with closing(Display(what, style)) as shown:
+    every_s = _LINES_EVERY_S if style else _LINES_ELSEWHERE_S
+    style = style or ("none" if not sys.stderr else "bar" if sys.stderr.isatty() else "plain")
+    from_s = 0.0 if every_s == _LINES_EVERY_S else every_s
+    with closing(Display(what, style, every_s, from_s)) as shown:
         yield shown
 
 

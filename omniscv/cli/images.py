@@ -1,8 +1,10 @@
 """``omniscv render``, ``record``, ``plan`` and ``job``: images, their captures, and jobs of them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, asdict, is_dataclass, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,13 +43,31 @@ def render(
         if loaded.rig is not None or len(loaded.cameras) != 1:
             raise ArgumentError(f"--stem: expected a job with one camera, got {len(loaded.cameras)}")
         loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
+    images: list[tuple[float, float | None, Any]] = []
     with display("images", progress) as show:
-        files = run(loaded, show, warn=console.error)
+        files = run(
+            loaded,
+            show,
+            warn=console.error,
+            done=lambda image: images.append((image.doubtful, image.options.accuracy, image.effort)),
+        )
     names = list(dict.fromkeys(map(str, files)))  # objects.json is one file for all images
     if as_json:
         console.as_json(names)
     else:
-        console.document("\n".join(names) if listed else f"{len(names)} files in {loaded.out}/")
+        spent = f"{len(names)} files in {loaded.out}/\n{_spent(images, show.seconds)}"
+        console.document("\n".join(names) if listed else spent)
+
+
+def _spent(images: Sequence[tuple[float, float | None, Any]], seconds: float) -> str:
+    """Return what images took in one line: captures, the share in doubt of what was asked, why they ended."""
+    captures = sum(effort.captures for _, _, effort in images)
+    doubtful, aim, effort = max(images, key=lambda image: image[0])
+    asked = "" if aim is None else f" ({100 * aim:.3g} % asked)"
+    ended = f"; {effort.stopped}" if effort.stopped not in ("", "aim") else ""
+    of, most = (f"{len(images)} images", "at most ") if len(images) > 1 else ("1 image", "")
+    share = f"{most}{100 * doubtful:.3g} % of the pixels in doubt{asked}{ended}"
+    return f"{of}: {captures} captures, {share}, {seconds:.1f} s"
 
 
 # -- record ----------------------------------------------------------------------------------------------
@@ -165,25 +185,31 @@ def plan(
     The last column is the share of pixels that are expected to be marked as inexact or unsure: the price of
     fewer captures.
     """
-    from omniscv.make import costs, measured_price
+    from omniscv.make import check_worlds, costs, measured_price
 
-    loaded = job.load()
-    if measure:
-        price = measured_price(loaded)
-        console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
-        loaded = replace(loaded, options=replace(loaded.options, capture_ms=(price.request, price.megapixel)))
-    found = costs(loaded)
+    found = []
+    for world in check_worlds(job.load(), dataset=False).each:
+        if measure:
+            price = measured_price(world)
+            console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
+            measured = (price.request, price.megapixel)
+            world = replace(world, options=replace(world.options, capture_ms=measured))
+        found += [(world.world, cost) for cost in costs(world)]
+    if len({world for world, _ in found}) > 1:
+        by_way = {cost.way: [other for _, other in found if other.way == cost.way] for _, cost in found}
+        found += [("all worlds", reduce(add, costs)) for costs in by_way.values()]
     if as_json:
-        console.as_json([asdict(cost) for cost in found])
+        console.as_json([({"world": world} if world else {}) | asdict(cost) for world, cost in found])
         return
     rows = [
         (
-            cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}", f"{cost.seconds:.1f}",
-            f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown",
+            *([world] if found[-1][0] else []), cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}",
+            f"{cost.seconds:.1f}", f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown",
         )
-        for cost in found
+        for world, cost in found
     ]  # fmt: skip
-    console.table(("strategy", "captures", "Mpx", "seconds", "marked %"), rows)
+    columns = ("strategy", "captures", "Mpx", "seconds", "marked %")
+    console.table(("world", *columns) if found[-1][0] else columns, rows)
 
 
 # -- job -------------------------------------------------------------------------------------------------
@@ -197,7 +223,7 @@ def job(
     example: Annotated[bool, Option("--example", help="Print a job with every key, as a start.")] = False,
     keys: Annotated[bool, Option("--keys", help="List the keys, for job files and --set.")] = False,
 ) -> None:
-    """Check a job without opening its source, and print what it makes; list its keys, or print an example."""
+    """Check a job and its sources, and print what it makes; list its keys, or print an example."""
     if (job is not None) + example + keys != 1:
         raise ArgumentError("job: expected one of JOB.yaml, --example and --keys")
     if job is not None:
@@ -247,13 +273,20 @@ def _check(file: Path) -> None:
     """Print what a job makes; ArgumentError for anything that ``render`` or ``dataset make`` would refuse."""
     from omniscv.arguments import within
     from omniscv.job import Recipe, load
-    from omniscv.make import check, check_dataset
+    from omniscv.make import check_worlds
 
     job = load(file)
     with within(file):
-        check(job) if job.recipe == Recipe() else check_dataset(job)
-    cameras, poses = len(job.cameras), len(job.poses)
-    at = "poses sampled in the source" if job.sampling else f"{poses} pose{'s' * (poses != 1)}"
-    console.line(f"{file}: {cameras} camera{'s' * (cameras != 1)} at {at}, of {', '.join(job.sources)}")
-    for name, camera in job.cameras.items():
+        dataset = bool(job.worlds) or job.recipe != Recipe()
+        known = check_worlds(job, dataset=dataset)
+    for world in known.each:
+        cameras, poses = len(world.cameras), len(world.poses)
+        at = f"{poses} pose{'s' * (poses != 1)}" if poses else "poses sampled in the source"
+        start = f"{file}: worlds.{world.world}" if world.world else file
+        console.line(
+            f"{start}: {cameras} camera{'s' * (cameras != 1)} at {at}, of {', '.join(world.sources)}"
+        )
+    if known.worlds:
+        console.line(f"{file}: {sum(map(len, known.worlds))} images of {len(known.worlds)} worlds")
+    for name, camera in known.cameras.items():
         console.line(f"{name}: {camera}")

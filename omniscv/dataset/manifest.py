@@ -123,6 +123,7 @@ class Manifest:
                 split=line["split"] and stem("split", line["split"]),
                 scene=any_text("scene", line["scene"]),
                 state=any_text("state", line.get("state", "")),
+                world=any_text("world", line.get("world", "")),
                 varied=mapping("varied", line.get("varied", {})),
                 watch=texts("watch", line["watch"]) if "watch" in line else (),
             )

@@ -59,6 +59,7 @@ class Frame:
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
         varied: what was drawn for it (:mod:`omniscv.job.vary`), by kind, name and setting.
+        world: its name in a job of several; empty in others.
         watch: objects that the world has left out of the image (:mod:`omniscv.make.frames`).
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
@@ -81,6 +82,7 @@ class Frame:
     scene: str = ""
     state: str = ""
     varied: Mapping[str, Any] = field(default_factory=dict)
+    world: str = ""
     watch: tuple[str, ...] = ()
     blank: tuple[str, ...] = ()
     imu: ImuTrack | None = None
@@ -185,6 +187,7 @@ class Frame:
             "place": self.place,
             "split": self.split,
             "scene": self.scene,
+            **({"world": self.world} if self.world else {}),
             **({"state": self.state} if self.state else {}),
             **({"varied": self.varied} if self.varied else {}),
             "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},

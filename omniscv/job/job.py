@@ -203,7 +203,9 @@ class Job:
         object.__setattr__(self, "cameras", _with_rig(self.rig, self.cameras))
         object.__setattr__(self, "modes", modalities.chosen(self.modes))
         if self.poses:  # else they are to be sampled
-            self._check_times()
+            self._check_times(len(self.poses))
+        elif count := getattr(self.sampling, "count", 0):
+            self._check_times(count)
         rolling = [name for name, camera in self.cameras.items() if isinstance(camera, RollingShutter)]
         if self.sensor is not None:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
@@ -259,9 +261,9 @@ class Job:
         """Whether images show the world in several states."""
         return self.moves or (self.vary is not None and bool(self.vary.rules))
 
-    def _check_times(self) -> None:
-        """Refuse times that do not fit the poses, the motions or the rig."""
-        poses, times = len(self.poses), self.times
+    def _check_times(self, poses: int) -> None:
+        """Refuse times that do not fit so many poses, the motions or the rig."""
+        times = self.times
         spans = {name: span for name, motion in self.motions.items() if (span := motion.span)}
         if times is None:
             if self.clock or self.exposure.seconds > 0 or spans:

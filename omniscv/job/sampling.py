@@ -111,7 +111,7 @@ class RandomPoses:
         draw = np.random.default_rng(self.seed)
         poses: list[Pose] = []
         looks = 0
-        for _ in range(_TRIES * self.count):
+        for tries in range(1, _TRIES * self.count + 1):
             position = draw.uniform(low, high)
             angles = [draw.uniform(*bounds) for bounds in ranges]
             if is_free(position):
@@ -121,9 +121,12 @@ class RandomPoses:
                     looks = 0
             if len(poses) == self.count:
                 return Trajectory(tuple(poses))
+            if tries == 2 * _TRIES and not poses and not looks:
+                break
         wanted = f"expected {self.count} positions with a clearance of {self.clearance:g} m in the box"
-        tries = f"{_TRIES * self.count} tries"
-        raise ArgumentError(f"poses.random: {wanted}, got {len(poses)} in {tries}; give a smaller clearance")
+        raise ArgumentError(
+            f"poses.random: {wanted}, got {len(poses)} in {tries} tries; give a smaller clearance"
+        )
 
 
 @record

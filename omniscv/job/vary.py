@@ -200,6 +200,7 @@ class Draws:
         variable: by kind and name, the settings that the source has, and how many numbers each has.
         boxes: of objects at rest, for ``clearance``.
         pivots_w: (3,) by object, where it is turned about.
+        skipped: by rule, how many objects its pattern matches that cannot be moved; known with the settings.
 
     Raises:
         ArgumentError: a pattern that no name matches, or a setting that the source does not have so.
@@ -210,6 +211,7 @@ class Draws:
     variable: Mapping[str, Mapping[str, Mapping[str, int]]]
     boxes: Mapping[str, ObjectBox] = field(default_factory=dict)
     pivots_w: Mapping[str, Array] = field(default_factory=dict)
+    skipped: dict[str, int] = field(default_factory=dict)
 
     def settings(self) -> dict[str, dict[str, dict[str, Any]]]:
         """Return the values by kind and name; of two patterns that match, the later one's."""
@@ -221,7 +223,11 @@ class Draws:
                 matching = [name for name in known if name == pattern or fnmatchcase(name, pattern)]
                 if COMMAND in settings:
                     matching = [pattern]
-                elif not matching:
+                elif pattern not in matching:
+                    able = [name for name in matching if settings.keys() <= known[name].keys()]
+                    self.skipped[f"{kind}.{pattern}"] = len(matching) - len(able)
+                    matching = able
+                if not matching:
                     got = f"got none; it has {shown(', '.join(known) or 'none')}"
                     raise ArgumentError(f"vary.{kind}.{pattern}: expected {kind} of the source, {got}")
                 for name in matching:
@@ -235,7 +241,7 @@ class Draws:
         """Return what is drawn for a frame, a place, or the empty key of a world: by kind, name and setting.
 
         Raises:
-            ArgumentError: objects have no free place in 50 draws.
+            ArgumentError: an object has no free place in 50 draws.
         """
         drawn: dict[str, dict[str, dict[str, Any]]] = {}
         for kind, by_name in self.settings().items():
@@ -290,7 +296,8 @@ class Draws:
                 ):
                     break
                 if attempt == _DRAWS:
-                    raise ArgumentError(f"{name}: no free place in {_DRAWS} draws")
+                    got = f"expected a free place, got none in {_DRAWS} draws"
+                    raise ArgumentError(f"vary.objects.{name}: {got}; give a smaller clearance")
                 again = self._draw("objects", name, f"{name}#{attempt}", settings[name], key)
                 objects[name] |= {what: again[what] for what in ("shift", "turn_deg") if what in again}
             placed[name] = here

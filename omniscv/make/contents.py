@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -13,15 +15,18 @@ from omniscv.compose.files import check_format
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset import exporting
 from omniscv.dataset.exporting import Export
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, OmniscvError, RecordingError, SourceError
 from omniscv.frame import IMAGE
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.job import Exposure, Job
-from omniscv.make.instants import SharedFrames, renderer_at
+from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, renderer_at
+from omniscv.make.source import opened
 from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
-from omniscv.sources.base import Source, check_modes
+from omniscv.sources.base import Source, check_modes, known_objects
+from omniscv.sources.recording.files import target_of
+from omniscv.sources.registry import scheme_of
 from omniscv.truth import registry as truths
 
 
@@ -71,15 +76,93 @@ def check_dataset(job: Job) -> Contents:
     return contents
 
 
-def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[SharedFrames]) -> None:
-    """Refuse a job whose dataset its open source cannot give, before anything is captured or written.
+@contextmanager
+def of_world(world: Job) -> Iterator[None]:
+    """Name a world, of several, in the messages of errors."""
+    try:
+        yield
+    except OmniscvError as cause:
+        if world.world:
+            cause.args = (f"worlds.{world.world}: {cause.message}",)
+        raise
+
+
+def _unrecorded(world: Job) -> Job:
+    return replace(world, record=None)
+
+
+def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unrecorded) -> Job:
+    """Refuse a job that cannot be run, world by world, before anything but free space is captured.
+
+    Each source is opened and closed. A packaged game is not launched: its file must be there.
+
+    Args:
+        job: whose worlds are checked; a world that cannot be opened is accepted if some frames may fail.
+        dataset: whether it makes a dataset, not images alone.
+        opens: returns the job of a world with the recording that it is opened with; none if not given.
+
+    Returns:
+        The job with the poses that were sampled.
 
     Raises:
-        ArgumentError: the source lacks a modality, or what a truth needs.
+        ArgumentError: as :func:`check_dataset` or :func:`check`, and :func:`check_source`.
+        SourceError, RecordingError: a source cannot be opened.
+    """
+    contents = []
+    for world in job.each:
+        with of_world(world):
+            contents.append((check_dataset if dataset else check)(world))
+            if world.record is not None:
+                target_of(world.record)
+            for game in (address for address in world.sources if scheme_of(address) == "launch"):
+                if not os.path.isfile(path := game.partition(":")[2].removeprefix("//").partition("?")[0]):
+                    raise ArgumentError(f"source: expected the file of a game, got none at {path}")
+    check_keys(job)
+    worlds, planned = list(job.each), list[SharedFrames]()
+    for at, world in enumerate(job.each):
+        if any(scheme_of(address) == "launch" for address in world.sources):
+            continue
+        with of_world(world):
+            try:
+                with opened(opens(world)) as (known, source):
+                    frames = list(frames_by_instant(known))
+                    check_source(known, contents[at] if dataset else Contents(), source, frames)
+                    worlds[at] = replace(known, draws=None, record=world.record)
+                    planned += frames
+            except (SourceError, RecordingError):
+                if not job.failures.skip:
+                    raise
+    check_faults(job, planned)
+    return replace(job, worlds=tuple(worlds)) if job.worlds else worlds[0]
+
+
+def check_faults(job: Job, planned: Iterable[SharedFrames]) -> None:
+    """Refuse a job of which more frames than may fail are known to: no pose or no draw was found for them."""
+    faults = [shared for shared in planned if shared.fault]
+    if sum(len(shared.frames) for shared in faults) > job.failures.skip * sum(map(frame_count, job.each)):
+        key = faults[0].frames[0].key
+        raise ArgumentError(f"{key}, at {faults[0].frames[0].place}: {faults[0].fault}")
+
+
+def frame_count(world: Job) -> int:
+    """Return the number of a world's frames; of sampled poses, as far as it is known before."""
+    return len(world) or len(world.cameras) * getattr(world.sampling, "count", 0)
+
+
+def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[SharedFrames]) -> None:
+    """Refuse a job that its open source cannot give, before anything is captured or written.
+
+    Raises:
+        ArgumentError: the source lacks a modality, an object that moves, or what a truth needs.
+        UnmatchedNamesError: no rule of the classes matches some objects.
         MissingCaptureError: it is a recording, and lacks a view of an image.
     """
     modes = job.options.sampled(job.modes)
     check_modes(source, modes)
+    if job.motions:
+        known_objects(job.motions, source.objects().names(), "motions")
+    if contents.classes is not None:
+        contents.classes.table(source.objects().names())
     geometry = (
         source.geometry() if any(truths.get(name).check for name in contents.truth) else SceneGeometry()
     )

@@ -11,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Collection, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -34,8 +35,16 @@ from omniscv.errors import (
 )
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.job import Job
-from omniscv.make.contents import Contents, check_dataset, check_source
+from omniscv.job import Job, Split
+from omniscv.make.contents import (
+    Contents,
+    check_dataset,
+    check_faults,
+    check_source,
+    check_worlds,
+    frame_count,
+    of_world,
+)
 from omniscv.make.frames import Failures, FrameMaker
 from omniscv.make.instants import check_keys, frames_by_instant, keys_of
 from omniscv.make.source import open_source, opened
@@ -46,6 +55,7 @@ from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
 _PARTS = "parts"
+_SPLIT_OFF = 0.02  # of all frames: how far shares of splits may be off without a line
 _FRAMES = 16
 """Frames of a part, about, unless the number of parts is given: a minute of a worker."""
 
@@ -154,6 +164,8 @@ def make(
         raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
     if existing == "refuse" and not shard:
         make_room(folder)
+    if job.worlds:  # one world is checked where it is opened, before the first capture
+        job = check_worlds(job, dataset=True, opens=part.of)
     chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
     how = _How(workers, progress, warn, existing == "replace", chosen)
@@ -229,7 +241,7 @@ def _run(
     contents = [check_dataset(world) for world in job.each]
     check_keys(job)
     folder, settings = storage.folder(job.out), contents[0].settings(job)
-    failures = Failures(job.failures.skip * sum(map(_count, job.each)), warn)
+    failures = Failures(job.failures.skip * sum(map(frame_count, job.each)), warn)
     labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
     ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
     worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
@@ -242,6 +254,8 @@ def _run(
                 frames = [frame for shared in planned for frame in shared.frames]
                 frames = [frame for frame in frames if chosen is None or frame.key in chosen]
                 check_source(world, contents[at], live, planned)
+                if not job.worlds:
+                    check_faults(job, planned)
                 if how.replaces and at == 0:
                     make_room(folder, overwrite=True)
                 names = live.objects().names() if labelled else ()  # those that the source has now
@@ -271,18 +285,14 @@ def _run(
                 raise
             known = {frame.key for frame in written}
             lost = [key for key in _keys(world, part, chosen) if key not in known] or [world.world]
-            failures.add({key: {} for key in lost}, world.world, cause)
+            with of_world(world):
+                failures.add({key: {} for key in lost}, world.world, cause)
     lines = [frame.to_dict() for frame in written]
     content = {"sha256": _checksum(lines), "frames": lines}
     if failures.lines:
         content["failed"] = list(failures.lines.values())
     folder.put(part.marker, json.dumps(content, allow_nan=False).encode())
     return Made(made, kept, failed=len(failures.lines)), worlds, written
-
-
-def _count(world: Job) -> int:
-    """Return the number of a world's frames; of sampled poses, as far as it is known before."""
-    return len(world) or len(world.cameras) * getattr(world.sampling, "count", 0)
 
 
 def _all_names(job: Job) -> dict[str, int]:
@@ -330,12 +340,11 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
-            shares = {split for split, share in job.recipe.split.shares.items() if share > 0}
-            by, places = job.recipe.split.by, {frame.place for frame in frames.values()}
-            units = len({place.partition("/")[0] for place in places} if by == "world" else places)
-            for split in sorted(shares - {frame.split for frame in frames.values()}):
-                why = f"they are of {units} {by}s, and {by}s are not divided"
-                warn(f"split: {split} has no frames: {why}")
+            fixed = {world.world for world in job.worlds if world.world_split}
+            for line in _split_warnings(
+                job.recipe.split, [f for f in frames.values() if f.world not in fixed]
+            ):
+                warn(line)
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
             for export in exports:  # each replaces the one that exists
@@ -345,6 +354,20 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
                 exporting.replace_export(export, written, folder)
         _remove_markers(folder, _markers(folder))
         tidy(folder)
+
+
+def _split_warnings(split: Split, frames: Sequence[Frame]) -> Iterator[str]:
+    """Yield a line if frames are not divided as a split asks for: places and worlds are not divided."""
+    counts = Counter(frame.split for frame in frames)
+    off = (abs(counts[name] / len(frames) - share) for name, share in split.shares.items() if frames)
+    if max(off, default=0) > _SPLIT_OFF:
+        got = ", ".join(
+            f"{name} {counts[name]} frames, {counts[name] / len(frames):.0%} ({share:.0%} asked)"
+            for name, share in split.shares.items()
+        )
+        units = len({frame.world if split.by == "world" else frame.place for frame in frames})
+        advice = "; give a smaller split.distance_m" if split.by == "place" else ""
+        yield f"split: {got}: they are of {units} {split.by}s, and {split.by}s are not divided{advice}"
 
 
 def _listed(folder: Folder) -> list[Frame]:

@@ -24,7 +24,7 @@ from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.job import Job
 from omniscv.make.contents import Contents
 from omniscv.make.instants import SharedFrames, images_of, renderer_at
-from omniscv.make.render import transfer_warning, warnings_of
+from omniscv.make.render import job_warnings, warnings_of
 from omniscv.parallel import ahead
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Source
@@ -89,7 +89,7 @@ class FrameMaker:
         self._shapes = bool(contents.truth or job.recipe.watch) or job.record is not None
         self._geometry = source.geometry() if self._shapes else SceneGeometry()
         self._renderer = Renderer(source)
-        for line in transfer_warning(job, source):
+        for line in job_warnings(job, source):
             self._warn(line)
         # Truths that capture may hide objects, so no image is captured meanwhile.
         self._capturing = {

@@ -86,6 +86,7 @@ def frames_by_instant(
             state = path.instant(replace(frame, varied=varied)).state
             key = frame.key if rolling else f".{state}"
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
+            frame = replace(frame, world=job.world)
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
             yield SharedFrames(tuple(frames), tuple(path.captured(i, frames)), fault)

@@ -22,16 +22,16 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
-from omniscv.make.contents import check, check_face_size
+from omniscv.make.contents import Contents, check, check_faults, check_source
 from omniscv.make.instants import frames_by_instant, images_of, renderer_at
-from omniscv.make.source import opened
+from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, ImageRays, Plan, RenderOptions, Round, drive
 from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
 from omniscv.render_options import Price
-from omniscv.sources.base import Request, Source, View, check_modes
+from omniscv.sources.base import Request, Source, View
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import known_capabilities
@@ -50,6 +50,7 @@ def run(
     job: Job,
     progress: Report | None = None,
     warn: Callable[[str], None] | None = None,
+    done: Callable[[OmniImage], object] | None = None,
 ) -> list[Path]:
     """Render a job's images and write them; one is written while the next is composed.
 
@@ -57,6 +58,7 @@ def run(
         job: what to render.
         progress: called as images progress.
         warn: called with a line for each image that has unsure or occluded pixels.
+        done: called with each image before it is written.
 
     Returns:
         The files written.
@@ -70,17 +72,21 @@ def run(
     check(job)
     warn = warn or (lambda line: None)
     with opened(job) as (job, source):
-        check_face_size(job, source)
-        for line in transfer_warning(job, source):
+        planned = list(frames_by_instant(job))
+        check_source(job, Contents(), source, planned)
+        check_faults(job, planned)
+        for line in job_warnings(job, source):
             warn(line)
         renderer, meter = Renderer(source), Meter(len(job), progress)
 
         def images() -> Iterator[tuple[str, OmniImage]]:
-            for shared in frames_by_instant(job):
+            for shared in planned:
                 composed = images_of(renderer, shared, job, progress=meter.part())
                 for frame, image in zip(shared.frames, composed, strict=True):
                     for line in warnings_of(frame.key, image):
                         warn(line)
+                    if done:
+                        done(image)
                     yield frame.key, image
 
         def save(named: tuple[str, OmniImage]) -> list[Path]:
@@ -100,8 +106,12 @@ _KNOBS = ("viewpoints", "face_size", "truth_scale")
 """Options that win against ``accuracy``."""
 
 
-def transfer_warning(job: Job, source: Source) -> Iterator[str]:
-    """Yield a line if a job averages colours, and the source does not say what its codes mean."""
+def job_warnings(job: Job, source: Source) -> Iterator[str]:
+    """Yield a line if a job averages colours, and the source does not say what its codes mean; and a line for
+    each rule that skips objects."""
+    for rule, count in job.draws.skipped.items() if job.draws else ():
+        if count:
+            yield f"vary.{rule}: skips {count} objects that the source cannot set so, such as static ones"
     averages = job.exposure.seconds > 0 or job.options.filter == "area"
     if "lit" in job.captured and source.capabilities.transfer == "unknown" and (averages or job.sensor):
         how = "a sensor takes them as sRGB" if job.sensor else "the mean of codes is no mean of light"
@@ -126,6 +136,8 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
     if image.unknown_colors:
         pixels, several = sum(image.unknown_colors.values()), len(image.unknown_colors)
         yield f"{stem}: {pixels} pixels of masks show {several} colours or ids that no object has: label 0"
+    if image.depth is not None and (nothing := np.isinf(image.depth[image.valid]).mean()) >= MOSTLY_NOTHING:
+        yield f"{stem}: {100 * nothing:.3g} % of the rays meet nothing; positions are metres"
     if "labels" in image.layers and not image["labels"].any():
         yield f"{stem}: all {image.valid.sum()} labels are 0: no pixel shows an object"
     for layer, what in _WARNINGS.items():
@@ -165,11 +177,11 @@ def capture(
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
             border_px = _overscan_px(job, source, recorded)
-        check_modes(source, job.options.sampled(job.modes))
-        check_face_size(job, source)
+        check_source(job, Contents(), source, ())  # of a recording, other views are captured, with a border
         source.objects()
-        renderer = Renderer(source)
-        for shared in frames_by_instant(job):
+        renderer, planned = Renderer(source), list(frames_by_instant(job))
+        check_faults(job, planned)
+        for shared in planned:
             for done, (instant, views, shown) in enumerate(shared.captured, start=1):
                 report = meter.part() if done == len(shared.captured) else without_images(meter.part())
                 with renderer_at(renderer, instant) as renderer_then:

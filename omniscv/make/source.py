@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, numbers, shown, within
+from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera, create
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
@@ -31,6 +31,8 @@ from omniscv.sources.world import SharedExposure
 _WIDTH = 256
 _FACE_PX = 128
 _NEAREST_LOOKS = 8
+MOSTLY_NOTHING = 0.99
+"""Share of the rays that meet nothing from which a position is taken to be a mistake."""
 _LOOK_PX = 64  # columns of an image, about, at which what it shows is counted
 
 
@@ -82,8 +84,7 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             times = sampled.times if job.times is None else job.times
             job = replace(job, poses=sampled.poses, times=times, sampling=None, faults=faults)
         if job.vary is not None and job.vary.rules:
-            with within(f"worlds.{job.world}") if job.world else nullcontext():
-                job = replace(job, draws=draws_of(job, still))
+            job = replace(job, draws=draws_of(job, still))
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
@@ -186,6 +187,14 @@ class FreeSpace:
         self._renderer = Renderer(source)
         self._camera = create("equirectangular", width=_WIDTH, height=_WIDTH // 2)
         self._looks = [self._look(numbers("start", start, (3,)))]
+        if np.isinf(self._looks[0].depth).mean() >= MOSTLY_NOTHING:
+            wanted = "expected a start, or the middle of the box, where something is seen"
+            got = f"{shown(start)} m, where {100 * MOSTLY_NOTHING:g} % of the rays meet nothing"
+            scene = ""
+            if boxes := [box.corners_w() for box in source.geometry().boxes.values()]:
+                low, high = (edge(boxes, axis=(0, 1)).round(2).tolist() for edge in (np.min, np.max))
+                scene = f"; the objects lie from {low} to {high}"
+            raise ArgumentError(f"poses: {wanted}; got {got}{scene}")
 
     def is_free(self, position_w: Array) -> bool:
         """Return whether a position (3,), metres, world frame, is free.

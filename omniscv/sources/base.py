@@ -39,6 +39,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 OBJECT_SETTINGS = {"shift": 3, "turn_deg": 1, "shown": 1, "clearance": 1}
 """What draws may set of an object, and how many numbers each has."""
 
+STATIC_SETTINGS = {"shown": 1}
+"""The same, of an object that cannot be moved."""
+
 
 @dataclass(frozen=True)
 class Capabilities:
@@ -175,7 +178,7 @@ class Source(ABC):
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
-        how many numbers each has.
+        how many numbers each has. An object that cannot be moved can only be ``shown``.
         """
         return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
 

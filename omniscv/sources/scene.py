@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -18,6 +18,7 @@ from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
 from omniscv.parallel import row_blocks
 from omniscv.sources.base import (
+    STATIC_SETTINGS,
     Capabilities,
     Capture,
     ObjectTable,
@@ -147,6 +148,10 @@ class SceneSource(Source):
         names = {*self.scene.moving, *self._moved} if objects is None else objects
         poses = {name: self.scene.pose(name) for name in sorted(names)}
         return {name: Pose(position, R_w_o) for name, (R_w_o, position) in poses.items()}
+
+    def variable(self, kind: str) -> dict[str, Mapping[str, int]]:
+        known = super().variable(kind)
+        return {name: STATIC_SETTINGS if name in self.scene.static else known[name] for name in known}
 
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""

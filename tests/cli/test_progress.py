@@ -9,7 +9,7 @@ from threading import Thread
 import pytest
 
 from omniscv.cli import run
-from omniscv.cli.console import Display
+from omniscv.cli.console import Display, display
 from omniscv.job import load
 from omniscv.make import run as run_job
 from omniscv.progress import Meter, Progress, without_images
@@ -70,6 +70,16 @@ def test_plain_progress_is_lines(job, capfd):
     assert len(lines) >= 2
     assert all(re.fullmatch(line, each) for each in lines), lines
     assert lines[-1].endswith(", 0:00 left")
+
+
+def test_without_a_terminal_there_is_a_line_a_minute(monkeypatch, capsys):
+    clock = iter(range(0, 1000, 40))
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    for style, count in ((None, 4), ("none", 0)):  # at 80, 160, 240 s, and at the end
+        with display("images", style) as shown:
+            for done in range(7):
+                shown.steps(done, 9)
+        assert len(capsys.readouterr().err.splitlines()) == count
 
 
 def test_lines_come_at_a_bounded_rate(capsys):

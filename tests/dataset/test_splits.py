@@ -80,7 +80,9 @@ def test_a_split_without_frames_gives_a_warning(tmp_path):
     lines = []
     make(load(tmp_path / "job.yaml"), warn=lines.append)
     assert len(lines) == 1
-    assert "has no frames: they are of 1 places" in lines[0]
+    got = "train 2 frames, 100% (50% asked), val 0 frames, 0% (50% asked): they are of 1 places"
+    assert lines[0].startswith(f"split: {got}")
+    assert lines[0].endswith("give a smaller split.distance_m")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.modalities import TRANSFERS
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import (
+    STATIC_SETTINGS,
     Capabilities,
     Capture,
     ObjectTable,
@@ -272,10 +273,12 @@ class RecordedSource(Source):
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """What was varied when it was recorded."""
-        if kind == "objects":
-            return super().variable(kind)
         instants = (state.instant for state in self._store.states().values() if state.instant)
-        varied = (item for instant in instants for item in instant.varied.get(kind, {}).items())
+        varied = [item for instant in instants for item in instant.varied.get(kind, {}).items()]
+        if kind == "objects":
+            moved = {name for name, of in varied if of.keys() - STATIC_SETTINGS}
+            known = super().variable(kind)
+            return {name: known[name] if name in moved or not moved else STATIC_SETTINGS for name in known}
         return {name: {key: np.size(value) for key, value in of.items()} for name, of in varied}
 
     def states(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
+    STATIC_SETTINGS,
     Capabilities,
     Capture,
     ObjectTable,
@@ -29,7 +30,7 @@ from omniscv.sources.base import (
 from omniscv.sources.scene import room_of
 from omniscv.sources.unreal.client import RETRIED, Client, Connection
 from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
-from omniscv.sources.unreal.instants import Journal, object_poses
+from omniscv.sources.unreal.instants import Journal, movable_objects, object_poses
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
 from omniscv.sources.unreal.objects import boxes, colors, object_table
@@ -123,6 +124,12 @@ class UnrealSource(Source):
             return {**self.instant.poses, **self._journal.named("drawn")}
         with self._journal.turn():
             return object_poses(self._connection, objects)
+
+    def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
+        known = super().variable(kind)
+        with self._journal.turn():
+            moving = set(movable_objects(self._connection)) if known else set()
+        return {name: known[name] if name in moving else STATIC_SETTINGS for name in known}
 
     def command(self, text: str) -> str:
         """Send a command of the plugin, and return its reply; of a binary one, its size and format.
