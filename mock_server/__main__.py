@@ -7,27 +7,33 @@ SIGTERM and SIGHUP stop the server, SIGINT also where it was ignored at the star
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from mock_server.faults import KINDS
 from mock_server.settings import WORDS, scene_names
 from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
+_OTHERS = {"omniscv serve": ", or a recording"}
 _EXAMPLE = "four-wall --port 9000 --dialect 0.3.10 --size 512x512"
 
 
-def main(arguments: Sequence[str] | None = None, program: str = "python -m mock_server") -> int:
+def main(
+    arguments: Sequence[str] | None = None,
+    program: str = "python -m mock_server",
+    opened: Callable[[dict[str, Any]], dict[str, Any]] = dict,
+) -> int:
     """Serve until a signal, and return the exit code: 1 if the server ended by itself, 2 for wrong usage.
 
+    ``opened`` returns the options with another scene, and its settings, in place of a name.
     Errors are one line on standard error that starts with the first word of ``program``.
     """
     name = program.split()[0] if program.startswith("omniscv") else "mock_server"
     with stop_signal() as wait:
         try:
-            options = vars(_parser(program).parse_args(arguments))
+            options = opened(vars(_parser(program).parse_args(arguments)))
             from mock_server.server import serve  # loads the tracer, which help does without
 
             server = serve(**options)
@@ -37,7 +43,8 @@ def main(arguments: Sequence[str] | None = None, program: str = "python -m mock_
             return _fail(name, cause, 2)
         except OSError as cause:
             address = f"{options.get('host', '127.0.0.1')}:{options['port']}"
-            return _fail(name, f"expected to listen on {address}; {cause}", 1)
+            advice = "free it, or take any free port by --port 0"
+            return _fail(name, f"expected to listen on {address}; {advice}; {cause.strerror}", 1)
         with server:
             print(f"{server.uri} {server.scene.name} dialect {server.settings.dialect}", flush=True)
             stopped = wait(server)
@@ -74,7 +81,10 @@ def _parser(program: str) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument(
-        "scene", nargs="?", default="four-wall", help=f"{', '.join(scene_names())}, or a YAML file"
+        "scene",
+        nargs="?",
+        default="four-wall",
+        help=f"{', '.join(scene_names())}, a YAML file" + _OTHERS.get(program, ""),
     )
     add = parser.add_argument_group("server").add_argument
     add("--port", type=int, default=9000, help="0 takes any free port (default 9000)")

@@ -139,9 +139,10 @@ class Objects:
         self._palette = palette()
         self._time_s, self._late = scene.time, False
         self._actors: list[SceneObject] = []
+        known = getattr(scene, "colors", {})  # of a recorded scene
         for key, color in zip(scene.objects, self._palette, strict=False):
             location, rotation = _in_unreal(scene.pose(key))
-            actor = SceneObject(key, color, key, location, rotation, (location, rotation))
+            actor = SceneObject(key, known.get(key, color), key, location, rotation, (location, rotation))
             actor.mobility = "Static" if key in scene.static else "Movable"
             self._actors.append(actor)
         self.by_name = {actor.name: actor for actor in self._actors}

@@ -36,6 +36,10 @@ _THREADS = 2
 _SOME_DIRECTIONS = np.array([[1, 2, 3], [-3, 1, 2], [2, -3, -1], [-1, -2, 3]]) / np.sqrt(14)
 
 
+class NotShownError(Exception):
+    """Another renderer behind the server has no such picture; the server replies why."""
+
+
 @dataclass(frozen=True, eq=False)
 class Hits:
     """The first surfaces that rays hit.
@@ -60,9 +64,15 @@ class Hits:
 
 @dataclass(frozen=True, eq=False)
 class ViewHits(Hits):
-    """A perspective view (H, W) in every mode; ``depth`` is planar, float64, metres, +inf for the sky."""
+    """A perspective view (H, W) in every mode.
+
+    Attributes:
+        depth: planar, float64, metres, +inf for the sky.
+        mask: (H, W, 3) colours of object masks; None for those of the objects, by ``label``.
+    """
 
     depth: Array
+    mask: NDArray[np.uint8] | None = None
 
     @cached_property
     def codes(self) -> NDArray[np.uint8]:

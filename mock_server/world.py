@@ -10,6 +10,7 @@ import re
 from collections import OrderedDict, deque
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,7 +137,7 @@ class World:
         self.placed_objects = Objects(scene)
         self._may_have_changed = True  # an object, since the last frame
         self._moments = deque([self.placed_objects.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
-        self._views: OrderedDict[object, ViewHits] = OrderedDict()
+        self._views: OrderedDict[tuple[Any, ...], ViewHits] = OrderedDict()
         self.vanished: list[tuple[tuple[float, ...], frozenset[str]]] = []  # by place, one after the other
         self._made_here: set[tuple[object, ...]] = set()
         dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
@@ -315,6 +316,8 @@ class World:
         return image
 
     def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
+        if mode == "object_mask" and view.mask is not None:
+            return view.mask
         if mode == "object_mask":
             colors = [(0, 0, 0), *self.placed_objects.colors(), self._dome.color]
             table = np.array(colors, dtype=np.uint8)
@@ -352,14 +355,14 @@ class World:
         """Return a view, cached for requests of other modes."""
         near = self.faults.strike("near-plane")
         near_m = near.amount() / 100 if near else 0.0
-        view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.projection(), camera.size)
-        key = (*view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
+        view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.projection())
+        key = (camera.size, *view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
             center, rays = camera.center_m(), camera.rays()
             self._views[key] = moment.shown.view(center, *rays, hidden, near_m)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (
-            len(self._views) > 1 and sum(view.label.size for view in self._views.values()) > _KEPT_PIXELS
+            len(self._views) > 1 and sum(math.prod(key[0]) for key in self._views) > _KEPT_PIXELS
         ):
             self._views.popitem(last=False)
         return self._views[key]

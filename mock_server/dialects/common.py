@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 from mock_server import pixels
 from mock_server.objects import SceneObject, axes
 from mock_server.protocol import to_int32
-from mock_server.scene import load_scene
+from mock_server.scene import NotShownError, load_scene
 from mock_server.settings import Settings
 from mock_server.world import Camera, World
 
@@ -212,7 +212,10 @@ class Dialect(ABC):
             if self.strict_verb and not text.startswith(f"{command.verb} "):
                 continue
             if (arguments := command.match(text)) is not None:
-                reply: Reply = command.handler(*arguments)
+                try:
+                    reply: Reply = command.handler(*arguments)
+                except NotShownError as cause:
+                    return f"error {cause}"
                 return reply
         return self.unknown.format(text)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Exit, Option, Typer
@@ -21,11 +21,23 @@ _STYLES = {"ok": "green", "warning": "yellow", "bad": "bold red"}
     epilog="Example: omniscv serve four-wall --port 9000 --dialect 0.3.10 --size 512x512",
 )
 def serve(context: typer.Context) -> None:
-    """Serve a scene over the UnrealCV protocol, for any client, until Ctrl-C."""
+    """Serve a scene, or a recording, over the UnrealCV protocol, for any client, until Ctrl-C."""
     from mock_server.__main__ import main
 
     signals.check()
-    raise Exit(main(context.args, "omniscv serve"))  # it reads the options, as 'python -m mock_server' does
+    raise Exit(
+        main(context.args, "omniscv serve", _opened)
+    )  # it reads the options, as 'python -m mock_server' does
+
+
+def _opened(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of a server with the scene of a recording, served as it was recorded."""
+    if not Path(options["scene"]).is_file() or Path(options["scene"]).suffix in (".yaml", ".yml"):
+        return options
+    from omniscv.diagnostics.recorded_scene import RecordedScene
+
+    scene = RecordedScene(Path(options["scene"]))
+    return scene.settings() | options | {"scene": scene}
 
 
 @app.command(epilog="Example: omniscv scenes\n\nExample: omniscv scenes four-wall")

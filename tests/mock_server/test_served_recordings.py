@@ -1,0 +1,67 @@
+"""A recording behind the UnrealCV socket: the official client gets the bytes that the server sent."""
+
+import os
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+import mock_server
+import omniscv
+
+PROGRAM = "from omniscv.cli import main; main()"
+YAWS = (0, 90)
+
+
+@pytest.fixture(params=["N3", "1.x", "0.3.10"])
+def dialect(request):
+    return request.param
+
+
+@pytest.fixture
+def served(dialect, tmp_path):
+    """A server, and 'omniscv serve' of what was recorded of it: their ports."""
+    path = tmp_path / "room.sqlite"
+    with mock_server.serve("four-wall", dialect=dialect, size=(64, 64)) as live:
+        with omniscv.open_source(live.uri) as source, omniscv.record(source, path) as recorder:
+            for yaw in YAWS:
+                pose = omniscv.Pose.from_unreal((50, -40, 150), (0, yaw, 0))
+                view = omniscv.sources.View(pose, 90.0, 64, 64)
+                modes = ("lit", "object_mask", "depth", "normals")
+                list(recorder.capture(omniscv.sources.Request(view, mode) for mode in modes))
+            recorder.objects()
+        command = [sys.executable, "-c", PROGRAM, "serve", str(path), "--port", "0"]
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
+        try:
+            line = process.stdout.readline()
+            assert f"dialect {'N3' if dialect == '1.x' else dialect}" in line
+            yield live.port, int(line.split()[0].rpartition(":")[2])
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=60)
+            assert process.returncode == 0
+        finally:
+            process.kill()
+
+
+def replies(client, commands):
+    return [client.request(command, timeout=20) for command in commands]
+
+
+def test_the_official_client_gets_the_bytes_of_the_server_that_was_recorded(served, connect):
+    live, recorded = (connect(SimpleNamespace(host="127.0.0.1", port=port)) for port in served)
+    commands = ["vget /objects"]
+    for yaw in YAWS:
+        commands += ["vset /camera/0/location 50 -40 150", f"vset /camera/0/rotation 0 {yaw} 0"]
+        forms = ("lit png", "object_mask png", "normal png", "depth npy")
+        commands += ["vget /camera/0/location"] * 4 + [f"vget /camera/0/{form}" for form in forms]
+    expected, got = (replies(client, commands) for client in (live, recorded))
+    assert all(isinstance(reply, bytes) for reply in expected[7:11])
+    for command, one, other in zip(commands, expected, got, strict=True):
+        assert one == other, command
+    move = ["vset /camera/0/location 50 -40 151", "vget /camera/0/location", "vget /camera/0/location"]
+    refused = replies(recorded, [*move, "vget /camera/0/lit png"])[-1]
+    assert refused.startswith("error ")
+    assert "position by 0.01 m" in refused
