@@ -359,7 +359,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 def _read(path: Path) -> Scene:
     try:
-        description = yaml_text.parse(yaml_text.read_text(path))
+        description = yaml_text.parse(
+            yaml_text.read_text(path, yaml_text.MOST_SCENE_BYTES), yaml_text.MOST_SCENE_VALUES
+        )
     except ValueError as cause:
         raise ValueError(f"scene: {path}: {cause}") from cause
     return Scene(path.stem, description)
@@ -374,7 +376,7 @@ def summary(name_or_path: str | Path) -> str:
     Raises:
         ValueError: as :func:`load_scene`.
     """
-    text = yaml_text.read_text(_path(name_or_path))
+    text = yaml_text.read_text(_path(name_or_path), yaml_text.MOST_SCENE_BYTES)
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
     return " ".join(line.strip("# ") for line in lines)
 

@@ -16,6 +16,8 @@ import yaml
 
 MOST_BYTES, MOST_VALUES, MOST_LEVELS, LONGEST_NUMBER = 1 << 20, 100_000, 32, 64
 """Bytes of a file; values, aliases expanded; levels of nesting; characters of a number."""
+MOST_SCENE_BYTES, MOST_SCENE_VALUES = 1 << 22, 500_000
+"""The same of the file of a scene, for 10,000 objects."""
 
 _PLAIN, _TEXT = "plain", "text"  # the tags of values without a tag
 _WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL")) | {
@@ -34,21 +36,21 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     """Return the text of a file.
 
     Raises:
-        ValueError: it cannot be read, is larger than ``MOST_BYTES``, or is not UTF-8.
+        ValueError: it cannot be read, is larger than ``most_bytes``, or is not UTF-8.
     """
     try:
         with open(path, "rb", opener=_at_once) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ValueError("a device or a pipe")
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(most_bytes + 1)
     except (OSError, ValueError) as cause:  # ValueError: a NUL in the name
         raise ValueError(f"expected a readable file, got {getattr(cause, 'strerror', cause)}") from cause
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"expected a file of at most {MOST_BYTES} bytes, got a larger one")
+    if len(data) > most_bytes:
+        raise ValueError(f"expected a file of at most {most_bytes} bytes, got a larger one")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
@@ -60,14 +62,16 @@ def _at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def parse(text: str) -> Any:
+def parse(text: str, most_values: int = MOST_VALUES) -> Any:
     """Return the value of a YAML (or JSON) document.
 
     Raises:
         ValueError: invalid YAML, or beyond the bounds; the message has the line.
     """
     try:
-        return _Loader(text).document()
+        loader = _Loader(text)
+        loader.most_values = most_values
+        return loader.document()
     except yaml.MarkedYAMLError as cause:
         mark = cause.problem_mark or cause.context_mark
         line = f"line {mark.line + 1}: " if mark else ""
@@ -81,6 +85,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
     """PyYAML's safe loader, restricted to plain values within the bounds."""
 
     _count = _level = 0
+    most_values = MOST_VALUES
 
     def descend_resolver(self, parent: Any, index: Any) -> None:
         """Bound the values and levels while they are parsed, before they take memory."""
@@ -120,8 +125,8 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
 
     def _check_bounds(self, node: Any, level: int) -> None:
         self._count += 1
-        if self._count > MOST_VALUES:
-            _refuse(node, f"at most {MOST_VALUES} values, aliases expanded", "more")
+        if self._count > self.most_values:
+            _refuse(node, f"at most {self.most_values} values, aliases expanded", "more")
         if level > MOST_LEVELS:
             _refuse(node, f"at most {MOST_LEVELS} levels of nesting", "more")
 

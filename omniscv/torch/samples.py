@@ -56,13 +56,13 @@ def sample_of_frame(frame: Frame, names: Sequence[str] | None) -> Sample:
 
     Args:
         frame: with files.
-        names: of layers; None: those of ``LAYERS`` that it has.
+        names: of layers; None: those of ``LAYERS`` that it has. ``valid`` always comes.
 
     Raises:
         ArgumentError: a layer that the frame does not have, or a file that cannot be read.
     """
     names = [name for name in LAYERS if name in frame.files] if names is None else names
-    layers = {name: tensor_of(frame.layer(name)) for name in names if name != DIRECTIONS}
+    layers = {name: tensor_of(frame.layer(name)) for name in names if name not in (DIRECTIONS, "valid")}
     small = replace(frame, files={}, instances={}, classes=None)  # what workers send with each sample
     vars(small).update(truth=frame.truth, layout=frame.layout)
     return sample_of(small, layers, directions=DIRECTIONS in names)
