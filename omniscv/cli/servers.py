@@ -34,7 +34,7 @@ def _opened(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a server with the scene of a recording, served as it was recorded."""
     if not Path(options["scene"]).is_file() or Path(options["scene"]).suffix in (".yaml", ".yml"):
         return options
-    from omniscv.diagnostics.recorded_scene import RecordedScene
+    from omniscv.sources.recorded_scene import RecordedScene
 
     scene = RecordedScene(Path(options["scene"]))
     return scene.settings() | options | {"scene": scene}
