@@ -174,6 +174,8 @@ for _row in (
              doc="bits: 1 dome, 2 translucent, 4 mismatch, 8 view-dependent, 16 clipped, 32 relit"),
     Modality("unsure", ("bool",), 0, "nearest", "png", captured=False,
              doc="not verified by any capture"),
+    Modality("doubt", ("bool",), 0, "nearest", "png", captured=False,
+             doc="the label or depth may be wrong: label_edge, unsure, or depth_error above 1 %"),
     Modality("unseen", ("bool",), 0, "nearest", "png", captured=False,
              doc="within the field of view, but seen by no recorded view: as if outside"),
 ):  # fmt: skip

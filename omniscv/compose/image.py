@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from omniscv import light
 from omniscv.cameras import Camera
 from omniscv.compose import files, pictures
+from omniscv.compose.layers import doubt_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Mask
@@ -26,7 +27,6 @@ from omniscv.sources.base import Color, ObjectTable
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-_DOUBTFUL = 0.01  # of the depth
 _REPORTS = "seams", "light"  # in the provenance: what composition did to colours, and found
 
 
@@ -143,13 +143,7 @@ class OmniImage:
 
         Pixels of ``label_edge`` and ``unsure``, and those whose depth may be off by more than 1 % of it.
         """
-        doubt = np.zeros(self.valid.shape, np.bool_)
-        for mask in (self.label_edge, self.unsure):
-            if mask is not None:
-                doubt |= mask
-        if self.depth is not None and self.depth_error is not None:
-            doubt |= ~np.isfinite(self.depth_error) | (self.depth_error > _DOUBTFUL * self.depth)
-        return doubt & self.valid
+        return doubt_of(self.layers, self.valid.shape) & self.valid
 
     @property
     def doubtful(self) -> float:
@@ -184,6 +178,7 @@ class OmniImage:
         image_format: str = "png",
         store: str = "files",
         depth_format: str = "exr",
+        doubt: bool = False,
     ) -> list[Path]:
         """Write the layers into a folder; see :mod:`omniscv.compose.files`.
 
@@ -193,12 +188,14 @@ class OmniImage:
             image_format: ``png`` or ``jpg``, for lit.
             store: ``files``, pictures that other programs read; ``fast``, arrays of Blosc2.
             depth_format: ``exr``, ``tiff`` or ``npy``, for depth, its bounds and normals.
+            doubt: whether :attr:`doubt` is written, too.
 
         Returns:
             The files, each written whole or not at all.
         """
         forms = files.Forms(image_format=image_format, store=store, depth_format=depth_format)
-        return files.write(self.layers, self.description(), self.objects, Path(out), stem, **forms)
+        layers = {**self.layers, "doubt": self.doubt} if doubt else self.layers
+        return files.write(layers, self.description(), self.objects, Path(out), stem, **forms)
 
     def to_srgb(self) -> NDArray[np.uint8]:
         """Return (H, W, 3) colours as sRGB codes; 8-bit ones of an unknown transfer as they are.

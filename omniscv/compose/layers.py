@@ -16,6 +16,23 @@ _ROWS = 64
 """Rows whose directions are turned at a time: they are float64 meanwhile."""
 
 
+_DOUBTFUL = 0.01  # of the depth
+MARKS = "label_edge", "unsure"
+"""Layers whose pixels are in doubt."""
+
+
+def doubt_of(layers: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Mask:
+    """Return (H, W) where the label or depth may be wrong, as far as layers say it: ``MARKS``, and depth that
+    may be off by more than 1 %."""
+    doubt = np.zeros(shape, np.bool_)
+    for name in MARKS:
+        doubt |= layers.get(name, np.False_)
+    if "depth" in layers and "depth_error" in layers:
+        error = layers["depth_error"]
+        doubt |= ~np.isfinite(error) | (error > _DOUBTFUL * layers["depth"])
+    return doubt
+
+
 class Canvas:
     """The layers of an image while they are filled, flat.
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
+from omniscv.compose.layers import MARKS, doubt_of
 from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
@@ -98,6 +99,8 @@ class Frame:
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer as it is, or was, in memory: dtype and shape as :mod:`omniscv.modalities` has it.
 
+        ``doubt`` is that of the frame's other layers.
+
         Raises:
             ArgumentError: the frame has no such layer, or the file of an image in no dataset is damaged.
             DatasetError: the file is missing, or no such layer.
@@ -106,6 +109,9 @@ class Frame:
             return self.image[name]
         if name in self.blank:
             return np.zeros((self.camera.height, self.camera.width), np.bool_)
+        if name == "doubt" and name not in self.files:
+            marks = self.layers(*MARKS, "depth", "depth_error")
+            return doubt_of(marks, (self.camera.height, self.camera.width))
         if name not in self.files:
             kinds = ", ".join(self.image.layers if self.image is not None else self.files) or "none"
             raise ArgumentError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import number
 from omniscv.cameras import Camera, Lidar, Rays, RollingShutter
+from omniscv.compose.layers import MARKS
 from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
@@ -85,7 +86,7 @@ def points(
 
 
 def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Points:
-    """Return the points of a frame with depth, with its normals, colours, labels and classes.
+    """Return the points of a frame with depth, with its normals, colours, labels, classes and doubt.
 
     Args:
         frame: of a dataset.
@@ -96,6 +97,8 @@ def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Po
         ArgumentError: the frame has no depth.
     """
     layers = {name: frame.layer(name) for name in _VALUES if name in frame.files}
+    if {*MARKS, "depth_error"} & {*frame.files, *frame.blank}:
+        layers["doubt"] = frame.layer("doubt")
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
     left_out = [frame.layer("unsure")] if "unsure" in frame.files else []

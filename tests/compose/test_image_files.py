@@ -222,7 +222,7 @@ def test_a_full_disk_is_one_line_that_names_the_file(image, tmp_path, image_form
         assert list(tmp_path.iterdir()) == []
 
 
-def test_the_doubtful_share_counts_each_pixel_once():
+def test_the_doubtful_share_counts_each_pixel_once(tmp_path):
     """Pixels at label edges, unsure ones, and those whose depth may be off by more than 1 %; not the sky."""
     camera = omniscv.cameras.create("equirectangular", 4, 2)
     valid = np.array([[True, True, True, True], [True, True, True, False]])
@@ -233,6 +233,8 @@ def test_the_doubtful_share_counts_each_pixel_once():
     layers = {"label_edge": edge, "unsure": unsure, "depth": depth, "depth_error": error}
     image = omniscv.OmniImage(camera=camera, pose=POSE, valid=valid, layers=layers, centers_w=POSE.position)
     assert image.doubtful == 5 / 7
+    image.save(tmp_path, doubt=True)
+    np.testing.assert_array_equal(read(tmp_path / "image.doubt.png", "doubt"), image.doubt)
     assert dataclasses.replace(image, layers={}).doubtful == 0
 
 

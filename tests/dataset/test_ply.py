@@ -79,6 +79,11 @@ def test_properties_are_the_layers_of_the_frames(tmp_path):
     unsure = {"depth": layers["depth"], "unsure": np.ones((40, 40), bool)}
     (path,) = get("ply").export([frame_of(tmp_path, unsure, CAMERA, POSES[0])], tmp_path, {"cloud": False})
     assert len(PlyData.read(path)["vertex"].data) == 0
+    half = np.arange(1600).reshape(40, 40) % 2 == 0
+    marked = frame_of(tmp_path, {"depth": layers["depth"], "label_edge": half}, CAMERA, POSES[0])
+    (path,) = get("ply").export([marked], tmp_path, {"cloud": False})
+    seen = CAMERA.valid() & np.isfinite(layers["depth"]) & (layers["depth"] > 0)
+    np.testing.assert_array_equal(PlyData.read(path)["vertex"]["doubt"], half[seen])
     with pytest.raises(ArgumentError, match="expected a frame with depth"):
         get("ply").export([frame_of(tmp_path, {"lit": layers["lit"]}, CAMERA, POSES[0])], tmp_path, {})
 

@@ -2,8 +2,9 @@
 
 Binary, little-endian; one element ``vertex`` with ``float x y z`` (metres, world frame: Z up) and, if the
 frames have them, ``float nx ny nz``, ``uchar red green blue``, ``ushort label`` (the instance id) and
-``ushort class``. Comments name the numbers: ``comment label 3 Chair``. Pixels without a surface, outside the
-field of view, unsure or inexact have no point. A point lies on its pixel's own ray.
+``ushort class``; ``uchar doubt`` is 1 where the label may be another one. Comments name the numbers:
+``comment label 3 Chair``. Pixels without a surface, outside the field of view, unsure or inexact have no
+point. A point lies on its pixel's own ray.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,6 +29,7 @@ _COLUMNS = {
     "lit": (("red", "green", "blue"), "u1", "uchar"),
     "labels": (("label",), "<u2", "ushort"),
     "classes": (("class",), "<u2", "ushort"),
+    "doubt": (("doubt",), "u1", "uchar"),
 }
 """By layer: the names of its properties, their type in memory and in the header."""
 
