@@ -234,6 +234,7 @@ def test_what_is_no_pose_is_refused_at_every_door(door, folder):
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("door", DOORS)
 def test_doors_20000_times(door, folder):
     check_valid(door, 3, 1_000, folder)
