@@ -129,11 +129,11 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     path = tmp_path / "sampled.yaml"
     start, _, rest = (tmp_path / "dataset.yaml").read_text().partition("poses:\n")
     box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
-    path.write_text(f"{start}poses: {{random: {{count: 20, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
+    path.write_text(f"{start}poses: {{random: {{count: 8, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
     camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
     sampled = replace(load(path), modes=("lit",), cameras=camera, recipe=plain)
     made = cluster.make(replace(sampled, out=tmp_path / "clustered"), threads)
-    assert made.written == 20
+    assert made.written == 8
     make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")
 
