@@ -3,13 +3,13 @@
 ::
 
     @record
-    class Exposure:
-        seconds: float = checked(number, least=0, default=0.0, help="time that the shutter is open")
-        instants: int = checked(whole_number, most=1000, default=1)
+    class Shutter:
+        seconds: float = checked(number, least=0, default=0.0, help="time that it is open")
+        blades: int = checked(whole_number, most=1000, default=1)
 
-    Exposure(seconds=-1)  # ArgumentError: seconds: expected a finite number >= 0, got -1
-    read(Exposure, {"second": 1}, "exposure")
-    # ArgumentError: exposure: unknown key 'second'; known keys: seconds, instants
+    Shutter(seconds=-1)  # ArgumentError: seconds: expected a finite number >= 0, got -1
+    read(Shutter, {"second": 1}, "shutter")
+    # ArgumentError: shutter: unknown key 'second'; known keys: seconds, blades
 
 A reader must return what it returned before unchanged: :func:`dataclasses.replace` checks again.
 """

@@ -45,7 +45,7 @@ class _Family:
         """Return the names of the numbers, focal lengths and centre first."""
         lens = cameras.model(model).lens
         assert lens is not None
-        terms = self.terms.split() or lens.names[4:]
+        terms = self.terms.split() or [name for argument in lens.distortion for name in argument.names]
         two = not one_focal and len(lens.focal) == 2
         return (*(_MATRIX if two else _ONE_FOCAL), *(name for name in terms if name != "skew"))
 

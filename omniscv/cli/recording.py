@@ -78,7 +78,7 @@ class _Said:
     clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False
 
     def given(self) -> dict[str, Any]:
-        """Return the options that are given, as :class:`omniscv.sources.recording.importing.Said`."""
+        """Return the options that are given."""
         values = {name: value for name, value in vars(self).items() if value}
         if "position" in values:
             values["position"] = options.numbers("--position", values["position"])

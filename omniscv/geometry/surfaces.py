@@ -13,8 +13,8 @@ change per pixel is ``across = a / f`` and ``down = b / f``; hence :func:`plane_
 - a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.planning.ray_marching`).
 
 Neighbouring pixels show one surface if inverse depth continues linearly on either side of the step between
-them (:func:`_continues`). Across the edge of an object interpolation would put points into the air: there the
-nearest pixel's own surface is continued by its own slope.
+them (:func:`discontinuities`). Across the edge of an object interpolation would put points into the air:
+there the nearest pixel's own surface is continued by its own slope.
 """
 
 import math

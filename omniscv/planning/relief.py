@@ -212,7 +212,7 @@ def _patterns(
         for c in range(1, width - 1):  # vectorized
             bend_across = here[c - 1] + here[c + 1] - np.float32(2) * here[c]
             bend_down = above[c] + below[c] - np.float32(2) * here[c]
-            # As surfaces.rounding, in float32, whose own errors of 1/z are well below it.
+            # As precision.rounding, in float32, whose own errors of 1/z are well below it.
             z, length = depth[r, c], np.float32(stored_length(r, c, (height, width), focal, precision))
             stored = np.float32(z * length * per_unit)
             power = np.int32(stored.view(np.int32) & 0x7F800000)
