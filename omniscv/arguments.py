@@ -22,7 +22,7 @@ _LONGEST_SHOWN = 120
 _LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
 _LONGEST_LABEL = 200  # characters
 _NOT_PORTABLE = frozenset('<>:"/\\|?*')
-_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9])(\..*)?", re.IGNORECASE)
+_DEVICE = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9])(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, with any suffix."""
 _LONGEST_STEM = (
     180  # bytes: a file name has 255, of which kind, suffix and the token of a temporary one are left

@@ -159,8 +159,9 @@ def mapping(where: str, value: object, known: Collection[str] | None = None) -> 
         raise ArgumentError(f"{start}expected {wanted}, got {shown(value)}")
     for key in value:
         if known is not None and key not in known:
-            listed = f"known keys: {', '.join(known) or 'none'}{did_you_mean(key, known)}"
-            raise ArgumentError(f"{start}unknown key {shown(key)}; {listed}")
+            hint = did_you_mean(key, known)
+            listed = f"{hint and ' '}known keys: {', '.join(known) or 'none'}"
+            raise ArgumentError(f"{start}unknown key {shown(key)}{hint or '; '}{listed}")
     return dict(value)
 
 

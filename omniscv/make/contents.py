@@ -26,7 +26,9 @@ from omniscv.planning.strategies import MEAN_OF_A_FACE
 from omniscv.records import mapping
 from omniscv.sources.base import Source, check_modes, known_objects
 from omniscv.sources.recording.files import target_of
+from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import scheme_of
+from omniscv.storage import is_url
 from omniscv.truth import registry as truths
 
 
@@ -112,12 +114,15 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unre
     for world in job.each:
         with of_world(world):
             contents.append((check_dataset if dataset else check)(world))
-            if world.record is not None:
-                target_of(world.record)
+            record = None if world.record is None else target_of(world.record)
+            if record is not None and os.path.isfile(record) and os.path.getsize(record):
+                Store(record).close()  # refuses what is no recording
             for game in (address for address in world.sources if scheme_of(address) == "launch"):
                 if not os.path.isfile(path := game.partition(":")[2].removeprefix("//").partition("?")[0]):
                     raise ArgumentError(f"source: expected the file of a game, got none at {path}")
     check_keys(job)
+    if not is_url(job.out) and os.path.isfile(job.out):
+        raise ArgumentError(f"out: expected a folder or a free name, got a file: {job.out}")
     worlds, planned = list(job.each), list[SharedFrames]()
     for at, world in enumerate(job.each):
         if any(scheme_of(address) == "launch" for address in world.sources):
@@ -200,9 +205,10 @@ def _check_recorded(job: Job, renderer: Renderer, planned: Sequence[SharedFrames
                 recorded = frozenset(still.source.recorded_views() or ())
                 alone = [still.plan(camera, pose, job.options) for camera, pose in views]
                 plans = planning.share_captures(alone, job.options.sampled(modes))
-                missing = (
-                    request for plan in plans for request in plan.requests if request.view not in recorded
-                )
+                sampled = job.options.sampled(modes)
+                firsts = (next(plan.rounds(), None) for plan in plans)  # later rounds depend on captures
+                requests = (request for first in firsts if first for request in first.requests(sampled))
+                missing = (request for request in requests if request.view not in recorded)
                 list(still.source.capture(islice(missing, 1)))
 
 

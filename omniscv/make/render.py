@@ -93,7 +93,10 @@ def run(
             key, image = named
             return image.save(job.out, key, job.image_format, job.store, job.depth_format)
 
-        return list(chain.from_iterable(ahead(save, images(), 1)))
+        files = list(chain.from_iterable(ahead(save, images(), 1)))
+    if others := len({*Path(job.out).glob("*.json")} - {*map(Path, files)}):
+        warn(f"{job.out}: {others} older images, which this job did not write, are beside the new ones")
+    return files
 
 
 _WARNINGS = {
@@ -143,7 +146,7 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
     for layer, what in _WARNINGS.items():
         if layer in image.layers and (count := np.count_nonzero(image[layer])):
             whole = np.count_nonzero(image.valid)
-            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer})"
+            yield f"{stem}: {count} of {whole} pixels are {layer}: {what} (see {stem}.{layer}.png)"
 
 
 class Captured(NamedTuple):

@@ -54,7 +54,7 @@ def test_an_option_overrides_its_key(options, field, value, job, capsys):
         ),
         ("a..b=1", "--set: expected KEY=VALUE"),
         ("modes=[lit", "--set modes: line 2: expected YAML"),
-        ("strateg=cube", "unknown key 'strateg'; known keys: source, "),
+        ("strateg=cube", "unknown key 'strateg'; did you mean strategy? known keys: source, "),
         ("source.x=1", "source: expected something in which x can be set"),
     ],
 )

@@ -97,6 +97,28 @@ def test_every_command_refuses_what_one_world_lacks(omniscv, tmp_path):
     assert not (tmp_path / "images").exists()
 
 
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"out": "other.txt"}, "out: expected a folder or a free name, got a file: other.txt"),
+        ({"record": "other.txt"}, "other.txt: expected a recording, got a file that is not a database"),
+        ({"source": "room.sqlite"}, "the nearest recorded view differs in position by 0.4 m"),
+    ],
+)
+def test_files_are_looked_at_first(omniscv, keys, says):
+    assert omniscv("record", **ONE | {"modes": ["lit"], "record": "room.sqlite"})[0] == 0
+    poses = [{"position": [0, 0, 1.5]}, {"position": [0.4, 0, 1.5]}]
+    assert says in refusal(
+        omniscv, "job, plan, dataset make", **ONE | {"poses": poses, "modes": ["lit"]} | keys
+    )
+
+
+def test_images_of_other_jobs_are_counted(omniscv):
+    assert omniscv("render", **ONE)[0] == 0
+    _, _, err = omniscv("render", **ONE | {"poses": [{"position": [x, 0, 1.5]} for x in (0, 1)]})
+    assert err == ["omniscv: images: 1 older images, which this job did not write, are beside the new ones"]
+
+
 def test_a_server_that_nobody_runs_is_refused_by_its_world(omniscv):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
