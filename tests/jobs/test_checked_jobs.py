@@ -106,11 +106,11 @@ def test_every_command_refuses_what_one_world_lacks(omniscv, tmp_path):
     ],
 )
 def test_files_are_looked_at_first(omniscv, keys, says):
-    assert omniscv("record", **ONE | {"modes": ["lit"], "record": "room.sqlite"})[0] == 0
+    one = ONE | {"modes": ["lit"]}
+    assert omniscv("record", **one, record="room.sqlite")[0] == 0
+    Path("other.txt").write_text("x", encoding="utf-8")
     poses = [{"position": [0, 0, 1.5]}, {"position": [0.4, 0, 1.5]}]
-    assert says in refusal(
-        omniscv, "job, plan, dataset make", **ONE | {"poses": poses, "modes": ["lit"]} | keys
-    )
+    assert says in refusal(omniscv, "job, plan", **one | {"poses": poses} | keys)
 
 
 def test_images_of_other_jobs_are_counted(omniscv):
