@@ -21,7 +21,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
-from omniscv.planning.relief import depth_relief, planar_error
+from omniscv.planning.relief import depth_relief, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
@@ -246,8 +246,7 @@ class _Composing:
         precision, rays, seen = codecs.precision(captures[0]), len(viewpoint.pixels), None
 
         def pictures_of() -> DepthPictures:
-            off = [error for capture in captures if (error := planar_error(capture)).size]
-            return DepthPictures.of(faces, views, precision, rays, off)
+            return DepthPictures.of(faces, views, precision, rays, planar_errors(captures))
 
         pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
         if viewpoint.check is None or offsets_w is None:

@@ -14,7 +14,7 @@ from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.precision import Precision
 from omniscv.geometry.surfaces import Point, discontinuities, nearest_pixel, surface_point
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import planar_error, planar_relief
+from omniscv.planning.relief import planar_errors, planar_relief
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
@@ -84,13 +84,16 @@ class DepthShell(NamedTuple):
 
 def _views(captures: Sequence[Capture]) -> tuple[Floats, Array]:
     """Return the pictures and lenses of captures of depth, as :class:`DepthShell` has them."""
-    pictures = [each.reshape(len(each), -1) for each in side_by_side(_pictures, list(captures))]
+    pictures = [each.reshape(3, -1) for each in side_by_side(_pictures, list(captures))]
     starts = np.cumsum([0, *(picture.shape[1] for picture in pictures)])
     lenses = []
     for view, start in zip((capture.view for capture in captures), starts, strict=False):
         half = view.width / 2, view.height / 2
         lenses.append([*view.pose.R_w_c.T.ravel(), view.focal_px, *half, start, *half])
-    return np.concatenate(pictures, axis=1), np.array(lenses)
+    whole = np.concatenate(pictures, axis=1)
+    if off := planar_errors(captures):
+        whole = np.concatenate([whole, np.concatenate([each.reshape(1, -1) for each in off], axis=1)])
+    return whole, np.array(lenses)
 
 
 def _range(capture: Capture) -> tuple[float, float]:
@@ -151,13 +154,12 @@ def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
 
 
 def _pictures(capture: Capture) -> Floats:
-    """Return (3 or 4, h, w) a view's pictures, as :class:`DepthShell` has them."""
-    face, relief, off = capture.pixels, planar_relief(capture), planar_error(capture)
+    """Return (3, h, w) a view's pictures, as :class:`DepthShell` has them, but for what captures say."""
+    face, relief = capture.pixels, planar_relief(capture)
     # Beyond its border a picture goes on: OpenCV's own border is a finite depth, in the sky the nearest.
     least = cv2.erode(face, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
-    relief = np.zeros_like(face) if relief is None else relief
-    return np.stack([face, np.where(beside, least, face), relief, *([off] if off.size else [])])
+    return np.stack([face, np.where(beside, least, face), np.zeros_like(face) if relief is None else relief])
 
 
 def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:

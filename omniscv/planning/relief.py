@@ -86,15 +86,18 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
     return (relief > 0) & _grown(changes, _NEAR_PX)
 
 
-def planar_error(capture: Capture) -> Floats:
+def planar_errors(captures: Sequence[Capture]) -> list[Floats]:
     """Return (h, w) float32 metres that planar depth may be off at each pixel and between it and the next, as
-    the capture says; an empty array where it does not."""
-    error = codecs.error_of(capture)
-    if error is None:
-        return np.zeros((0, 0), np.float32)
-    error /= capture.view.ray_lengths().astype(np.float32)
-    between = error if capture.encoding == codecs.RESAMPLED else cv2.dilate(error, _BESIDE)
-    return np.asarray(between, np.float32)
+    captures say; an empty list where none says it."""
+    errors = [codecs.error_of(capture) for capture in captures]
+    if all(error is None for error in errors):
+        return []
+    planar = []
+    for capture, error in zip(captures, errors, strict=True):
+        off = np.zeros(capture.pixels.shape) if error is None else error / capture.view.ray_lengths()
+        between = off if capture.encoding == codecs.RESAMPLED else cv2.dilate(off, _BESIDE)
+        planar.append(np.asarray(between, np.float32))
+    return planar
 
 
 def planar_relief(capture: Capture) -> Floats | None:
@@ -105,7 +108,8 @@ def planar_relief(capture: Capture) -> Floats | None:
     fired = np.zeros(depth.shape, np.uint8)
     alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)
     precision = codecs.precision(capture)
-    counts = _patterns(depth, focal, precision, planar_error(capture), fired, alone, beats)
+    off = next(iter(planar_errors([capture])), np.zeros((0, 0), np.float32))
+    counts = _patterns(depth, focal, precision, off, fired, alone, beats)
     if precision.digits <= _FEW_DIGITS:
         fired |= _swings(depth, focal, precision)
         fired |= _swings(np.ascontiguousarray(depth.T), focal, precision).T

@@ -11,8 +11,8 @@ from omniscv.cameras import create
 from omniscv.compose.nearest import boundaries
 from omniscv.geometry import Pose
 from omniscv.planning.depth_shell import depth_shell, distances
-from omniscv.planning.relief import planar_relief
-from omniscv.sources import View
+from omniscv.planning.relief import planar_errors, planar_relief
+from omniscv.sources import Capture, Request, View, codecs
 
 MOST = {1.4: 0.01, 2.0: 0.006, 3.0: 0.003, 4.5: 0.002, 8.0: 0.002}
 """Share of the pixels on a structure that may be wrong and unmarked, by captured px of a feature."""
@@ -100,3 +100,13 @@ def test_every_kind_is_bounded_or_marked(kind, px, encoding):
     judged = [judge(kind, px, seed, encoding) for seed in (21, 22)]
     assert np.mean([each.depth for each in judged]) <= MOST[px], judged
     assert np.mean([each.labels for each in judged]) <= MOST[px], judged
+
+
+def test_where_one_capture_says_its_error_the_others_have_one_of_zero():
+    view = View(Pose(np.zeros(3), np.eye(3)), 90.0, 4, 4)
+    depth, request = np.ones((4, 4), np.float32), Request(view, "depth")
+    payload, _ = codecs.encode(np.stack([depth, 0.01 * view.ray_lengths().astype(np.float32)], axis=-1))
+    said = Capture(request, view, depth, payload=payload, encoding=codecs.BOUNDED)
+    exact, bounded = planar_errors([Capture(request, view, depth, encoding="npy"), said])
+    np.testing.assert_allclose([exact, bounded], [0 * depth, 0.01 * depth], rtol=1e-6)
+    assert planar_errors([Capture(request, view, depth, encoding="npy")]) == []
