@@ -21,7 +21,7 @@ from omniscv.viewing.look import look
 def blank_colours(out):
     """Layers without a file are marks that no pixel has."""
     relisted(out, lambda lines: [{**line, "blank": ["lit"]} for line in lines])
-    return "blank: expected one of label_edge, occluded, relit, unsure, unseen; got 'lit'"
+    return "blank: expected one of label_edge, occluded, relit, unsure, doubt, unseen; got 'lit'"
 
 
 def swap_labels(out):

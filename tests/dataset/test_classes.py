@@ -115,7 +115,7 @@ def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
     with pytest.raises(UnmatchedNamesError) as failed:
         make(load(job))
     assert set(failed.value.names) == expected
-    assert [path.name for path in (tmp_path / "dataset").iterdir()] == []
+    assert not (tmp_path / "dataset").exists()
 
 
 @pytest.mark.parametrize(("unmatched", "known"), [("other", "otherprop"), ("ignore", None)])
