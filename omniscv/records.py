@@ -9,7 +9,7 @@
 
     Shutter(seconds=-1)  # ArgumentError: seconds: expected a finite number >= 0, got -1
     read(Shutter, {"second": 1}, "shutter")
-    # ArgumentError: shutter: unknown key 'second'; known keys: seconds, blades
+    # ArgumentError: shutter: unknown key 'second'; did you mean seconds? known keys: seconds, blades
 
 A reader must return what it returned before unchanged: :func:`dataclasses.replace` checks again.
 """

@@ -105,7 +105,11 @@ def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
         ("cfl", {"recipe": "original", "edge_sigma": 0.1}, "without others; got edge_sigma"),
         ("cfl", {"corner_sigma": 0}, "corner_sigma: expected a finite number > 0"),
         ("flow", {"gap": 0}, "gap: expected a whole number >= 1"),
-        ("flow", {"tolerance": {"abs": 1}}, "tolerance: unknown key 'abs'; known keys: abs_m, rel"),
+        (
+            "flow",
+            {"tolerance": {"abs": 1}},
+            "tolerance: unknown key 'abs'; did you mean abs_m? known keys: abs_m, rel",
+        ),
         ("ply", {"voxel": 0}, "voxel: expected a finite number > 0"),
     ],
 )
@@ -157,7 +161,7 @@ def test_cameras_that_formats_carry(format):
         ),
         ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
         ("export: [{format: horizonnet, cameras: [pano]}]", "horizonnet: expected frames with layout"),
-        ("truth: {boxen: true}", "truth: unknown key 'boxen'; known keys: poses, layout"),
+        ("truth: {boxen: true}", "truth: unknown key 'boxen'; did you mean boxes? known keys: poses, layout"),
         ("truth: {tolerance: {abs_m: -1}}", "truth.tolerance.abs_m: expected a finite number >= 0"),
         ("truth: {layout: {source: guess}}", "truth.layout: source: expected one of scene, fitted"),
         ("layout: {source: scene}", "layout: expected no such key, got {'source': 'scene'}; write truth"),
