@@ -79,7 +79,7 @@ def test_truncated_is_the_share_outside_the_image():
         assert found["truncated"] == pytest.approx(wanted, abs=0.06)
 
 
-@pytest.mark.parametrize("source", ["mock://four-wall?dialect=0.3.10&size=96x96", "mock://four-wall"])
+@pytest.mark.parametrize("source", ["mock://four-wall?dialect=0.3.10&size=192x192", "mock://four-wall"])
 def test_the_truth_of_a_frame_has_a_box_for_every_object_that_is_seen(source):
     """From vertices, or, where the plugin has none, around points that are seen, which are in the object."""
     camera = cameras.create("equirectangular", width=256, height=128)
