@@ -40,7 +40,7 @@ WRONG = [
     ("face_size", "true", "face_size: expected 'auto' or"),
     ("max_error_px", "1", "did you mean accuracy?"),
     ("source_options", "{timeout_s: soon}", "source_options.timeout_s: expected a finite number > 0"),
-    ("more", "'\x85\u202e'", "unknown key 'more'; did you mean modes? known keys: source"),
+    ("more", "'\x85\u202e'", "unknown key 'more'; did you mean store? known keys: source"),
 ]
 
 
