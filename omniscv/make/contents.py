@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
@@ -16,10 +17,10 @@ from omniscv.compose.renderer import Renderer
 from omniscv.dataset import exporting
 from omniscv.dataset.exporting import Export
 from omniscv.errors import ArgumentError, OmniscvError, RecordingError, SourceError
-from omniscv.frame import IMAGE
+from omniscv.frame import IMAGE, Frame
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry.scene_geometry import SceneGeometry
-from omniscv.job import Exposure, Job
+from omniscv.job import Exposure, Job, Split
 from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, renderer_at
 from omniscv.make.source import opened
 from omniscv.planning.strategies import MEAN_OF_A_FACE
@@ -30,6 +31,8 @@ from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import scheme_of
 from omniscv.storage import is_url
 from omniscv.truth import registry as truths
+
+_SPLIT_OFF = 0.02  # of all frames: how far shares of splits may be off without a line
 
 
 def check(job: Job) -> Contents:
@@ -317,3 +320,17 @@ def _export(keys: Mapping[str, Any], shared: Mapping[str, Any]) -> Export:
 def _taken(taker: object, shared: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys of a job that a truth or format takes among its options: its ``keys``."""
     return {key: shared[key] for key in getattr(taker, "keys", ()) if shared.get(key) is not None}
+
+
+def split_warnings(split: Split, frames: Sequence[Frame]) -> Iterator[str]:
+    """Yield a line if frames are not divided as a split asks for: places and worlds are not divided."""
+    counts = Counter(frame.split for frame in frames)
+    off = (abs(counts[name] / len(frames) - share) for name, share in split.shares.items() if frames)
+    if max(off, default=0) > _SPLIT_OFF:
+        got = ", ".join(
+            f"{name} {counts[name]} frames, {counts[name] / len(frames):.0%} ({share:.0%} asked)"
+            for name, share in split.shares.items()
+        )
+        units = len({frame.world if split.by == "world" else frame.place for frame in frames})
+        advice = "; give a smaller split.distance_m" if split.by == "place" else ""
+        yield f"split: {got}: they are of {units} {split.by}s, and {split.by}s are not divided{advice}"

@@ -11,8 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -35,7 +34,7 @@ from omniscv.errors import (
 )
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.job import Job, Split
+from omniscv.job import Job
 from omniscv.make.contents import (
     Contents,
     check_dataset,
@@ -44,6 +43,7 @@ from omniscv.make.contents import (
     check_worlds,
     frame_count,
     of_world,
+    split_warnings,
 )
 from omniscv.make.frames import Failures, FrameMaker
 from omniscv.make.instants import check_keys, frames_by_instant, keys_of
@@ -55,7 +55,6 @@ from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
 _PARTS = "parts"
-_SPLIT_OFF = 0.02  # of all frames: how far shares of splits may be off without a line
 _FRAMES = 16
 """Frames of a part, about, unless the number of parts is given: a minute of a worker."""
 
@@ -341,7 +340,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
             fixed = {world.world for world in job.worlds if world.world_split}
-            for line in _split_warnings(
+            for line in split_warnings(
                 job.recipe.split, [f for f in frames.values() if f.world not in fixed]
             ):
                 warn(line)
@@ -354,20 +353,6 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
                 exporting.replace_export(export, written, folder)
         _remove_markers(folder, _markers(folder))
         tidy(folder)
-
-
-def _split_warnings(split: Split, frames: Sequence[Frame]) -> Iterator[str]:
-    """Yield a line if frames are not divided as a split asks for: places and worlds are not divided."""
-    counts = Counter(frame.split for frame in frames)
-    off = (abs(counts[name] / len(frames) - share) for name, share in split.shares.items() if frames)
-    if max(off, default=0) > _SPLIT_OFF:
-        got = ", ".join(
-            f"{name} {counts[name]} frames, {counts[name] / len(frames):.0%} ({share:.0%} asked)"
-            for name, share in split.shares.items()
-        )
-        units = len({frame.world if split.by == "world" else frame.place for frame in frames})
-        advice = "; give a smaller split.distance_m" if split.by == "place" else ""
-        yield f"split: {got}: they are of {units} {split.by}s, and {split.by}s are not divided{advice}"
 
 
 def _listed(folder: Folder) -> list[Frame]:

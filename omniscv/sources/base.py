@@ -316,21 +316,6 @@ class SourceView(SourceWrapper):
         self._undo()
 
 
-class WithTransfer(SourceWrapper):
-    """A source whose 8-bit colours are known to say something else of light than it declares."""
-
-    def __init__(self, source: Source, transfer: Transfer) -> None:
-        super().__init__(source)
-        self._transfer: Transfer = transfer
-
-    @property
-    def capabilities(self) -> Capabilities:
-        return replace(self._source.capabilities, transfer=self._transfer)
-
-    def around(self, source: Source) -> Source:
-        return WithTransfer(source, self._transfer)
-
-
 class ProcessBound(SourceWrapper):
     """A live source in the process that opened it; other processes cannot use, pickle or close it.
 

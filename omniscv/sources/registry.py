@@ -8,6 +8,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from pkgutil import resolve_name
@@ -18,7 +19,7 @@ from omniscv import storage
 from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.modalities import TRANSFERS, Transfer
-from omniscv.sources.base import Capabilities, Source, WithTransfer
+from omniscv.sources.base import Capabilities, Source, SourceWrapper
 from omniscv.sources.world import CameraExposure, Freeze
 from omniscv.storage.bounded import open_regular
 
@@ -81,6 +82,21 @@ class SourceOptions(Deadlines, total=False):
     warmup: int
     freeze: Freeze
     transfer: Transfer
+
+
+class _WithTransfer(SourceWrapper):
+    """A source whose 8-bit colours are known to say something else of light than it declares."""
+
+    def __init__(self, source: Source, transfer: Transfer) -> None:
+        super().__init__(source)
+        self._transfer: Transfer = transfer
+
+    @property
+    def capabilities(self) -> Capabilities:
+        return replace(self._source.capabilities, transfer=self._transfer)
+
+    def around(self, source: Source) -> Source:
+        return _WithTransfer(source, self._transfer)
 
 
 def register(scheme: str, opener: Opener) -> None:
@@ -171,7 +187,7 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         raise ArgumentError(
             f"{scheme}: expected it to return a Source for {shown(text)}, got {shown(source)}"
         )
-    return source if transfer is None else WithTransfer(source, transfer)
+    return source if transfer is None else _WithTransfer(source, transfer)
 
 
 def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Source:
