@@ -61,6 +61,8 @@ def render(
 
 def _spent(images: Sequence[tuple[float, float | None, Any]], seconds: float) -> str:
     """Return what images took in one line: captures, the share in doubt of what was asked, why they ended."""
+    if not images:
+        return f"no images, {seconds:.1f} s"
     captures = sum(effort.captures for _, _, effort in images)
     doubtful, aim, effort = max(images, key=lambda image: image[0])
     asked = "" if aim is None else f" ({100 * aim:.3g} % asked)"

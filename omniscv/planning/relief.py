@@ -9,7 +9,7 @@ signs of relief, each seen in whole pictures before anything is sampled:
 - equal steps follow each other: stairs that are sampled at nearly the same phase;
 - values of few digits rise and fall by a rounding step or more.
 
-Labels are relief where many stand alone: they differ from those on both sides.
+Labels are relief where they change again and again.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from omniscv.sources.base import Capture
 WINDOW_PX = 16
 """Along a row or a column, in which changes are counted."""
 TURNS = 8
-"""Changes of the sign of second differences from which on they are relief."""
+"""Changes of the sign of second differences, or of labels, from which on they are relief."""
 _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
@@ -44,9 +44,8 @@ other one exceeds a third of that."""
 _GROWN_PX, _BEAT_PX = 3, 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
-_LABELS_PX, _LONE_LABELS = 24, 12
-"""A box's side, and so many labels in it that differ from those on both sides are relief: half a thin line's.
-"""
+_EVERY = 200
+"""Changes of labels in a box of 16 x 16 px, from which on every pixel turns."""
 _FEW_DIGITS, _SWINGS, _SWING_PX, _SWING_STEPS = 11, 3, 48, 8.0
 """Depth of so few significant digits, as in half floats, is relief if it turns back so often within so many
 px, by less than so many rounding steps: a rounded surface goes one way, or turns back once. More steps are an
@@ -70,20 +69,24 @@ def depth_relief(captures: Sequence[Capture]) -> Floats:
 
 
 def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | None:
-    """Return (h, w) near changes of labels where many labels stand alone; None for nowhere.
+    """Return (h, w) where labels change too often to be followed from pixel to pixel; None for nowhere.
 
     Args:
         across, down: (h, w - 1) and (h - 1, w), whether neighbouring pixels differ.
         shape: h and w.
     """
-    alone, changes = np.zeros((2, *shape), np.uint8)
-    alone[:, 1:-1] |= across[:, 1:] & across[:, :-1]
-    alone[1:-1] |= down[1:] & down[:-1]
-    if not (relief := _windows(alone, (_LABELS_PX, _LABELS_PX), _LONE_LABELS)).any():
+    fired, beats = np.zeros((2, *shape), np.uint8)
+    for changes, to, length in (
+        (across, (slice(None), slice(-1)), (WINDOW_PX, 1)),
+        (down, (slice(-1), slice(None)), (1, WINDOW_PX)),
+    ):
+        windows = _windows(changes.view(np.uint8), length, TURNS)
+        fired[to] |= windows
+        if windows.any():
+            beats[to] |= _windows(changes.view(np.uint8), (WINDOW_PX, WINDOW_PX), _EVERY)
+    if not fired.any():
         return None
-    changes[:, 1:] |= across
-    changes[1:] |= down
-    return (relief > 0) & _grown(changes, _NEAR_PX)
+    return _grown(fired, _GROWN_PX) | (_grown(beats, _BEAT_PX) if beats.any() else np.False_)
 
 
 def planar_errors(captures: Sequence[Capture]) -> list[Floats]:
