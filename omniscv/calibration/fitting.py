@@ -93,8 +93,8 @@ class Fit:
 def fit(camera: Camera, model: str) -> Fit:
     """Return the camera of a model whose pixels are nearest to those of another camera in least squares.
 
-    Rays that no camera of the model sees are left out, and for ``pinhole`` those more than 80 degrees off the
-    axis, where tangents grow without bound.
+    Least squares leaves out rays that no camera of the model sees, and for ``pinhole`` those more than 80
+    degrees off the axis, where tangents grow without bound. The errors are those of all rays that both see.
 
     Args:
         camera: a central camera that sees along +z.
@@ -166,15 +166,13 @@ class _Fitting:
         step = max(1, int(np.ceil(np.sqrt(camera.width * camera.height / _MOST_RAYS))))
         u, v = np.arange(0.5, camera.width, step), np.arange(0.5, camera.height, step)
         pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-        total = int(np.count_nonzero(camera.valid(pixels)))
-        pixels, rays = self._within_reach(pixels)
+        rays = camera.unproject(pixels)
         fitted = self._build(x, 1.0)
-        both = fitted.valid(pixels)
-        off = np.linalg.norm(self._project(x, rays[both]) / self._scale - pixels[both], axis=-1)
-        off = off[np.isfinite(off)]
-        if not len(off):
+        seen, both = fitted.project(rays.directions[rays.valid])
+        if not both.any():
             raise ArgumentError(f"camera: expected one that {self._model} can fit, got {shown(camera)}")
-        return Fit(fitted, float(off.max()), float(np.sqrt(np.mean(off**2))), len(off) / total)
+        off = np.linalg.norm(seen - pixels[rays.valid], axis=-1)[both]
+        return Fit(fitted, float(off.max()), float(np.sqrt(np.mean(off**2))), float(both.mean()))
 
     def _within_reach(self, pixels: Floats) -> tuple[Floats, Floats]:
         """Return the valid pixels (M, 2) of (N, 2) within the model's reach, and their rays (M, 3)."""
