@@ -71,7 +71,7 @@ class _Said:
     missing: Annotated[list[float] | None, Option(help="A number of no depth; repeatable.")] = None
     names: Annotated[Path | None, Option(help="JSON of the objects in masks.")] = None
     poses: Annotated[Path | None, Option(help="CSV or JSON of panoramas' poses, by name.")] = None
-    intrinsics: Annotated[Path | None, Option(help="A lens file of any form, of flat pictures.")] = None
+    intrinsics: Annotated[Path | None, Option(help="A lens file of any form.")] = None
     frame: Annotated[str | None, Option(help="Axes of --poses: camera, body, unreal, opengl, ned.")] = None
     unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None
     mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False

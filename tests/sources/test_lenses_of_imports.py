@@ -15,6 +15,7 @@ from omniscv.sources.recording.sequences import find_sequence
 W, H = 64, 48
 UPRIGHT = np.eye(4).tolist()
 SIZE = {"w": W, "h": H}
+HERE = omniscv.Pose.from_angles((0.2, 0.1, 1.4))
 PLAIN = {"fl_x": 60, "fl_y": 61, "cx": 33, "cy": 23, **SIZE}
 
 
@@ -67,7 +68,6 @@ def test_keys_of_transforms_act(keys, lens, of_frame, folder):
         ({"w": 1e9}, "w: expected a whole number"),
         ({"fl_x": 1e308}, "fx: expected a finite number"),
         ({"fl_x": 0}, "fx: expected a finite number"),
-        ({"is_fisheye": True}, "k1|kannala-brandt"),
     ],
 )
 @pytest.mark.parametrize("of_frame", [False, True])
@@ -159,6 +159,47 @@ def test_one_picture_with_depth_and_a_lens_file_of_any_form(form, tmp_path, caps
     np.testing.assert_allclose(depth.pixels, 1.5, rtol=1e-6)
     assert view.fov_deg == pytest.approx(2 * np.degrees(np.arctan(W / 2 / 60)))
     np.testing.assert_allclose((view.lens.x, view.lens.y), (1 / W, -1 / H), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "lens"),
+    [
+        ("fisheye-equidistant", {"fov_deg": 190}),
+        ("kannala-brandt", {"fx": 70, "fy": 72}),
+        ("extended-unified", {}),
+    ],
+)
+def test_pictures_of_a_fisheye_come_in_flat(name, lens, tmp_path):
+    """What is seen from there afterwards is what was seen there before, within bounds, or is not seen."""
+    camera = (
+        omniscv.cameras.create(name, 160, 120, **lens) if lens else omniscv.cameras.model(name).example(160)
+    )
+    with omniscv.open_source("scene://workshop") as source:
+        image = omniscv.render(camera, HERE, source, modes=("lit", "depth"))
+        pinhole = omniscv.cameras.create("pinhole", 48, 32, fx=40, fy=40)
+        due = omniscv.render(pinhole, HERE, source, modes=("depth",))
+    (tmp_path / "f").mkdir()
+    Image.fromarray(image.lit).save(tmp_path / "f/rgb.png")
+    np.save(tmp_path / "f/depth.npy", np.where(image.valid, image.depth, 0))
+    calibration.save(tmp_path / "lens.json", {"cam0": camera}, "json")
+    words = ["recording", "import", str(tmp_path / "f"), str(tmp_path / "x.sqlite"), "--depth", "ray-m"]
+    words += ["--position=0.2,0.1,1.4", "--intrinsics", str(tmp_path / "lens.json")]
+    assert cli.run(words) == 0
+    with omniscv.open_source(tmp_path / "x.sqlite") as source:
+        (view,) = source.recorded_views()
+        assert 60 < view.fov_deg <= 120.1
+        got = omniscv.render(pinhole, HERE, source, modes=("depth",))
+    known = np.isfinite(got.depth_error) & got.valid
+    assert known.mean() > 0.7
+    assert (np.abs(got.depth - due.depth) <= got.depth_error)[known].mean() > 0.998
+
+
+def test_a_lens_with_many_centres_is_refused(tmp_path):
+    Image.new("RGB", (64, 48)).save(tmp_path / "rgb.png")
+    camera = omniscv.cameras.model("push-broom").example(64)
+    calibration.save(tmp_path / "lens.json", {"cam0": camera}, "json")
+    with pytest.raises(ArgumentError, match="expected a lens with one centre, got push-broom"):
+        find_sequence(tmp_path, "auto", Options(intrinsics=tmp_path / "lens.json"))
 
 
 def test_a_lens_file_stands_in_place_of_what_a_folder_says(folder, tmp_path):

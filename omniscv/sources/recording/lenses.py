@@ -1,8 +1,10 @@
-"""The lenses of imported pictures: read by the declared keys of :mod:`omniscv.calibration`, as pinholes."""
+"""The lenses of imported pictures: read by the declared keys of :mod:`omniscv.calibration`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +20,9 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 _SCALE = 6553.5  # of depth in Replica's cam_params.json
 _SAME_SHAPE = 0.01  # of a lens and its picture
+_WIDEST = np.tan(np.radians(60))  # half a flat picture: beyond, four pixels show what one has shown
+_NARROWEST = 0.01  # half a flat picture that is one
+_SIDE, _HALVINGS, _NEAR = 33, 40, 1e-4  # points of a side; steps of a search; tangent near the axis
 
 
 class Pinhole(NamedTuple):
@@ -30,6 +35,11 @@ class Pinhole(NamedTuple):
     width: float
     height: float
     distortion: tuple[float, ...] = ()
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether pictures have distortion."""
+        return any(self.distortion)
 
     def scaled(self, width: int, height: int) -> Pinhole:
         """Return the lens of pictures of another size; ArgumentError for another shape."""
@@ -63,9 +73,59 @@ FACE = Pinhole(1, 1, 1, 1, 2, 2)
 """Of a face of a cube."""
 
 
+@dataclass(frozen=True)
+class Wide:
+    """A lens of another model with one centre, such as a fisheye: ``straight`` makes its pictures flat."""
+
+    camera: Any
+    is_bent = True
+
+    def scaled(self, width: int, height: int) -> Wide:
+        """Return the lens; ArgumentError for pictures of another size."""
+        size = self.camera.width, self.camera.height
+        if (width, height) != size:
+            raise ArgumentError(f"expected {size[0]} x {size[1]}, as its lens, got {width} x {height}")
+        return self
+
+    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
+        """Return the largest flat picture of at most 120 degrees that the picture shows all over."""
+        import cv2
+
+        maps, lens = self._flat
+        return cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST), lens
+
+    @cached_property
+    def _flat(self) -> tuple[tuple[Pixels, Pixels], Pinhole]:
+        """The pixels to take, as OpenCV counts them, and the flat picture's lens."""
+        width, height = self.camera.width, self.camera.height
+        side = np.linspace(-1, 1, _SIDE)
+        ends = np.ones(_SIDE)
+        border = np.concatenate([[[side, sign * ends], [sign * ends, side]] for sign in (-1, 1)])
+        x, y = np.moveaxis(border, 1, 0)
+        across, down = np.array([width, height]) / max(width, height)
+
+        def shown_all(reach: float) -> bool:
+            points = np.stack([x * across * reach, y * down * reach, np.ones_like(x)], axis=-1)
+            return bool(self.camera.project(points)[1].all())
+
+        low, high = 0.0, _WIDEST
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if shown_all(middle) else (low, middle)
+        near = self.camera.project([[_NEAR, 0, 1], [-_NEAR, 0, 1], [0, _NEAR, 1], [0, -_NEAR, 1]])[0]
+        focal = max(float(near[0, 0] - near[1, 0]), float(near[2, 1] - near[3, 1])) / (2 * _NEAR)
+        if not (low > _NARROWEST and focal > 0):
+            raise ArgumentError(f"expected a lens that looks ahead, got {self.camera!r}")
+        w, h = (2 * max(1, int(low * focal * share)) for share in (across, down))
+        x, y = np.meshgrid(np.arange(w) + 0.5 - w / 2, np.arange(h) + 0.5 - h / 2)
+        pixels, _ = self.camera.project(np.stack([x / focal, y / focal, np.ones_like(x)], axis=-1))
+        u, v = np.moveaxis((pixels - 0.5).astype(np.float32), -1, 0)
+        return (u, v), Pinhole(focal, focal, w / 2, h / 2, w, h)
+
+
 def of_values(
     values: Mapping[str, Any], form: str, size: tuple[int, int], shift_px: float | None = None
-) -> Pinhole | None:
+) -> Pinhole | Wide | None:
     """Return the lens of values that a file of a form would hold; None for a panorama.
 
     Args:
@@ -76,10 +136,10 @@ def of_values(
     """
     from omniscv.calibration.files import read_values  # slow to load
 
-    return _pinhole(read_values(values, form, size, shift_px))
+    return _lens(read_values(values, form, size, shift_px))
 
 
-def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole:
+def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole | Wide:
     """Return the lens of ``intrinsics`` of a layout; ``centers`` is where the first pixel has its centre."""
     values = mapping(name, value)
     center = number(f"{name}.centers", values.pop("centers", 0.5))
@@ -90,7 +150,7 @@ def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole:
     return lens
 
 
-def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole, Array]:
+def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole | Wide, Array]:
     """Return the lens of the key ``intrinsics`` of a layout, and its centre (3,) in the frame of its poses.
 
     ``file`` names JSON with fx, fy, cx and cy, or a text of a matrix, in the line that starts with ``row``.
@@ -121,7 +181,7 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole,
         return lens, -np.linalg.solve(P[:, :3], P[:, 3])
 
 
-def of_file(file: Path, size: tuple[int, int]) -> Pinhole | None:
+def of_file(file: Path, size: tuple[int, int]) -> Pinhole | Wide | None:
     """Return the lens of a lens file of any form, for pictures of a size; None for a panorama."""
     from omniscv.calibration import load  # slow to load
 
@@ -132,14 +192,16 @@ def of_file(file: Path, size: tuple[int, int]) -> Pinhole | None:
             cameras = load(file, size=size)
         if len(cameras) != 1:
             raise ArgumentError(f"{file}: expected a file of one camera, got {shown([*cameras])}")
-        return _pinhole(next(iter(cameras.values())))
+        return _lens(next(iter(cameras.values())))
 
 
-def _pinhole(camera: Any) -> Pinhole | None:
+def _lens(camera: Any) -> Pinhole | Wide | None:
     if camera.name == "equirectangular":
         return None
+    if not camera.central:
+        raise ArgumentError(f"expected a lens with one centre, got {camera.name}")
     if camera.name != "pinhole" or camera.skew or camera.fov_deg is not None:
-        raise ArgumentError(f"expected a pinhole without skew, or a panorama, got {camera.name}")
+        return Wide(camera)
     terms = camera.distortion.tolist()
     count = next(n for n in (0, 5, 8, 12) if not any(terms[n:]))
     size = camera.width, camera.height

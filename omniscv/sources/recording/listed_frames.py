@@ -16,7 +16,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.geometry.trajectory_files import read_poses, read_trajectory
 from omniscv.pictures import foreign
-from omniscv.sources.recording.lenses import Pinhole, of_file, of_values
+from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
 from omniscv.sources.recording.posed_frames import (
     Files,
     Frame,
@@ -85,7 +85,8 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     entries = [(data, entry) for data in documents for entry in data["frames"]]
     matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
-    poses, frames, lenses = Rows.of_entries(keys).poses("opengl"), list[Frame](), dict[str, Pinhole | None]()
+    poses, frames = Rows.of_entries(keys).poses("opengl"), list[Frame]()
+    lenses = dict[str, Pinhole | Wide | None]()
     for (where, _), (data, entry), *pose in zip(keys, entries, *poses, strict=True):
         with within(where):
             lit = inside(folder, text("file_path", entry.get("file_path")))
@@ -121,7 +122,7 @@ def tum(folder: Path, options: Options) -> Sequence:
     times, colors = _stamped(folder / "rgb.txt")
     start = read_bytes(folder / "rgb.txt", MOST_JSON_BYTES)[:1000].decode("utf-8", "replace")
     word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
-    lens: Pinhole | None = None
+    lens: Pinhole | Wide | None = None
     if options.intrinsics:
         lens = of_file(options.intrinsics, size_of(inside(folder, colors[0])))
     elif word:

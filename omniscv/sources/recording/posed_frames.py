@@ -23,7 +23,7 @@ from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
-from omniscv.sources.recording.lenses import Pinhole
+from omniscv.sources.recording.lenses import Pinhole, Wide
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
@@ -128,7 +128,7 @@ class Frame:
 
     files: dict[str, Path]
     pose: Pose
-    lens: Pinhole | None
+    lens: Pinhole | Wide | None
     holds: Mapping[str, Files]
     mask: Path | None = None
 
@@ -162,8 +162,8 @@ class Sequence:
         """Return what was found, for people."""
         places = len({tuple(frame.pose.position) for frame in self.frames})
         counts = ", ".join(f"{count} of {mode}" for mode, count in self.modes.items())
-        bent = sum(frame.lens is not None and any(frame.lens.distortion) for frame in self.frames)
-        says = [f"{bent} frames resampled, so that they have no distortion"] if bent else []
+        bent = sum(frame.lens is not None and frame.lens.is_bent for frame in self.frames)
+        says = [f"{bent} frames resampled to flat pictures without distortion"] if bent else []
         return (f"layout {self.layout}: {places} place{'s' * (places != 1)}, {counts}", *self.says, *says)
 
     def captures(self) -> Iterator[Capture]:
@@ -183,7 +183,7 @@ class Sequence:
                         yield capture_of(part, mode, view, provenance, form.ray)
 
     def _views(
-        self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | None
+        self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | Wide | None
     ) -> Iterator[tuple[View, Picture]]:
         height, width = picture.pixels.shape[:2]
         if lens is None:
@@ -195,13 +195,14 @@ class Sequence:
                 yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
             return
         lens = lens.scaled(width, height)
-        if any(lens.distortion):
-            if mode == "depth":
-                error = panorama_error(picture.pixels, picture.step_m)
-                picture = picture._replace(error=lens.straight(error, False)[0])
-            pixels, lens = lens.straight(picture.pixels, mode == "lit")
-            picture = picture.converted(pixels)
-        yield lens.view(pose), picture
+        if isinstance(lens, Pinhole) and not lens.is_bent:
+            yield lens.view(pose), picture
+            return
+        if mode == "depth":
+            error = panorama_error(picture.pixels, picture.step_m)
+            picture = picture._replace(error=lens.straight(error, False)[0])
+        pixels, flat = lens.straight(picture.pixels, mode == "lit")
+        yield flat.view(pose), picture.converted(pixels)
 
 
 def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:

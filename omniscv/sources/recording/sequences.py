@@ -29,6 +29,7 @@ from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording import lenses
 from omniscv.sources.recording.layouts import LAYOUTS
+from omniscv.sources.recording.lenses import Pinhole, Wide
 from omniscv.sources.recording.listed_frames import (
     inside,
     is_panoramas,
@@ -177,7 +178,8 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
         expected = "expected poses or a position, and intrinsics of pinhole pictures only"
         raise ArgumentError(f"{expected}; got none, or too many")
-    lens, center = lenses.FACE if layout.pictures == "faces" else None, np.zeros(3)
+    lens: Pinhole | Wide | None = lenses.FACE if layout.pictures == "faces" else None
+    center = np.zeros(3)
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
