@@ -21,6 +21,7 @@ from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
+from omniscv.planning.plan import Doubted
 from omniscv.planning.relief import depth_relief, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
@@ -54,7 +55,7 @@ def compose(
         The image, and (H, W) where masks show objects that stand for the sky; None if none were looked for.
     """
     composing = _Composing(plan, source, sampler_of, once, report)
-    drive(replace(plan, doubt=lambda: composing.image().doubt).rounds(), composing.capture)
+    drive(replace(plan, doubt=composing.doubted).rounds(), composing.capture)
     if plan.traced:
         composing.trace()
     report(composing.progress + Progress(images=1))
@@ -85,6 +86,7 @@ class _Composing:
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
         self._pixels, self._stopped, self._strategy = 0, "", plan.options.strategy
+        self._largest_m = np.inf  # that captures of depth store
 
     def trace(self) -> None:
         """Put the ground truth that comes by one ray a pixel, exact but for the digits of float32."""
@@ -127,6 +129,8 @@ class _Composing:
             if len(viewpoint.pixels):
                 self._compose(viewpoint, captures)
                 self._compare(viewpoint, captures)
+            if "depth" in captures:
+                self._largest_m = codecs.precision(captures["depth"][0]).largest_m
             if viewpoint.keep:
                 kept.append(captures)
             self.progress += captured_progress(captures)
@@ -160,6 +164,15 @@ class _Composing:
             options=plan.options,
             effort=Effort(self.progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
         )  # fmt: skip
+
+    def doubted(self) -> Doubted:
+        """Return what the image doubts, as far as it is composed."""
+        image = self.image()
+        doubt, beyond = image.doubt, np.zeros(image.valid.shape, np.bool_)
+        if image.depth is not None and self._largest_m < np.inf:
+            beyond = doubt & np.isinf(image.depth)
+            beyond &= True if image.labels is None else image.labels > 0
+        return Doubted(doubt & ~beyond, int(np.count_nonzero(beyond)), self._largest_m)
 
     def _filter_for(self, viewpoint: Viewpoint) -> str:
         """Return the filter of the whole image, where it is ``auto``: what its middle viewpoint needs."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,20 @@ from omniscv.sources.recorded_views import RecordedViews
 _LARGEST_PX = 16384  # of a finer view of ground truth
 
 
+class Doubted(NamedTuple):
+    """What an image doubts.
+
+    Attributes:
+        pixels: (H, W) bool, those in doubt that finer captures may resolve.
+        beyond: how many others show what is farther than captures store.
+        largest_m: how far these store depth.
+    """
+
+    pixels: Mask
+    beyond: int
+    largest_m: float
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """One image to be captured, and its rounds.
@@ -40,8 +54,7 @@ class Plan:
         state: of the world, in which captures are made.
         modes: that the image samples; only a planner that is asked for an accuracy reads them.
         shared: whether its captures serve other cameras, too: faces of a cube map, and no view of its own.
-        doubt: returns (H, W) bool, the pixels that the image doubts, as far as it is composed; None where
-            captures are not composed.
+        doubt: returns what the image doubts, as far as it is composed; None where captures are not composed.
         made: its rounds, as far as they do not depend on captures; None: not made yet.
         traced: modes that are not captured: the source tells what the ray of each pixel meets.
     """
@@ -56,7 +69,7 @@ class Plan:
     state: str = ""
     modes: tuple[str, ...] = ()
     shared: bool = False
-    doubt: Callable[[], Mask] | None = None
+    doubt: Callable[[], Doubted] | None = None
     made: tuple[Round, ...] | None = None
     traced: tuple[str, ...] = ()
 

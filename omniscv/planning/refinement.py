@@ -23,7 +23,7 @@ from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import tuned
 from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
-from omniscv.planning.plan import Plan
+from omniscv.planning.plan import Doubted, Plan
 from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
 from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
@@ -33,6 +33,7 @@ from omniscv.sources.recorded_views import RecordedViews
 AIM = "aim"
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
 STUCK, SPENT = "doubt no longer falls", "a budget is spent"
+BEYOND = "captures store no depth beyond {:.4g} m"
 RECORDED = "the recording holds no finer views"
 
 
@@ -66,7 +67,6 @@ class Refinement(ABC):
         price: of captures.
         truth, colors: its modes.
         patched: those of patches; a beat spoils colours, too.
-        aim: how many pixels may be doubtful.
         serves: whether all that is captured is composed at once.
         reserved: requests and pixels that budgets must allow later.
         expected_ms: of patches, in a furnished room.
@@ -84,11 +84,26 @@ class Refinement(ABC):
         beats = options.checks == "beat"
         self.patched = plan.modes if beats else self.truth
         self._modes = max(1, len(self.patched) + beats * len(self.truth))  # captures of a patch
-        self.aim = plan.aim * plan.rays.valid_count
+        self._aim, self._doubted = plan.aim * plan.rays.valid_count, Doubted(plan.rays.valid, 0, np.inf)
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(plan.rays.valid.size, plan.edge / 2 * options.truth_scale, np.float32)
         self.reserved = 0, 0
         self._requests, self._pixels, self._limited = 0, 0, False
+        self._partly = False  # whether a recording lacks views that were chosen
+
+    @property
+    def aim(self) -> float:
+        """How many pixels that finer captures may resolve may stay doubtful."""
+        return self._aim - (self._doubted.beyond if self._reachable else 0)
+
+    @property
+    def reached(self) -> str:
+        """Why no captures follow when all that finer ones may resolve is resolved."""
+        return AIM if self._reachable else BEYOND.format(self._doubted.largest_m)
+
+    @property
+    def _reachable(self) -> bool:
+        return self._doubted.beyond <= self._aim
 
     def counted(self) -> Rounds:
         """Return the first rounds, and finer ones; a last one has no viewpoints and says why they end."""
@@ -128,9 +143,10 @@ class Refinement(ABC):
         return planned
 
     def doubtful(self) -> Ints:
-        """Return the pixels that the image doubts, as far as it is composed."""
+        """Return the pixels that the image doubts and finer captures may resolve."""
         assert self.plan.doubt is not None
-        return np.flatnonzero(self.plan.doubt())
+        self._doubted = self.plan.doubt()
+        return np.flatnonzero(self._doubted.pixels)
 
     def finer(self) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
@@ -138,11 +154,11 @@ class Refinement(ABC):
         for _ in range(tuned.MOST_ROUNDS):
             doubt = self.doubtful()
             if len(doubt) <= self.aim:
-                yield Round((), AIM)
+                yield Round((), self.reached)
                 return
             stuck = stuck + 1 if before - len(doubt) < tuned.LEAST_RESOLVED * promised else 0
             if stuck == tuned.PATIENCE or (len(doubt) == before and self.serves):
-                break  # for example where half floats store no depth, beyond 655 m
+                break
             before = len(doubt)
             choice = self.choice(doubt)
             if isinstance(choice, str):
@@ -150,7 +166,7 @@ class Refinement(ABC):
                 return
             promised = choice.promised
             yield from self.capture(choice)
-        yield Round((), SPENT if self._limited else STUCK if self.plan.recorded is None else RECORDED)
+        yield Round((), RECORDED if self._partly else SPENT if self._limited else STUCK)
 
     def choice(self, pixels: Ints) -> Choice | str:
         """Return the patches that promise to reach the aim for least, or why there are none."""
@@ -171,7 +187,8 @@ class Refinement(ABC):
                 break  # finer ones are dearer still
             best = choice if choice.patches else best
         recorded = plan.recorded
-        if recorded is not None and not (best and recorded.hold(each.view for each in best.patches)):
+        if recorded is not None and best and not recorded.hold(each.view for each in best.patches):
+            self._partly = True
             return self._most_held(recorded, len(pixels), doubts, lengths) or RECORDED
         return best or (SPENT if self._limited else "no finer view fits")
 

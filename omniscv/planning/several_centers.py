@@ -22,7 +22,7 @@ from omniscv.planning.patches import Doubt
 from omniscv.planning.plan import Plan
 from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.refinement import AIM, STUCK, Choice, Refinement, first_view
+from omniscv.planning.refinement import STUCK, Choice, Refinement, first_view
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, pixels_of
 from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.views import FACE_BORDER_PX
@@ -73,7 +73,7 @@ class SeveralCenters(Refinement):
         every = np.arange(len(search.pixels))
         yield Round(tuple(self._coarse_views(every, self.plan.modes)))
         if not self.truth:
-            yield Round((), AIM if len(self.doubtful()) <= self.aim else STUCK)
+            yield Round((), self.reached if len(self.doubtful()) <= self.aim else STUCK)
             return
         if rate:
             yield from self._serve(self._rows_of(self.doubtful()), rate)

@@ -114,15 +114,16 @@ def test_relief_ahead_hides_no_centre_that_is_nearer():
 
 @pytest.mark.parametrize("camera", [create("equirectangular", 64, 32), RING], ids=["panorama", "ring"])
 def test_captures_end_where_the_source_stores_no_depth(camera):
-    """Half floats of centimetres end at 655 m; finer captures gain nothing of what is farther."""
+    """Half floats of centimetres end at 655 m; finer captures gain nothing of what is farther: the first
+    round is the last one."""
     grey = {"kind": "plain", "colors": [[0.5, 0.5, 0.5]]}
     solids = [{"box": [200, 200, 900], "at": [900, 0, 0]}, {"box": [1, 1, 6], "at": [8, 3, 1]}]
     towers = Scene("far", {"sky": [0, 0, 1], "objects": {"Tower": {"texture": grey, "solids": solids}}})
     with mock_server.serve(towers) as server, omniscv.open_source(server.uri) as where:
         image = made(camera, where, TRUTH, accuracy="0.3%")
-    assert image.effort.stopped == "doubt no longer falls"
+    assert image.effort.stopped == "captures store no depth beyond 655 m"
     assert image.doubtful > 0.003
-    assert image.effort.captures <= 100
+    assert image.effort.captures <= 20
 
 
 def test_colours_are_those_of_an_image_without_an_aim(one_percent):
@@ -183,6 +184,21 @@ def test_a_replay_is_the_image_and_one_without_finer_views_says_so(one_percent):
         np.testing.assert_array_equal(again[layer], image[layer])
     assert finer.effort.stopped == "the recording holds no finer views"
     assert 0.002 < finer.doubtful <= 0.02
+
+
+@pytest.mark.parametrize(
+    ("camera", "options", "reason"),
+    [
+        (PANORAMA, {"accuracy": "0.1%", "most_captures": 30}, "a budget is spent"),
+        (create("noncentral-panorama", 48, 24, radius=1.0), {"accuracy": "0.01%"}, "no finer view fits"),
+    ],
+)
+def test_a_replay_ends_for_the_reason_of_the_live_image(camera, options, reason, tmp_path):
+    with Recording(source(scene="fence"), tmp_path / "fence.sqlite") as live:
+        image = made(camera, live, TRUTH, **options)
+    with omniscv.open_source(tmp_path / "fence.sqlite") as replayed:
+        assert made(camera, replayed, TRUTH, **options).effort == image.effort
+    assert image.effort.stopped == reason
 
 
 def test_several_centres_are_captured_from_few_and_finer_only_at_edges():
