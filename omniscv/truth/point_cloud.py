@@ -96,9 +96,7 @@ def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Po
     Raises:
         ArgumentError: the frame has no depth.
     """
-    layers = {name: frame.layer(name) for name in _VALUES if name in frame.files}
-    if {*MARKS, "depth_error"} & {*frame.files, *frame.blank}:
-        layers["doubt"] = frame.layer("doubt")
+    layers = {name: frame.layer(name) for name in _VALUES if name in frame.files} | _doubt(frame)
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])
     left_out = [frame.layer("unsure")] if "unsure" in frame.files else []
@@ -125,8 +123,8 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
 
     Returns:
         (H, W) with the fields ``x y z`` (float32 metres: X ahead, Y left, Z up of the sensor when it fired;
-        NaN without a point), ``ring`` and ``time`` (seconds from the frame's) of a ``lidar``, and ``label``
-        and ``class`` if the frame has them.
+        NaN without a point), ``ring`` and ``time`` (seconds from the frame's) of a ``lidar``, and ``label``,
+        ``class`` and ``doubt`` (uint8: 1 where the label or depth may be wrong) if the frame has them.
 
     Raises:
         ArgumentError: the frame has no depth; or no colours or normals, for an intensity.
@@ -151,10 +149,17 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
         columns["time"] = lidar.times.astype(np.float32)
     for name, layer in frame.layers("labels", "classes").items():
         columns[{"labels": "label", "classes": "class"}[name]] = layer
+    columns |= {name: layer.view(np.uint8) for name, layer in _doubt(frame).items()}
     table = np.empty(depth.shape, [(name, column.dtype.str) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column
     return table
+
+
+def _doubt(frame: Frame) -> dict[str, NDArray[Any]]:
+    """Return the layer ``doubt`` by its name; nothing where the frame has no marks and no bounds."""
+    known = {*MARKS, "depth_error"} & {*frame.files, *frame.blank}
+    return {"doubt": frame.layer("doubt")} if known else {}
 
 
 def inexact(frame: Frame, max_relative: float) -> NDArray[np.bool_]:

@@ -114,7 +114,7 @@ def test_kitti_lidar(folder, frames):
     calib = dict(line.split(": ") for line in (root / "calib.txt").read_text().splitlines())
     Tr = np.vstack([np.array(calib["Tr"].split(), float).reshape(3, 4), [0, 0, 0, 1]])
     scans = of(frames, "scan")
-    first = T_world_scan(scans[0])
+    first, marked = T_world_scan(scans[0]), 0
     for i, (frame, row) in enumerate(zip(scans, np.loadtxt(root / "poses.txt"), strict=True)):
         points = np.fromfile(root / f"velodyne/{i:06d}.bin", np.float32).reshape(-1, 4)
         label = np.fromfile(root / f"labels/{i:06d}.label", np.uint32)
@@ -129,7 +129,12 @@ def test_kitti_lidar(folder, frames):
         np.testing.assert_allclose(seen, rays.directions[kept], atol=1e-5)  # float32 points
         np.testing.assert_array_equal(label >> 16, frame.layer("labels")[kept])
         np.testing.assert_array_equal(label & 0xFFFF, frame.layer("classes")[kept])
+        doubt = np.fromfile(root / f"doubt/{i:06d}.bin", np.bool_)
+        np.testing.assert_array_equal(doubt, frame.layer("doubt")[kept])
+        assert (frame.layer("label_edge")[kept] <= doubt).all()
+        marked += doubt.sum()
         assert 0 < points[:, 3].max() <= 1
+    assert 0 < marked < 1000
 
 
 def test_pcd(folder, frames):
@@ -141,7 +146,7 @@ def test_pcd(folder, frames):
     codes = [types[t] + s for t, s in zip(keys["TYPE"].split(), keys["SIZE"].split(), strict=True)]
     points = np.frombuffer(data, list(zip(keys["FIELDS"].split(), codes, strict=True)))
     points = points.reshape(int(keys["HEIGHT"]), int(keys["WIDTH"]))
-    assert points.dtype.names == ("x", "y", "z", "ring", "time", "label", "class")
+    assert points.dtype.names == ("x", "y", "z", "ring", "time", "label", "class", "doubt")
     x, y, z, w, qx, qy, qz = map(float, keys["VIEWPOINT"].split())
     sensor = Pose.from_quaternion((x, y, z), (qx, qy, qz, w))
     np.testing.assert_allclose(sensor.rotation, T_world_scan(frame).rotation, atol=1e-12)
@@ -183,11 +188,11 @@ def test_bags(folder, frames, storage, tmp_path):
     static = {t.child_frame_id: t.transform for t in messages["/tf_static"][0][1].transforms}
     cloud = messages["/scan/points"][2][1]
     names = [field.name for field in cloud.fields]
-    assert names == ["x", "y", "z", "ring", "time", "label", "class"]
-    points = np.frombuffer(
-        cloud.data, {"names": names, "formats": [{7: "f4", 4: "u2"}[f.datatype] for f in cloud.fields],
-                     "offsets": [f.offset for f in cloud.fields], "itemsize": cloud.point_step}
-    )  # fmt: skip
+    assert names == ["x", "y", "z", "ring", "time", "label", "class", "doubt"]
+    formats = [{7: "f4", 4: "u2", 2: "u1"}[field.datatype] for field in cloud.fields]
+    offsets = [field.offset for field in cloud.fields]
+    layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
+    points = np.frombuffer(cloud.data, layout)
     on_body, at = static["scan"], messages["/tf"][35][1].transforms[0].transform
     poses = [
         Pose.from_quaternion(

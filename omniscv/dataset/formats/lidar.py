@@ -4,6 +4,7 @@
 
     velodyne/000000.bin      float32 x y z r: X ahead, Y left, Z up, metres; r the intensity, or 0
     labels/000000.label      uint32 class + 65536 * instance of each point, if the frames have labels
+    doubt/000000.bin         uint8 of each point: 1 where its label or depth may be wrong
     poses.txt, times.txt     the sensor's, in camera axes, relative to the first one; seconds
     calib.txt                Tr, from the sensor's axes to those of the camera (x right, y down, z forward)
 
@@ -13,7 +14,7 @@ Only returns are points. Class 0 is SemanticKITTI's "unlabeled".
 
 Points are in the sensor's axes (X ahead, Y left, Z up), NaN where a pixel has none; ``VIEWPOINT`` is the
 sensor's pose in the world. Fields: ``x y z``, and as the frames have them ``intensity``, ``ring``, ``time``,
-``label``, ``class``: see :func:`omniscv.truth.point_cloud.sweep`.
+``label``, ``class``, ``doubt``: see :func:`omniscv.truth.point_cloud.sweep`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -85,6 +86,8 @@ class KittiLidar(Format):
                     written.append(
                         write_bytes(out / "labels" / f"{i:06d}.label", labels.astype("<u4").tobytes())
                     )
+                if "doubt" in points.dtype.fields:
+                    written.append(write_bytes(out / "doubt" / f"{i:06d}.bin", points["doubt"].tobytes()))
             axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
             rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
             lines = (

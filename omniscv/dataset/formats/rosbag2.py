@@ -40,7 +40,7 @@ from omniscv.sensor.imu import ImuTrack
 from omniscv.truth.point_cloud import lidar_of, sweep
 
 Storage = Literal["mcap", "sqlite3"]
-_DATATYPES = {"<f4": 7, "<u2": 4}  # of PointField
+_DATATYPES = {"<f4": 7, "<u2": 4, "|u1": 2}  # of PointField
 Message = tuple[int, str, str, dict[str, Any]]
 """Nanoseconds, topic, type and fields; fields that are not given are 0 or empty."""
 
