@@ -88,10 +88,9 @@ def test_rounding_is_bounded_where_captures_are_floats(name, rooms):
         hold(name, "four-wall", {}, {"four-wall": (rooms["four-wall"][0], source)}, 0)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_bars_as_narrow_as_what_is_interpolated(seed):
+def test_bars_as_narrow_as_what_is_interpolated():
     """Square bars of 5 cm at 3.3 m against the sky: three pixels of a capture, with a crease between them."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     bars = {}
     for i, angle in enumerate(np.linspace(0, 2 * np.pi, 24, endpoint=False)):
         at = [3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.5]
@@ -100,7 +99,7 @@ def test_bars_as_narrow_as_what_is_interpolated(seed):
     scene = mock_server.Scene("rails", {"sky": [0.5, 0.7, 1.0], "objects": bars})
     camera = create("fisheye-equidistant", width=128, height=128, fov_deg=150)
     with mock_server.serve(scene) as server, omniscv.open_source(server.uri) as source:
-        for pose in (drawn_pose(seed + turn) for turn in range(3)):
+        for pose in (drawn_pose(1 + turn) for turn in range(3)):
             image = omniscv.render(camera, pose, source, MODES)
             found = Errors(image, scene)
             assert found.uncovered.sum() <= UNCOVERED * image.valid.sum()
@@ -223,9 +222,9 @@ class Inexact(SourceWrapper):
 
 
 @pytest.mark.parametrize(
-    "name", ["fisheye-equidistant", "noncentral-panorama", "noncentral-spherical-mirror"]
+    ("name", "whole"),
+    [("fisheye-equidistant", False), ("noncentral-panorama", True), ("noncentral-spherical-mirror", True)],
 )
-@pytest.mark.parametrize("whole", [True, False])
 def test_depth_of_a_source_that_is_not_exact_is_bounded(tmp_path, name, whole):
     camera = SMALL.get(name) or create(name, 96, 96, fov_deg=170)
     pose = Pose.from_angles((0.31237, -0.41713, 1.41391), 33.7, 25, 14)

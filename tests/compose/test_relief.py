@@ -23,10 +23,8 @@ MOST = {1.4: 0.01, 2.0: 0.006, 3.0: 0.003, 4.5: 0.002, 8.0: 0.002}
     [
         ("logs", 3.0, FLOATS),
         ("saw 20", 2.0, FLOATS),
-        ("panels 3 mm", 3.0, FLOATS),
         ("stairs", 1.4, FLOATS),
         ("bars", 1.4, FLOATS),
-        ("saw 20", 1.4, HALF_FLOATS),
         ("stairs", 1.4, HALF_FLOATS),
     ],
 )
@@ -56,14 +54,13 @@ objects: {{Bars: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: 
 PITCH_M = 0.0547  # one and a twentieth pixel of the faces that are captured first: they show a smooth wall
 
 
-@pytest.mark.parametrize("yaw_deg", [0, 20])
-def test_finer_depth_of_a_ring_corrects_rays_that_were_not_in_doubt(tmp_path, yaw_deg):
+def test_finer_depth_of_a_ring_corrects_rays_that_were_not_in_doubt(tmp_path):
     at = np.arange(-2.5, 2.5, PITCH_M)
     bars = (f"{{box: [0.02, {0.6 * PITCH_M:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)
     path = tmp_path / "bars.yaml"
     path.write_text(BARS.format(", ".join(bars)))
     ring = create("noncentral-panorama", width=64, height=32, radius=0.4)
-    pose = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=yaw_deg)
+    pose = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20)
     with omniscv.open_source(f"scene://{path}?traces=0") as source:
         image = omniscv.render(ring, pose, source, ("object_mask", "depth"), face_size=96, accuracy=0.01)
     # Of 2 to 3 % without the correction. A few rays are shown by no finer view.
@@ -72,7 +69,7 @@ def test_finer_depth_of_a_ring_corrects_rays_that_were_not_in_doubt(tmp_path, ya
 
 
 @pytest.mark.parametrize("encoding", [HALF_FLOATS, MILLIMETRES])
-@pytest.mark.parametrize("tilt", [0, 0.02, 0.3, 2.0])
+@pytest.mark.parametrize("tilt", [0, 0.02, 2.0])
 def test_what_rounding_makes_of_smooth_surfaces_is_no_relief(tilt, encoding):
     """Rounded depth of a wall, of a ball before it, and of a rod, at rest and tilted."""
     scene = World(

@@ -16,10 +16,10 @@ CAMERAS = {
     "ball": lambda s: create(
         "noncentral-spherical-mirror", 64, 64, mirror_radius=0.3 * s, distance=0.3 * s, fov_deg=280
     ),
-    "ring": lambda s: create("noncentral-panorama", 96, 48, radius=0.5 * s),
+    "ring": lambda s: create("noncentral-panorama", 64, 32, radius=0.5 * s),
     "panorama": lambda s: create("equirectangular", 128, 64),
 }
-CASES = [("ball", {"strategy": "exact"}), ("ball", {}), ("ring", {"viewpoints": 8}), ("panorama", {})]
+CASES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 8}), ("panorama", {})]
 POSE = Pose.from_angles((0.1, 0.2, 1.5), yaw_deg=10, pitch_deg=5, roll_deg=-7)
 
 
@@ -49,7 +49,7 @@ def made(name, way, scale):
     pose = Pose(POSE.t_w_c * scale, POSE.R_w_c)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(
-            CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=192, **way
+            CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=128, **way
         )
     metres = {layer: image[layer] / np.float32(scale) for layer in ("depth", "depth_error")}
     return replace(image, camera=CAMERAS[name](1), pose=POSE, layers={**image.layers, **metres})
@@ -60,11 +60,9 @@ def test_marks_are_the_same_at_every_scale(name, way):
     """Of a room of 7 mm, of 7 m and of 7 km."""
     least, image, most = (made(name, way, scale) for scale in (1e-3, 1.0, 1e3))
     scene = mock_server.load_scene("six-wall")
-    # What is planned ends somewhere below its aim, 3 %: where depends on the last capture.
-    apart = 0.01 if name == "ball" and not way else 0.002
     for other in (least, most):
-        assert abs(other.doubtful - image.doubtful) < apart
-        assert abs(other.label_edge.sum() - image.label_edge.sum()) < apart * image.valid.sum()
+        assert abs(other.doubtful - image.doubtful) < 0.002
+        assert abs(other.label_edge.sum() - image.label_edge.sum()) < 0.002 * image.valid.sum()
         assert Errors(other, scene).uncovered.sum() <= 1
 
 

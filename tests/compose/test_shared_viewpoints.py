@@ -65,7 +65,7 @@ def test_a_ray_that_may_begin_behind_the_surface_is_unsure():
         67.3273578197774, -51.66423899981052, -66.56996205040052,
     )  # fmt: skip
     with omniscv.open_source("mock://six-wall") as source:
-        image = omniscv.render(camera, pose, source, MODES, strategy="cube", viewpoints=9)
+        image = omniscv.render(camera, pose, source, MODES, strategy="cube", viewpoints=9, face_size=128)
     uncovered = Errors(image, mock_server.load_scene("six-wall")).uncovered
     assert uncovered.sum() <= UNMARKED * image.valid.sum()
 
