@@ -68,10 +68,6 @@ def test_no_server_is_one_line_and_1(capsys):
     assert "No UnrealCV server reachable" in capsys.readouterr().err
 
 
-def verdicts(findings):
-    return {each.name: each.verdict for each in findings}
-
-
 def test_this_installation_is_whole(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run(["doctor", "--self"]) == 0
@@ -83,21 +79,18 @@ def test_this_installation_is_whole(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_without_room_to_write_is_bad(tmp_path):
+def test_a_port_in_use_is_no_fault_and_a_folder_without_room_to_write_is_one(tmp_path):
     """Also for the superuser: it is no folder."""
     file = tmp_path / "file"
     file.touch()
-    (found,) = [each for each in examine_installation(file) if each.name == "working folder"]
-    assert (found.verdict, found.remedy[:21]) == ("bad", "choose another folder")
-
-
-def test_a_port_in_use_is_no_fault():
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        assert verdicts(examine_installation(port=port))[f"port {port}"] == "warning"
-    assert verdicts(examine_installation(port=port))[f"port {port}"] == "ok"
+        found = {each.name: each for each in examine_installation(file, port)}
+    assert found[f"port {port}"].verdict == "warning"
+    folder = found["working folder"]
+    assert (folder.verdict, folder.remedy[:21]) == ("bad", "choose another folder")
 
 
 @pytest.fixture

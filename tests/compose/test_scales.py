@@ -49,7 +49,7 @@ def made(name, way, scale):
     pose = Pose(POSE.t_w_c * scale, POSE.R_w_c)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(
-            CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=128, **way
+            CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=192, **way
         )
     metres = {layer: image[layer] / np.float32(scale) for layer in ("depth", "depth_error")}
     return replace(image, camera=CAMERAS[name](1), pose=POSE, layers={**image.layers, **metres})

@@ -342,7 +342,7 @@ def test_other_commands_refuse_several_worlds(tmp_path):
 
 
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("count", [24, pytest.param(10_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", [16, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     """What a frame should show is what it shows without the fault."""
     low, high = (-1.5, -1.2, 0.8), (1.5, 1.2, 1.8)
@@ -426,7 +426,7 @@ def test_poses_show_what_is_to_be_visible_or_fail(tmp_path):
             yield np.isin(room.trace(frame.pose.position, rays).label, chairs).mean()
         assert made.written + made.failed == count
 
-    assert min(shares("d", 0.05, 6)) > 0.045  # counted on a panorama of 256 px
+    assert min(shares("d", 0.05, 3)) > 0.045  # counted on a panorama of 256 px
     assert not list(shares("e", 0.9, 1, failures={"skip": 1}))
     (line,) = (tmp_path / "e" / "failed.jsonl").read_text().splitlines()
     assert json.loads(line)["error"].startswith("expected a pose that shows 0.9 of chair, got 0")

@@ -64,7 +64,7 @@ def test_centres_behind_a_wall_are_marked():
     assert (image["occluded"] == outside).all()
 
 
-@pytest.mark.parametrize("options", [{"strategy": "cube"}, {"viewpoints": 4}])
+@pytest.mark.parametrize("options", [{"strategy": "cube", "face_size": 16}, {"viewpoints": 4}])
 def test_what_asks_for_shared_captures_has_them(options):
     with omniscv.open_source("scene://four-wall") as source:
         assert omniscv.render(CAMERAS["ring"], POSE, source, DATA, **options).effort.captures > 0
