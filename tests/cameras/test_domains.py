@@ -19,9 +19,6 @@ from typing import NamedTuple
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from support.cases import cases
 from support.lens_formulas import FORMULAS, opencv
 
 from omniscv import cameras
@@ -95,8 +92,6 @@ TURNING = {
     "scaramuzza, away again": scaramuzza(-120.0, 0, 4e-3, -3.3e-5, 5e-8),
 }
 turning = pytest.mark.parametrize("name", TURNING)
-POLYNOMIALS = [name for name in TURNING if name.startswith("scaramuzza")]
-BRANDTS = [name for name in TURNING if name.startswith("kannala")]
 
 
 @functools.cache
@@ -141,48 +136,6 @@ def centred(camera):
     """The principal point in the middle of an image 10,000 px wide."""
     described = camera.to_dict()
     return {"cx": 5000.0} if "cx" in described else {"center": [5000.0, camera.center[1]]}
-
-
-@pytest.mark.parametrize("name", BRANDTS)
-@cases(15)
-@given(st.floats(-12, 0), st.floats(-np.pi, np.pi))
-def test_no_wrong_ray_next_to_a_radius_that_turns(name, exponent, azimuth):
-    """The ray of a pixel, put into d(theta) in 50 digits, is that pixel to 1e-10 px; and it is the first."""
-    camera, (theta_end, r_end) = TURNING[name].camera, first_turn(TURNING[name])
-    pixel = camera.center + r_end * (1 - 10**exponent) * np.array([np.cos(azimuth), np.sin(azimuth)])
-    rays = camera.unproject(pixel)
-    assert rays.valid
-    with mp.workdps(DIGITS):
-        x, y, z = (mp.mpf(v) for v in rays.directions.tolist())
-        theta = mp.atan2(mp.hypot(x, y), z)
-        assert theta <= theta_end * (1 + mp.mpf(10) ** -12)
-        off_px = TURNING[name].radius(theta) - mp.hypot(*(mp.mpf(v) - 320 for v in pixel.tolist()))
-    assert abs(off_px) <= 1e-10
-    again, seen = camera.project(3 * rays.directions)
-    assert seen
-    np.testing.assert_allclose(again, pixel, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("name", POLYNOMIALS)
-@cases(15)
-@given(st.floats(-15, 0), st.floats(-np.pi, np.pi), st.floats(-9, 9))
-def test_pixels_next_to_an_angle_that_turns(name, exponent, azimuth, away):
-    """They come back as far as float64 rays differ: 1e-6 px, but 1e-8 of the radius at the turn."""
-    camera, (_, r_end) = TURNING[name].camera, first_turn(TURNING[name])
-    rho = min(r_end, 399.0) * (1 - 10**exponent)
-    pixel = camera.center + rho * np.array([np.cos(azimuth), np.sin(azimuth)])
-    rays = camera.unproject(pixel)
-    if not rays.valid:
-        assert exponent < -11
-        return
-    again, seen = camera.project(10**away * rays.directions)
-    assert seen
-    # A ray is known to 2e-16; next to the turn, left off it, that is 2e-16 / left of the radius.
-    known = 400 * min(3e-15 / 10**exponent, 6e-8)
-    np.testing.assert_allclose(again, pixel, rtol=0, atol=max(1e-9, known))
-    # Whatever the pixel, its ray is the point's: no other branch, no digits lost.
-    seen_by = camera.unproject(again).directions
-    np.testing.assert_allclose(seen_by, rays.directions, rtol=0, atol=4e-15)
 
 
 def test_a_slope_that_only_touches_zero_is_no_turn():

@@ -1,7 +1,7 @@
 """Central models against their published formulas in 50 digits, to a few roundings.
 
-Most formulas give the ray of a pixel; those of calibrated lenses, the pixel of a point; mirrors are
-bodies that light bounces off. That ``project`` is the inverse of ``unproject``, the contract holds.
+Formulas give the ray of a pixel; mirrors are bodies that light bounces off. That ``project`` is the inverse
+of ``unproject``, the contract holds; calibrated lenses are judged by the programs of ``tests/calibration``.
 """
 
 import mpmath as mp
@@ -10,10 +10,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.lens_formulas import FORMULAS
 from support.mirrors import DIGITS, bounce, hyperboloid, paraboloid, plane
 
-from examples import example_cameras
 from omniscv import cameras
 
 SIZE, RADIUS = {"width": 400, "height": 400}, 200.0
@@ -154,25 +152,6 @@ def test_default_fields_of_view():
         camera = cameras.create(f"fisheye-{name}", **SIZE)
         assert camera == cameras.create(f"fisheye-{name}", **SIZE, fov_deg=180)
         assert abs(camera.unproject((400, 200)).directions[2]) <= 3e-8  # orthographic: the root of a rounding
-
-
-LENSES = {key: camera for key, camera in example_cameras().items() if camera.name in FORMULAS}
-
-
-@pytest.mark.parametrize("key", LENSES)
-def test_pixels_of_calibrated_lenses(key):
-    """From points to pixels; and the pixel of a ray, by the formula, is the pixel that it was given."""
-    camera, rng = LENSES[key], np.random.default_rng(1)
-    pixels = rng.uniform(0, (camera.width, camera.height), (24, 2))
-    rays = camera.unproject(pixels)
-    assert rays.valid.sum() > 4
-    for pixel, ray in zip(pixels[rays.valid], rays.directions[rays.valid], strict=True):
-        point = ray * 10 ** rng.uniform(-3, 3)
-        projected, seen = camera.project(point)
-        assert seen
-        with mp.workdps(DIGITS):
-            truth = np.array(FORMULAS[camera.name](camera, *map(mp.mpf, point.tolist())), dtype=float)
-        np.testing.assert_allclose([projected, pixel], [truth, truth], rtol=0, atol=1e-9)
 
 
 # -- where images end -------------------------------------------------------------------------------

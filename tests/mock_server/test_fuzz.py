@@ -105,18 +105,3 @@ def test_any_command_is_answered(name, start, open_raw):
     answered = example("vget /unrealcv/echo ")(answered)  # regression: a late reply was empty on 0.3.10
     answered()
     assert client.text("vget /unrealcv/version") in ("0.3.10", "1.0.1")
-
-
-def test_a_server_serves_on_after_any_stream(start, open_raw):
-    server = start(size=(8, 8))
-
-    @cases(20)
-    @given(STREAMS)
-    def survives(data):
-        rude = open_raw(server)
-        with contextlib.suppress(OSError):
-            rude.socket.sendall(data)
-        rude.socket.close()
-
-    survives()
-    assert open_raw(server).text("vget /scene/name") == "four-wall"

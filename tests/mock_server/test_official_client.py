@@ -1,12 +1,8 @@
 """The official client and its high-level ``UnrealCv_API`` take the mock for a game, of every dialect."""
 
 import logging
-import subprocess
-import sys
-import threading
 from collections import Counter
 
-import numpy as np
 import pytest
 from support.wire import leave, official_api
 
@@ -33,31 +29,6 @@ def test_the_official_client(start, connect, dialect):
     replies = client.request(["vget /camera/1/lit png", "vget /camera/1/depth npy", "vget /camera/1/seg bmp"])
     assert [reply[:2] for reply in replies] == [b"\x89P", b"\x93N", b"BM"]
     assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
-
-
-@pytest.fixture
-def old(start, tmp_path):
-    """A server of plugin 0.3.10."""
-    return start(dialect="0.3.10", size=SIZE, folder=tmp_path)
-
-
-def test_the_official_client_loses_its_way_when_replies_change_order(old, connect, monkeypatch):
-    """The reason never to mix asynchronous commands of L with others: its reading thread dies."""
-    died = []
-    monkeypatch.setattr(threading, "excepthook", lambda args: died.append(args.exc_value))
-    client = connect(old)
-    client.request_async("vget /camera/0/object_mask png")
-    with pytest.raises(TimeoutError):
-        client.request("vget /unrealcv/version", timeout=1)
-    client.t.join(5)
-    assert "Message ID mismatch" in str(died[0])
-
-
-def test_the_official_api_of_0_3_10_does_not_construct(old):
-    """It takes the ten words of the error for ten cameras, and then a word for a location."""
-    with pytest.raises(ValueError, match="could not convert string to float"):
-        official_api(old, SIZE)
-    assert old.statistics.counts["vget /camera/1/location"] == 1
 
 
 # The high-level API
@@ -88,12 +59,6 @@ def test_construction_asks_for_what_the_reference_says(server, api):
         "vget /camera/0/fov",
         "vget /objects",
     ]
-
-
-def test_bmp_is_shifted_by_one_pixel_as_from_a_real_server(api):
-    png, bmp = api.get_image(0, "lit", "png"), api.get_image(0, "lit", "bmp")
-    assert bmp.shape == png.shape
-    np.testing.assert_array_equal(bmp.reshape(-1, 3)[1:], png.reshape(-1, 3)[:-1])
 
 
 @pytest.fixture(params=MODERN)
@@ -162,27 +127,3 @@ def test_objects_are_spawned(official):
         return
     with pytest.warns(UserWarning, match="for URI 'vset /objects/spawn CubeActor Far 1.0 2.0 3.0'"):
         assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None
-
-
-OFFICIAL = """
-import logging, mock_server, unrealcv
-from unrealcv.api import UnrealCv_API
-logging.disable()
-with mock_server.serve("four-wall", size=(40, 30)) as server:
-    api = UnrealCv_API(server.port, server.host, (40, 30))
-    assert api.get_image(0, "lit").shape == api.get_image(0, "object_mask", "png").shape == (30, 40, 3)
-    assert api.get_depth(0).shape == (30, 40, 1)
-    assert api.get_server_version() == "1.1.0" and not api.is_unrealcv_plus()
-    assert api.supports_command("vget /camera/0/cine/intrinsics") and not api.get_cine_camera_enabled(0)
-    api.set_cine_lens(0, 18.0, 2.8)
-    assert api.get_cine_camera_enabled(0) and api.get_cine_intrinsics(0)["width"] == 40
-    assert api.get_cine_camera(0)["lens"]["focal_length_mm"] == 18
-    client = unrealcv.Client((server.host, server.port))
-    api.client.disconnect()
-"""
-
-
-def test_the_official_client_and_its_api_do_not_warn():
-    """In a process of its own, because warnings are errors there from the first import."""
-    done = subprocess.run([sys.executable, "-W", "error", "-c", OFFICIAL], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
