@@ -25,8 +25,8 @@ TRUTH = ("object_mask", "depth")
 MODES = ("lit", *TRUTH)
 PANORAMA = create("equirectangular", width=256, height=128)
 RING = create("noncentral-panorama", width=64, height=32, radius=0.3)
-WIDE = create("fisheye-equidistant", width=128, height=128, fov_deg=170)
-NARROW = create("pinhole", width=160, height=120, fov_deg=90)
+WIDE = create("fisheye-equidistant", width=96, height=96, fov_deg=170)
+NARROW = create("pinhole", width=96, height=72, fov_deg=90)
 
 
 class Counted(SourceWrapper):
