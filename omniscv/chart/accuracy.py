@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,13 @@ from omniscv.cameras import Camera, create
 from omniscv.chart import drawing
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
 from omniscv.chart.failures import wrong_depth
-from omniscv.chart.truth import traced
+from omniscv.chart.truth import Tracer, traced
 from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose
 from omniscv.progress import Steps, counted
 from omniscv.render_options import PRICE, Price
+from omniscv.sources.base import Request, Source
 from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
@@ -52,10 +53,11 @@ class Row:
         viewpoints: None: as many as the strategy takes.
         face_size: px; None: chosen for the aim.
         requests: of captures, in both modes; megapixels: captured, in both modes.
-        seconds: of capturing by the model: 5 ms a request and 25 ms a megapixel.
-        seconds_at: the same by latency, in milliseconds of a request.
+        seconds: of capturing by the model: 5 ms a request and 25 ms a megapixel; of a live source measured.
+        seconds_at: by the model, by latency, in milliseconds of a request; empty where they are measured.
         doubtful: share of the valid pixels that are marked, or whose depth may be off by more than 1 %.
-        wrong: share of the valid pixels whose label differs or whose depth is off by more than 1 %.
+        wrong: share of the valid pixels whose label differs or whose depth is off by more than 1 %; None
+            where the truth is not known.
         compose_s: time of planning and composing, without captures.
         aim: the share of doubtful pixels that was asked for; None where face size and strategy were given.
     """
@@ -69,7 +71,7 @@ class Row:
     seconds: float
     seconds_at: dict[int, float]
     doubtful: float
-    wrong: float
+    wrong: float | None
     compose_s: float
     aim: float | None
 
@@ -102,37 +104,84 @@ def measure(
         progress: called with (images done, images in total).
     """
     scene = open_scene("scene://four-wall").scene
-    ways = [
-        (name, camera, *way) for name, camera in cameras(width).items() for way in _ways(camera, width, asked)
-    ]
-    truth = {name: traced(scene, camera, _POSE) for name, camera in cameras(width).items()}
+    live = SceneSource(scene, cached_views=1)
+    return _measured(cameras(width), _POSE, live, scene, width // 4, asked, progress)
+
+
+def measure_own(
+    name: str,
+    camera: Camera,
+    pose: Pose,
+    source: Source,
+    asked: Sequence[float] = (0.03, *AIMS),
+    progress: Steps | None = None,
+) -> list[Row]:
+    """Measure one camera in a source, by every series of strategies.
+
+    Args:
+        name: of the camera.
+        camera, pose: of the image.
+        source: stays open. Seconds of capturing are modelled where it traces or replays, else measured;
+            wrong pixels are known where it traces.
+        asked, progress: as for :func:`measure`.
+    """
+    tracer, face_px = source if source.capabilities.traces else None, max(32, camera.width // 4)
+    return _measured({name: camera}, pose, source, tracer, face_px, asked, progress)
+
+
+def _measured(
+    shot: dict[str, Camera],
+    pose: Pose,
+    live: Source,
+    tracer: Tracer | None,
+    face_px: int,
+    asked: Sequence[float],
+    progress: Steps | None,
+) -> list[Row]:
+    can = live.capabilities
+    is_modelled = tracer is not None or can.dialect == "recording"
+    ways = [(name, camera, *way) for name, camera in shot.items() for way in _ways(camera, face_px, asked)]
+    truth = {} if tracer is None else {name: traced(tracer, camera, pose) for name, camera in shot.items()}
     rows: list[Row] = []
     for name, camera, series, options in counted(ways, progress):
-        source = HeldCaptures(SceneSource(scene, cached_views=1), {}, all_=True)
-        render(camera, _POSE, source, _MODES, **options)
+        if not can.can_set_size:
+            options.pop("face_size", None)
+        source = HeldCaptures(live, {}, all_=True)
+        render(camera, pose, source, _MODES, **options)
         started = time.perf_counter()
-        image = render(camera, _POSE, source, _MODES, **options)  # of captures that are held
+        image = render(camera, pose, source, _MODES, **options)  # of captures that are held
         compose_s = time.perf_counter() - started
         captures, pixels = image.effort.captures, image.effort.megapixels * 1e6
-        off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
-        wrong = float(off[image.valid].mean())
+        wrong = None
+        if name in truth:
+            off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
+            wrong = float(off[image.valid].mean())
         prices = {ms: Price(ms, MS_MEGAPIXEL) for ms in LATENCIES_MS}
         seconds_at = {ms: price.of(captures, pixels) / 1e3 for ms, price in prices.items()}
+        seconds = seconds_at[LATENCIES_MS[0]] if is_modelled else _capturing_s(live, source.requests)
+        seconds = max(seconds, _LEAST)  # where rays are traced, nothing is captured
         rows.append(
             Row(
                 name, series, options.get("viewpoints"), options.get("face_size"), captures,
-                image.effort.megapixels, seconds_at[LATENCIES_MS[0]], seconds_at, image.doubtful, wrong,
+                image.effort.megapixels, seconds, seconds_at if is_modelled else {}, image.doubtful, wrong,
                 compose_s, options.get("accuracy"),
             )
         )  # fmt: skip
     return rows
 
 
-def _ways(camera: Camera, width: int, asked: Sequence[float]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _capturing_s(source: Source, requests: Iterable[Request]) -> float:
+    started = time.perf_counter()
+    for _ in source.capture(requests):
+        pass
+    return time.perf_counter() - started
+
+
+def _ways(camera: Camera, face_px: int, asked: Sequence[float]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the series and the options of every way to make a camera's image."""
     for series, ways in (_CENTRAL if camera.central else _NONCENTRAL).items():
         for strategy, viewpoints, size in ways:
-            face_size = round(size * width / 4)
+            face_size = round(size * face_px)
             yield series, {"strategy": strategy, "viewpoints": viewpoints, "face_size": face_size}
     yield DEFAULT, {}
     for aim in asked:
@@ -143,11 +192,12 @@ def _ways(camera: Camera, width: int, asked: Sequence[float]) -> Iterator[tuple[
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them, a panel a camera: ``chart-accuracy`` as JSON, SVG and PNG."""
     names = list(dict.fromkeys(row.camera for row in rows))
-    figure, panels = drawing.figure(2, 6.4, finding(rows), lines=2)
+    lines = (len(names) + 1) // 2
+    figure, panels = drawing.figure(min(2, len(names)), 0.6 + 2.9 * lines, finding(rows), lines)
     series = [name for name in dict.fromkeys(row.series for row in rows) if name not in (PAPER, DEFAULT)]
     looks = {name: Look(COLORS[i], MARKERS[i], "-") for i, name in enumerate(series)}
     looks |= {PAPER: Look(INK, "P", ""), DEFAULT: Look(INK, "*", "")}
-    for name, axes in zip(names, panels, strict=True):
+    for name, axes in zip(names, panels, strict=False):
         mine = [row for row in rows if row.camera == name]
         labels = ["" if row.aim is None else f"{100 * row.aim:g} %" for row in mine]
         dots = [
@@ -156,15 +206,17 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         ]
         drawing.dots(axes, dots, looks)
         for row in mine:
+            if row.wrong is None:
+                continue
             look = looks[row.series]
             wrong = 100 * max(row.wrong, _LEAST)
             axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
         _draw_aims(axes)
         axes.set_title(name, size=10, color=INK)
-    figure.supxlabel(
-        f"seconds of capturing: {MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel", size=9
-    )
-    figure.supylabel("pixels in doubt, % (hollow: truly wrong)", size=9)
+    price = f"{MS_REQUEST:g} ms a request and {MS_MEGAPIXEL:g} ms a megapixel"
+    figure.supxlabel(f"seconds of capturing: {price if rows[0].seconds_at else 'measured'}", size=9)
+    hollow = "" if rows[0].wrong is None else " (hollow: truly wrong)"
+    figure.supylabel(f"pixels in doubt, %{hollow}", size=9)
     handles = panels[-1].get_legend_handles_labels()
     panels[0].legend(*handles, loc="lower left", fontsize=8, frameon=False)
     return drawing.write(rows, figure, out, "chart-accuracy")

@@ -2,12 +2,13 @@
 
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
+from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)
 
@@ -70,14 +71,38 @@ def chart(
     ],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
+    camera: Annotated[str | None, Option(help="accuracy: your camera, a model or a lens file.")] = None,
+    source: Annotated[str | None, Option(help=f"accuracy: where it looks. {options.SOURCE_HELP}")] = None,
+    size: Annotated[str | None, Option(help="accuracy: of the camera's image, px.")] = None,
+    position: Annotated[str | None, Option(help="accuracy: X,Y,Z of the camera, metres.")] = None,
+    set: Annotated[list[str], Option(help="accuracy: KEY=VALUE of a job, such as camera.fov_deg=185.")] = [],  # noqa: B006
     progress: StyleOption = None,
 ) -> None:
     """Draw cost against error; what makes images fail; models at their limits; noise of sensors."""
+    own = {"camera": camera, "source": source, "size": size, "position": position, "set": set}
+    given = frozenset(name for name, value in own.items() if value)
+    if given and (kind != "accuracy" or quick):
+        raise ArgumentError(f"--{min(given)}: expected none, with --quick or a chart that is not 'accuracy'")
     module = import_module(f"omniscv.chart.{kind}")
     with display("rounds", progress) as shown:
-        rows = module.measure(**(module.QUICK if quick else {}), progress=shown.steps)
+        if given:
+            rows = _measured_own(given, own, shown.steps)
+        else:
+            rows = module.measure(**(module.QUICK if quick else {}), progress=shown.steps)
     for path in module.write(rows, out):
         console.line(path)
+
+
+def _measured_own(given: frozenset[str], values: dict[str, Any], progress: Any) -> Any:
+    from omniscv.chart.accuracy import measure_own
+    from omniscv.sources.registry import open_sources
+
+    known = {name: options.VIEW[name] for name in values}
+    values = {name: values[name] if name in given else option.default for name, option in known.items()}
+    job = options.JobArguments(None, known, values, given).load()
+    ((name, camera),) = job.cameras.items()
+    with open_sources(job.sources, **job.source_options) as opened:
+        return measure_own(name, camera, job.poses[0], opened, progress=progress)
 
 
 @app.command(epilog="Example: omniscv evaluate lines --quick --out evaluations")

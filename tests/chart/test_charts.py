@@ -118,6 +118,39 @@ def test_aims_are_reached(ways):
     assert all(row.doubtful <= row.aim == 0.1 for row in asked)
 
 
+@pytest.mark.parametrize("address", ["scene://four-wall", "mock://four-wall"])
+def test_a_camera_of_ones_own_stands_on_the_chart(address, tmp_path, monkeypatch):
+    """In a source that traces, wrong pixels are known and seconds modelled; else seconds are measured."""
+    monkeypatch.setattr(accuracy, "AIMS", ())
+    words = [
+        "--camera",
+        "kannala-brandt",
+        "--size",
+        "32x32",
+        "--set",
+        "camera.fx=12",
+        "--set",
+        "camera.fy=12",
+    ]
+    assert run(["chart", "accuracy", *words, "--source", address, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "chart-accuracy.json").read_text())
+    assert {row["camera"] for row in rows} == {"kannala-brandt"}
+    for row in rows:
+        modelled = 0.005 * row["requests"] + 0.025 * row["megapixels"]
+        if address.startswith("scene"):
+            assert row["seconds"] == pytest.approx(modelled)
+            assert row["wrong"] <= row["doubtful"]
+        else:
+            assert row["wrong"] is None
+            assert 0 < row["seconds"] != pytest.approx(modelled, rel=1e-9)
+    assert ("measured" in (tmp_path / "chart-accuracy.svg").read_text()) == address.startswith("mock")
+
+
+def test_options_of_one_chart_are_refused_by_others(capsys):
+    assert run(["chart", "central", "--camera", "pinhole"]) == 2
+    assert "expected none, with --quick or a chart that is not 'accuracy'" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def rows():
     return central.measure(width=64)

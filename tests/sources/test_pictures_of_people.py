@@ -726,7 +726,7 @@ def test_a_bent_picture_of_nerfstudio_is_made_straight(tmp_path, capsys):
     given = {"fl_x": 90, "fl_y": 88, "cx": 66, "cy": 47, "w": 128, "h": 96, **bent, "frames": [frame]}
     (tmp_path / "n/transforms.json").write_text(json.dumps(given))
     assert run(tmp_path / "n", tmp_path / "a.sqlite") == 0
-    assert "1 frames resampled, so that they have no distortion" in capsys.readouterr().out
+    assert "1 frames resampled to flat pictures" in capsys.readouterr().out
     with omniscv.open_source(tmp_path / "a.sqlite") as source:
         (view,) = source.recorded_views()
         (lit,) = source.capture([Request(view, "lit")])
