@@ -185,7 +185,8 @@ def plan(
     """List what auto, three accuracies, exact and cube would capture for a job, and how long that takes.
 
     The last column is the share of pixels that are expected to be marked as inexact or unsure: the price of
-    fewer captures.
+    fewer captures. Where what is seen decides, captures are from those of a furnished room to twice as many,
+    in fine relief more; megapixels and seconds are of the furnished room.
     """
     from omniscv.make import check_worlds, costs, measured_price
 
@@ -205,7 +206,9 @@ def plan(
         return
     rows = [
         (
-            *([world] if found[-1][0] else []), cost.way, cost.requests, f"{cost.pixels / 1e6:.2f}",
+            *([world] if found[-1][0] else []), cost.way,
+            str(cost.requests) if cost.most == cost.requests else f"{cost.requests} to {cost.most}",
+            f"{cost.pixels / 1e6:.2f}",
             f"{cost.seconds:.1f}", f"{100 * cost.marked:.2g}" if cost.marked < 1 else "unknown",
         )
         for world, cost in found

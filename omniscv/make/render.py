@@ -5,7 +5,7 @@ from collections import ChainMap
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from functools import cache, partial, reduce
+from functools import partial, reduce
 from itertools import chain
 from operator import add
 from pathlib import Path
@@ -26,7 +26,7 @@ from omniscv.make.contents import Contents, check, check_faults, check_source
 from omniscv.make.instants import frames_by_instant, images_of, renderer_at
 from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
-from omniscv.planning import Captures, ImageRays, Plan, RenderOptions, Round, drive
+from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
 from omniscv.planning.sharing import Cost, cost
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.progress import Meter, Progress, Report, without_images
@@ -34,7 +34,6 @@ from omniscv.render_options import Price
 from omniscv.sources.base import Request, Source, View
 from omniscv.sources.recording.rows import Row, key_of, view_from_json
 from omniscv.sources.recording.store import Store
-from omniscv.sources.registry import known_capabilities
 from omniscv.sources.requests import exposures_of
 from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
@@ -265,8 +264,7 @@ def _capture_plans(
 def costs(job: Job) -> list[Cost]:
     """Return what a job's images take by ``auto``, by three accuracies, and by every other strategy.
 
-    Seconds are by the job's ``capture_ms``. A source is opened only if its capabilities do not follow from
-    its address, or if poses are sampled in it. Strategies that the source does not support are left out.
+    Seconds are by the job's ``capture_ms``. Strategies that the source does not support are left out.
     """
     ways: dict[str, dict[str, Any]] = {
         "auto": {"strategy": "auto", "accuracy": None},
@@ -283,13 +281,8 @@ def costs(job: Job) -> list[Cost]:
 
 @contextmanager
 def _plans(job: Job) -> Iterator[_Planned]:
-    """Yield the modes and plans of a job, while its source is open if that is needed."""
+    """Yield the modes and plans of a job, while its source is open."""
     check(job)
-    capabilities = known_capabilities(job.sources[0])
-    if capabilities is not None and job.sampling is None and job.vary is None:
-        rays = cache(ImageRays)
-        yield _planned(job, lambda camera, pose: Plan(rays(camera), pose, capabilities, job.options))
-        return
     with opened(replace(job, record=None)) as (job, source):
         yield _planned(job, partial(Renderer(source).plan, options=job.options))
 

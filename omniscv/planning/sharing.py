@@ -27,6 +27,8 @@ from omniscv.sources.base import Request
 
 _MARKED = 0.03
 """Share of marked pixels of images in rooms, from own optical centres (docs/accuracy.md)."""
+_BUSY = 2
+"""Captures of an image with an aim, in those expected of a furnished room: 1.1 to 2 were taken of others."""
 _PLANNED_POSES = 3
 """Of a camera whose captures serve one pose: costs at others are like theirs."""
 
@@ -117,6 +119,7 @@ class Cost:
     Attributes:
         way: the strategy's name, or an accuracy such as ``1 %``.
         requests: captures.
+        most: captures that they may become, where what is seen decides.
         pixels: captured, over all modes.
         seconds: by the price of captures.
         marked: the largest share of an image's pixels that it is expected to mark as inexact or unsure; 1
@@ -127,6 +130,7 @@ class Cost:
     requests: int
     pixels: int
     seconds: float
+    most: int = 0
     marked: float = 0.0
 
     def __add__(self, other: Cost) -> Cost:
@@ -136,6 +140,7 @@ class Cost:
             self.requests + other.requests,
             self.pixels + other.pixels,
             self.seconds + other.seconds,
+            self.most + other.most,
             max(self.marked, other.marked),
         )
 
@@ -169,8 +174,13 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
         some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
         alone = reduce(add, (_cost_alone(plan, way) for plan in some))
         times = len(of_camera) / len(some)
-        total += replace(alone, requests=round(times * alone.requests), pixels=round(times * alone.pixels))
-    total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0)
+        total += replace(
+            alone,
+            requests=round(times * alone.requests),
+            pixels=round(times * alone.pixels),
+            most=round(times * alone.most),
+        )
+    total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0, len(shared))
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
 
 
@@ -184,4 +194,5 @@ def _cost_alone(plan: Plan, way: str) -> Cost:
         return Cost(way, 0, 0, 0.0)
     known = plan.rays.one_center or plan.options.viewpoints is None
     marked = plan.aim or (_MARKED if known else 1.0)
-    return Cost(way, *get(plan.options.strategy).expected(plan), 0.0, marked)
+    requests, pixels = get(plan.options.strategy).expected(plan)
+    return Cost(way, requests, pixels, 0.0, requests * (1 if plan.aim is None else _BUSY), marked)

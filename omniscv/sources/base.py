@@ -357,14 +357,11 @@ def closed_error(what: str) -> SourceError:
 
 
 def check_modes(source: Source, modes: Iterable[str]) -> None:
-    """Raise ArgumentError for modalities that a source does not deliver, before anything is captured.
-
-    A recording says by itself what it lacks, and where.
-    """
+    """Raise ArgumentError for modalities that a source does not deliver, before anything is captured."""
     offered = source.capabilities.modes
     needed = (modalities.get(mode).captured_as or mode for mode in modes)
     lacking = [mode for mode in needed if mode not in offered]
-    if lacking and source.recorded_views() is None:
+    if lacking:
         raise ArgumentError(
             f"modes: expected some of {', '.join(sorted(offered))}, which the source delivers; "
             f"got {', '.join(lacking)}"

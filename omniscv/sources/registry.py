@@ -210,13 +210,6 @@ def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Sourc
         return source
 
 
-def known_capabilities(uri: str) -> Capabilities | None:
-    """Return the capabilities of a source if its opener knows them without opening it; else None."""
-    scheme = scheme_of(uri)
-    peek = None if scheme is None else getattr(_opener(scheme, uri), "capabilities", None)
-    return None if peek is None else peek(uri)
-
-
 def split_address(
     address: str, readers: Mapping[str, Callable[[str], Any]], repeatable: Sequence[str] = ()
 ) -> tuple[str, dict[str, Any]]:

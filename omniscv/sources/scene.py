@@ -245,10 +245,3 @@ def open_scene(address: str) -> SceneSource:
         return SceneSource(mock_server.load_scene(name), can, **options, instant=Instant(time=time_s))
     except ValueError as wrong:
         raise ArgumentError(f"source: {address!r}: {wrong}") from wrong
-
-
-def _known(address: str) -> Capabilities:
-    return replace(_CAPABILITIES, traces="traces=0" not in address)
-
-
-open_scene.capabilities = _known  # type: ignore[attr-defined]  # for the registry

@@ -1,5 +1,6 @@
 """Commands and their options: what they do, and one clear line when something is wrong."""
 
+import re
 import shutil
 import sys
 
@@ -175,7 +176,8 @@ def planned(capsys, *arguments):
     assert run(["plan", *arguments]) == 0
     heading, *rows = capsys.readouterr().out.splitlines()
     assert heading.split() == ["strategy", "captures", "Mpx", "seconds", "marked", "%"]
-    return {row.rsplit(maxsplit=4)[0].strip(): row.split()[-4:] for row in rows}
+    split = (re.fullmatch(r"(.*?) +\d+(?: to \d+)? +(\S+) +(\S+) +(\S+) *", row) for row in rows)
+    return {row[1]: [row[2], row[3], row[4]] for row in split}
 
 
 def test_plan_lists_every_strategy_and_three_accuracies(job, capsys):

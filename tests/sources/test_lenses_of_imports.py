@@ -135,6 +135,13 @@ def test_intrinsics_of_a_layout_are_checked(keys, says, folder, tmp_path):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("line", ["found: rgb.txt", "faces: gl"])
+def test_keys_of_a_layout_that_act_on_nothing_are_refused(line, folder, tmp_path):
+    (tmp_path / "my.yaml").write_text(LAYOUT.format("{fx: 60, fy: 61, cx: 32, cy: 23}") + line + "\n")
+    with pytest.raises(ArgumentError, match=f"{line.split(':')[0]}: expected no key that acts on nothing"):
+        find_sequence(folder, str(tmp_path / "my.yaml"), Options())
+
+
 def test_intrinsics_of_a_layout_act(folder, tmp_path):
     keys = "{fx: 60, fy: 61, cx: 32, cy: 23, centers: 0, distortion: [0.1, 0.01, 0, 0]}"
     (tmp_path / "my.yaml").write_text(LAYOUT.format(keys))

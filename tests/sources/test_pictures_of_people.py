@@ -389,7 +389,12 @@ def test_masks_without_a_list_and_colours_of_no_object(tmp_path, capsys):
 def test_an_option_that_acts_on_nothing_is_refused(tmp_path, capsys):
     six(tmp_path / "f", lambda view: seen(view)[0])
     (tmp_path / "a.json").write_text("[]")
-    for words in (["--depth", "ray-mm"], ["--names", tmp_path / "a.json"], ["--poses", tmp_path / "a.json"]):
+    for words in (
+        ["--depth", "ray-mm"],
+        ["--names", tmp_path / "a.json"],
+        ["--poses", tmp_path / "a.json"],
+        ["--clip"],
+    ):
         assert run(tmp_path / "f", tmp_path / "a.sqlite", *words) == 2
         assert f"{words[0][2:]}: expected pictures that it acts on" in capsys.readouterr().err
     (tmp_path / "heic").mkdir()

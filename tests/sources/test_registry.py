@@ -5,7 +5,7 @@ import pytest
 import omniscv
 from omniscv.errors import ArgumentError, NotARecordingError, SourceError
 from omniscv.sources import registry
-from omniscv.sources.registry import known_capabilities, split_address
+from omniscv.sources.registry import split_address
 
 
 @pytest.fixture(autouse=True)
@@ -92,12 +92,6 @@ def test_a_type_error_inside_an_opener_is_not_taken_for_a_wrong_option():
 def test_what_cannot_be_registered(scheme, opener, says):
     with pytest.raises(ArgumentError, match=says):
         registry.register(scheme, opener)
-
-
-def test_capabilities_that_are_known_without_a_connection():
-    assert known_capabilities("scene://four-wall").dialect == "scene"
-    assert known_capabilities("unreal://127.0.0.1:1") is None
-    assert known_capabilities("room.sqlite") is None
 
 
 def test_options_of_an_address():

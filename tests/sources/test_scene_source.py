@@ -13,7 +13,6 @@ from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.pose import R_LEVEL
 from omniscv.sources import Capabilities, Request, View
-from omniscv.sources.registry import known_capabilities
 from omniscv.sources.scene import SceneSource
 
 SCENE = mock_server.load_scene("four-wall")
@@ -78,7 +77,6 @@ def test_addresses(tmp_path):
     path.write_text("objects: {Ball: {solids: [{sphere: 0.5, at: [2, 0, 0]}]}}\n")
     with omniscv.open_source(f"scene://{path}?lit=float32&masks=ids") as source:
         assert source.objects().ids == {"Ball": 1}
-        assert source.capabilities == known_capabilities(f"scene://{path}")
         assert next(source.capture(face_requests(8))).provenance["scene"] == "ball"
 
 

@@ -281,9 +281,6 @@ def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
     return BlenderSource(Blender(blender_command(program), settings, timeout_s, retries), settings)
 
 
-open_blender.capabilities = lambda address: CAPABILITIES  # type: ignore[attr-defined]  # for the registry
-
-
 def read_colors(path: Path, view: View) -> Pixels:
     """Return ``lit``, (H, W, 3) RGB: uint8 of a PNG, float32 of an EXR.
 

@@ -285,7 +285,6 @@ def open_mujoco(address: str, **options: Any) -> Source:
 
 
 _TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
-open_mujoco.capabilities = lambda address: CAPABILITIES if "data=raster" not in address else _RASTER  # type: ignore[attr-defined]  # for the registry
 
 
 def _mujoco(what: str) -> Any:

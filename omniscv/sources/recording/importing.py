@@ -33,6 +33,7 @@ from omniscv.sources.recording.posed_frames import (
 )
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
+_OF_LIGHT = (".exr", ".hdr", ".tif", ".tiff", ".npy")  # files whose colours may be negative or NaN
 _TEXTS = (".txt", ".csv", ".json")
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
@@ -92,11 +93,14 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
                 view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
                 held.append(capture_of(picture, mode, view, provenance, ray))
             captures = partial(iter, held)
+        colors = [file for mode, file in options.clipped if mode == "lit"]
+        colors += [str(frame.files.get("lit", "")) for frame in sequence.frames] if sequence else []
         idle_if = {
             "depth": (options.depth or options.missing) and "depth" not in modes,
             "names": options.names and "object_mask" not in modes,
             "poses": options.poses and not sequence,
             "intrinsics": options.intrinsics and not sequence,
+            "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
             "frame or unit": (options.frame or options.unit) and not options.poses,
         }
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:

@@ -98,7 +98,7 @@ class Layout:
     poses: _Poses | None = checked(nested(_Poses), default=None)
     position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
     intrinsics: Any = None
-    faces: str = checked(one_of, words=LAYOUTS, default="top-bottom")
+    faces: str = checked(one_of, words=("", *LAYOUTS), default="")
     found: str = checked(text, default="")
     says: str = checked(text, default="")
     level: str = checked(text, default="")
@@ -185,6 +185,9 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
     names = [file.relative_to(folder).as_posix() for file in sorted(folder.rglob("[!.]*"))]
     if strict:
+        idle = {"found": layout.found, "faces": layout.faces and layout.pictures != "faces"}
+        if given := next((key for key, value in idle.items() if value), None):
+            raise ArgumentError(f"{given}: expected no key that acts on nothing, got {shown(idle[given])}")
         _check_time(pattern, names)
     for match in map(re.compile(pattern).fullmatch, names):
         if match is None or match.groups() in frames:
@@ -277,7 +280,7 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
 
 def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str]) -> Pose:
     """Return a face's pose, by that of the front; ArgumentError if the file of its own poses disagrees."""
-    known = LAYOUTS[layout.faces]
+    known = LAYOUTS[layout.faces or "top-bottom"]
     words = next(words for words in known.words if match["face"] in words.split()).split()
     face = known.arrangement[words.index(match["face"])]
     pose = Pose(front.position, front.R_w_c @ (_FRONT.T @ face.R_w_c))

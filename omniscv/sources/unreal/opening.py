@@ -11,12 +11,11 @@ from urllib.parse import parse_qsl, urlsplit
 
 from omniscv.arguments import one_of, shown, whole_number
 from omniscv.errors import ArgumentError
-from omniscv.sources.base import Capabilities, ProcessBound, Source
+from omniscv.sources.base import ProcessBound, Source
 from omniscv.sources.registry import Opener, advice_on, read_size, split_address
 from omniscv.sources.unreal.client import PATIENCE_S, RETRIES, TIMEOUT_S, Connection, Endpoint
 from omniscv.sources.unreal.driver import CameraOptions
 from omniscv.sources.unreal.launcher import Connect, launch
-from omniscv.sources.unreal.protocol import MODERN
 from omniscv.sources.unreal.source import connect
 from omniscv.sources.world import CameraExposure, Freeze, exposure_bias
 
@@ -84,16 +83,6 @@ def open_mock(address: str, connect: Connect, host: ExitStack) -> Source:
     """Start the mock server for this source alone, and open it: ``mock://four-wall?dialect=0.3.10``."""
     server = host.enter_context(_mock(address))
     return connect((server.host, server.port), scene=server.scene)
-
-
-def _mock_capabilities(address: str) -> Capabilities | None:
-    """Return what the mock server can do; None for the dialects in which that depends on its settings."""
-    _, options = split_address(address, _MOCK_OPTIONS, repeatable=("fault",))
-    dialect = options.get("dialect", "N3").replace("1.x", "N3")
-    return MODERN.capabilities(dialect) if dialect in ("M", "N1", "N2", "N3") else None
-
-
-open_mock.capabilities = _mock_capabilities  # type: ignore[attr-defined]  # for registry.known_capabilities
 
 
 @contextmanager

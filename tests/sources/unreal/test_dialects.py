@@ -10,7 +10,6 @@ import omniscv
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.sources import Capabilities, Request, View
-from omniscv.sources.registry import known_capabilities
 from omniscv.sources.unreal.opening import open_connection
 
 DIALECTS = ["0.3.10", "M", "N1", "N2", "N3"]
@@ -248,9 +247,3 @@ def test_a_source_that_is_closed_among_captures_stays_closed(dialect):
         with pytest.raises(SourceError, match="expected an open source, got"):
             list(captures)
         assert server.statistics.total("vget /unrealcv/version") <= 4
-
-
-@pytest.mark.parametrize("dialect", [*DIALECTS, "1.x"])
-def test_the_mocks_capabilities_are_known_without_a_server(dialect):
-    known = known_capabilities(f"mock://no-such-scene?dialect={dialect}")
-    assert known == (None if dialect == "0.3.10" else capabilities("N3" if dialect == "1.x" else dialect))
