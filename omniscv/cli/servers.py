@@ -122,6 +122,10 @@ def doctor(
     picture: Annotated[
         Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
     ] = None,
+    report: Annotated[
+        Path | None,
+        Option(help="ZIP to write for those who cannot reach it: replies, timings, captures."),
+    ] = None,
     as_json: options.AsJson = False,
     *,
     waiting: options.Waiting,
@@ -134,6 +138,8 @@ def doctor(
         raise ArgumentError(
             "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
         )
+    if report is not None and not (uri or "").startswith(("unreal", "mock:")):
+        raise ArgumentError(f"--report: expected an address unreal:// or mock://, got {uri or 'none'}")
     if uri is None:
         from omniscv.diagnostics.installation import examine_installation
 
@@ -146,6 +152,10 @@ def doctor(
         where = None if position is None else np.array(options.numbers("--position", position))
         deadlines = waiting.deadlines()
         findings = examine_address(uri, where, quick, picture=picture, **deadlines)
+        if report is not None:
+            from omniscv.diagnostics.report import write_report
+
+            write_report(uri, findings, report, where, **deadlines)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:
