@@ -12,9 +12,9 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from html import escape
 from io import BytesIO
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from omniscv import storage
 from omniscv.arguments import number
@@ -76,7 +76,7 @@ def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> d
 
 def with_photo_sphere(picture: bytes, fields: Mapping[str, str]) -> bytes:
     """Return a PNG or JPEG file that has no XMP packet with GPano fields in one; its pixels stay."""
-    written = " ".join(f"GPano:{name}={quoteattr(value)}" for name, value in fields.items())
+    written = " ".join(f'GPano:{name}="{escape(value)}"' for name, value in fields.items())
     xmp = (
         '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
         f'<rdf:Description rdf:about="" xmlns:GPano="{_NAMESPACE}" {written}/></rdf:RDF></x:xmpmeta>'

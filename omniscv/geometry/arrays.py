@@ -71,13 +71,13 @@ def cluster_starts(positions_w: Array, distance_m: float) -> Array:
         positions_w: (N, 3) metres, world frame.
         distance_m: the longest step between two positions of a cluster.
     """
-    from scipy.sparse import coo_array
+    count = len(positions_w)
+    if count < 2:
+        return positions_w
+    from scipy.sparse import coo_array  # slow to load
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    count = len(positions_w)
-    if not count:
-        return positions_w
     pairs = cKDTree(positions_w).query_pairs(distance_m, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), (count, count))
     _, first, cluster = np.unique(

@@ -23,7 +23,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from omniscv.arguments import number, numbers, shown, text, whole_number, within, wrong
-from omniscv.calibration.files import load_on_body
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.motion import Motion, object_pose
@@ -75,6 +74,8 @@ class PoseFile:
         path, frame, says = Path(self.file), self.frame, list[str]()
         on_body: Frame | None = frame if frame in FRAMES else None  # type: ignore[assignment]
         if frame is not None and on_body is None:
+            from omniscv.calibration.files import load_on_body  # slow to load
+
             with within("poses.frame"):
                 cameras = load_on_body(frame)
             name, on_body = next(iter(cameras.items()))

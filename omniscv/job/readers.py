@@ -21,8 +21,6 @@ from omniscv.arguments import (
     within,
     wrong,
 )
-from omniscv.calibration import load as load_cameras
-from omniscv.calibration import load_rig
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rig import Rig
 from omniscv.errors import ArgumentError
@@ -53,9 +51,11 @@ class _CameraFile:
 
     def load(self) -> Camera:
         """Return the camera; ArgumentError if the file has several and ``name`` is none of them."""
+        from omniscv.calibration import load  # slow to load
+
         sizes = self.width, self.height
         size = None if sizes == (None, None) else sizes
-        cameras = load_cameras(self.file, self.format, size)  # type: ignore[arg-type]
+        cameras = load(self.file, self.format, size)  # type: ignore[arg-type]
         if self.name is None and len(cameras) == 1:
             return next(iter(cameras.values()))
         with within(self.file):
@@ -82,6 +82,8 @@ def read_rig(name: str, value: object) -> Rig:
     """Return the rig of a file, or an inline one."""
     if not isinstance(value, str | Mapping):
         raise ArgumentError(f"{name}: expected a file's name or cameras by name, got {shown(value)}")
+    from omniscv.calibration import load_rig  # slow to load
+
     with within(name):
         return load_rig(text("file", value)) if isinstance(value, str) else Rig.from_dict(value)
 

@@ -5,12 +5,11 @@ Boxes in the image come from labels and are exact to the pixel, also across the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from omniscv.cameras import Camera
 from omniscv.frame import Frame
@@ -59,9 +58,7 @@ def boxes(
         np.minimum.at(nearest, labels[depth > 0], depth[depth > 0])
     width = labels.shape[1]
     records = []
-    for instance, box in enumerate(ndimage.find_objects(labels), start=1):
-        if box is None or instance not in name_of:
-            continue
+    for instance, box in _found(labels, name_of):
         rows, columns = box
         record = _named(instance, name_of[instance], classes)
         record["area"] = int(areas[instance])
@@ -85,6 +82,15 @@ def ids(names: Names) -> dict[str, int]:
 def visible_ids(labels: Labels) -> set[int]:
     """Return the ids that (H, W) labels hold, with 0 where a pixel has no label."""
     return set(np.flatnonzero(np.bincount(labels.ravel())).tolist())
+
+
+def _found(labels: Labels, wanted: Container[int]) -> Iterator[tuple[int, tuple[slice, slice]]]:
+    """Yield those of some ids that (H, W) labels hold, with the rows and columns around their pixels."""
+    from scipy import ndimage  # slow to load
+
+    for instance, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is not None and instance in wanted:
+            yield instance, box
 
 
 def _named(instance: int, name: str, classes: ClassTable | None) -> dict[str, Any]:
@@ -175,9 +181,7 @@ def boxes_around_points(
     """
     name_of = {instance: name for name, instance in ids(names).items()}
     around = {}
-    for instance, box in enumerate(ndimage.find_objects(labels), start=1):
-        if box is None or instance not in name_of:
-            continue
+    for instance, box in _found(labels, name_of):
         points = points_w[box][(labels[box] == instance) & usable[box]]
         if len(points):
             low, high = points.min(axis=0), points.max(axis=0)

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import Capture
@@ -32,6 +31,7 @@ def straightened(capture: Capture, turn: Array) -> Capture:
     Colours are interpolated, truth is the nearest pixel's.
     """
     import cv2
+    from scipy.spatial.transform import Rotation  # slow to load
 
     view, R_w_c = capture.view, capture.view.pose.R_w_c
     shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from omniscv.arguments import shown
 from omniscv.errors import BadReplyError, ServerRefusedError
@@ -200,6 +199,8 @@ def _upright_axes(points: Array) -> Array:
 
     One of its sides is parallel to a side of the convex hull seen from above (Freeman and Shapira 1975).
     """
+    from scipy.spatial import ConvexHull, QhullError  # slow to load
+
     try:
         hull = points[ConvexHull(points[:, :2]).vertices, :2]
     except (QhullError, ValueError):  # fewer than three points, or all in an upright plane
