@@ -40,14 +40,6 @@ def test_weak_faults_hold():
     assert [row.said for row in rows] == ["holds", "marked", "holds", "silent"]
 
 
-def test_a_beat_that_is_checked_is_not_silent(monkeypatch):
-    """Colours count, too, which depth and masks that are captured finer do not mend."""
-    beat = next(cause for cause in failures.CAUSES if cause.name == "checked beat")
-    monkeypatch.setattr(failures, "CAUSES", (beat._replace(strengths=(1.05,)),))
-    monkeypatch.setattr(failures, "COLUMNS", ("auto",))
-    assert [row.said for row in failures.measure(width=32)] == ["marked"]
-
-
 def table(rows):
     """A Markdown table of the strengths at which each strategy breaks, and of the answers there."""
     lines = [

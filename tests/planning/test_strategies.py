@@ -104,7 +104,7 @@ def test_strips_of_a_size_that_a_server_takes():
 
 
 @given(st.integers(1, 400))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_any_number_of_centres(count):
     """One to more than there are columns: never more centres than columns, every pixel served."""
     camera = CAMERAS["noncentral-panorama"]

@@ -35,9 +35,14 @@ def source():
         yield replay
 
 
-@pytest.fixture(scope="module", params=["panorama", "fisheye", "noncentral"])
-def image(request, source):
-    return getattr(recorded_room, request.param)(source)
+@pytest.fixture(scope="module")
+def images(source):
+    return {name: getattr(recorded_room, name)(source) for name in ("panorama", "fisheye", "noncentral")}
+
+
+@pytest.fixture(params=["panorama", "fisheye", "noncentral"])
+def image(request, images):
+    return images[request.param]
 
 
 def points_w(image):
@@ -75,9 +80,9 @@ def test_the_walls_are_where_they_were_built(image):
         assert np.max(off - image["depth_error"][here]) <= LENS_M, name
 
 
-def test_normals_are_those_of_the_walls(source):
+def test_normals_are_those_of_the_walls(images):
     """The ceiling's paint is smooth; plaster has bumps, of which shading normals show the slopes."""
-    for image in (recorded_room.panorama(source), recorded_room.fisheye(source)):
+    for image in (images["panorama"], images["fisheye"]):
         normals_w = image.normals @ image.pose.R_w_c.T
         for name, (normal, _) in WALLS.items():
             found = normals_w[seen(image, name)]
@@ -106,9 +111,9 @@ def test_at_the_centres_of_its_pixels_an_image_is_the_capture(number, source):
     assert len(np.unique(ids)) >= 2
 
 
-def test_a_point_has_the_same_object_and_colour_from_a_circle_as_from_its_middle(source):
+def test_a_point_has_the_same_object_and_colour_from_a_circle_as_from_its_middle(source, images):
     """But where it is hidden from the middle, or shines."""
-    image = recorded_room.noncentral(source)
+    image = images["noncentral"]
     points, kept = points_w(image), image.valid & np.isfinite(image.depth)
     same, apart = [], []
     for view in VIEWS:
