@@ -84,7 +84,7 @@ def visible_ids(labels: Labels) -> set[int]:
     return set(np.flatnonzero(np.bincount(labels.ravel())).tolist())
 
 
-def _found(labels: Labels, wanted: Container[int]) -> Iterator[tuple[int, tuple[slice, slice]]]:
+def _found(labels: Labels, wanted: Container[int]) -> Iterator[tuple[int, tuple[slice, ...]]]:
     """Yield those of some ids that (H, W) labels hold, with the rows and columns around their pixels."""
     from scipy import ndimage  # slow to load
 
