@@ -67,7 +67,8 @@ class Form:
         poses: pairs of a path and what stands there: ``T_b_c`` or ``T_c_b``, a matrix to or from the frame of
             the file's body b; or the keys of x, y, z, qx, qy, qz, qw. The first is written.
         time: path of the time offset, and its unit in seconds.
-        readout: path of a rolling shutter's time, its unit in seconds, and whether it is that of one line.
+        readout: paths of a rolling shutter's time, each with its unit in seconds, and whether it is that of
+            one line; the first is written.
         split: returns the cameras of a file by name; those that have the marks, if not given.
         join: returns the values to write from those of cameras by name; of the only one, if not given.
         dump: returns their text; by the syntax, if not given.
@@ -91,7 +92,7 @@ class Form:
     syntax: str = "yaml"
     poses: tuple[tuple[str, str], ...] = ()
     time: tuple[str, float] | None = None
-    readout: tuple[str, float, bool] | None = None
+    readout: tuple[tuple[str, float, bool], ...] = ()
     split: Callable[[Content], Mapping[str, Any]] | None = None
     join: Callable[[dict[str, Values]], Any] | None = None
     dump: Callable[[Any], str] | None = None
@@ -168,8 +169,7 @@ class Form:
         if self.finish is not None:
             values, (width, height) = self.finish(node, word, values, width, height)
         camera = self.camera(row, width, height, values)
-        if self.readout is not None:
-            path, unit, of_line = self.readout
+        for path, unit, of_line in self.readout:
             seconds = unit * number(path, node.take(path, 0) or 0, least=0) * (height if of_line else 1)
             if seconds:
                 camera = RollingShutter(width, height, camera, seconds)
@@ -252,8 +252,8 @@ class Form:
             ArgumentError: the form cannot carry it.
         """
         values: Values = {}
-        if self.readout and isinstance(camera, RollingShutter) and not _moves(camera):
-            path, unit, of_line = self.readout
+        if self.readout and isinstance(camera, RollingShutter) and not camera.has_velocity:
+            path, unit, of_line = self.readout[0]
             put(values, path, camera.readout / unit / (camera.height if of_line else 1))
             camera = camera.base
         row, held = self.held(camera)
@@ -334,10 +334,6 @@ class Form:
             raise ArgumentError(f"time_offset: expected 0, as {self.name} carries none, got {got}")
         if mounted.time_offset and self.time is not None:
             put(values, self.time[0], mounted.time_offset / self.time[1])
-
-
-def _moves(camera: RollingShutter) -> bool:
-    return bool(np.any([camera.velocity, camera.angular_velocity_deg]))
 
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")

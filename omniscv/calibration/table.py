@@ -20,7 +20,7 @@ CAMODOCAL = Form("camodocal", "camodocal, VINS-Mono, VINS-Fusion, KITTI-360's fi
     PINHOLE_FULL pinhole projection_parameters.fx .fy .cx .cy distortion_parameters.k1? .k2? .p1? .p2? .k3? .k4? .k5? .k6?
     < SCARAMUZZA scaramuzza poly_parameters.p0=a0 .p1=a1 .p2=a2 .p3=a3 .p4=a4 affine_parameters.ac=c .ad=d .ae=e .cx=cx .cy=cy
     """,
-    word="model_type", syntax="opencv-yaml", readout=("rolling_shutter_tr", 1.0, False), time=("td", 1.0), harmless="^invpoly|^rollingshutter$",
+    word="model_type", syntax="opencv-yaml", readout=(("rolling_shutter_tr", 1.0, False),), time=("td", 1.0), harmless="^invpoly|^rollingshutter$",
     constant={"camera_name": "camera"}, finish=parts.shutter, refused="SCARAMUZZA is read only")
 
 _ORB_NUMBERS = "Camera1.fx|Camera.fx Camera1.fy|Camera.fy Camera1.cx|Camera.cx Camera1.cy|Camera.cy"
@@ -222,6 +222,6 @@ GYROFLOW = Form("gyroflow", "gyroflow's lens profiles",
     < opencv_fisheye|none kannala-brandt fisheye_params.camera_matrix={_K} .distortion_coeffs=;k1,k2,k3,k4
     < opencv_standard pinhole fisheye_params.camera_matrix={_K} .distortion_coeffs=;{PLAIN}
     """,
-    word="distortion_model", size="calib_dimension.w calib_dimension.h", readout=("frame_readout_time", 1e-3, False),
+    word="distortion_model", size="calib_dimension.w calib_dimension.h", readout=(("frame_readout_time", 1e-3, False),),
     harmless="radialdistortionlimit|^crop$|readoutdirection", finish=parts.gyroflow,
     refused="poly3, poly5, ptlens, gopro, sony, insta360; stretches, digital lenses")

@@ -112,13 +112,14 @@ sheet of the OS1."""
 
 @register
 class Lidar(Camera):
-    """A turning laser scanner at one instant; ``rolling-shutter`` with it as ``base`` moves while it turns.
+    """A turning laser scanner at rest, or that a job moves along its path while it turns.
 
     The ray of (u, v) points, in a frame with X forward and Z up, to ``(cos e cos a, cos e sin a, sin e)``,
     ``a = start + (u - 1/2) step + azimuth(v)``, ``e = elevation(v)``; it starts beside the axis, where the
     table says. Angles between rows are interpolated. Parameters: ``preset``, "vlp-16", "vlp-16-hires",
     "hdl-32e", "os1-64", "os1-128" or the file of a table (Ouster's metadata, Velodyne's YAML, NCore's JSON,
-    CSV with columns elevation and azimuth, _deg); or ``table``, the arguments of :class:`LidarTable`.
+    CSV with columns elevation and azimuth, _deg); or ``table``, the arguments of :class:`LidarTable`;
+    ``frozen``, whether all of a scan is of one instant: else a job's sensor moves while it turns.
     Domain: every pixel; the size is the table's if not given. Points are seen from about 0.1 metres on.
     Source: Ouster SDK, ``xyzlut.cpp``; ROS driver of Velodyne, ``rawdata.cc``.
     """
@@ -134,7 +135,9 @@ class Lidar(Camera):
         height: int | None = None,
         preset: str | None = None,
         table: Mapping[str, Any] | None = None,
+        frozen: bool = False,
     ) -> None:
+        self.frozen = flag("frozen", frozen)
         if (preset is None) == (table is None):
             raise ArgumentError(f"preset: expected {', '.join(PRESETS)} or a file; or a table, and not both")
         self.preset = preset if isinstance(preset, str) and preset in PRESETS else None
@@ -164,7 +167,8 @@ class Lidar(Camera):
         self._offset = np.stack([beams.along_m, beams.across_m, beams.up_m])
 
     def _arguments(self) -> dict[str, Any]:
-        own = {"preset": self.preset} if self.preset else {"table": self._table.to_dict()}
+        own: dict[str, Any] = {"preset": self.preset} if self.preset else {"table": self._table.to_dict()}
+        own |= {"frozen": True} if self.frozen else {}
         return {"width": self.width, "height": self.height, **own}
 
     @property
@@ -179,10 +183,26 @@ class Lidar(Camera):
         return (channel.max() - channel if self._table.ring_from_below else channel).astype(np.uint16)
 
     @property
-    def times(self) -> Array:
-        """(H, W) seconds from the start of the turn to each firing."""
-        columns = np.arange(0.5, self.width) / (self._turn * self.rate)
-        return self._table.delay_s[self._channel][:, None] + columns
+    def readout(self) -> float:
+        """Seconds from the first column to one after the last; 0 of a frozen sensor."""
+        return 0.0 if self.frozen else self.width / (self._turn * self.rate)
+
+    @property
+    def delays(self) -> Array:
+        """(n,) seconds from the firing of a column to that of each channel."""
+        return self._table.delay_s
+
+    def delay(self, rows: Array) -> Array:
+        """Return the same at rows (...) of the image, px, between channels by interpolation."""
+        at = rows * self._channels_a_row - 0.5
+        return np.asarray(np.interp(at, self._rows[1:-1], self._table.delay_s))
+
+    def seconds(self) -> Array:
+        """Return (H, W) seconds from the first column's firing to each; 0 of a frozen sensor."""
+        times = np.arange(self.width) / (self._turn * self.rate) + self.delay(
+            np.arange(0.5, self.height)[:, None]
+        )
+        return np.zeros_like(times) if self.frozen else times
 
     @property
     def _channel(self) -> NDArray[np.intp]:

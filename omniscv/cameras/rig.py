@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import Reader, number, numbers, one_of, shown, stems, within
+from omniscv.arguments import Reader, number, numbers, one_of, shown, stems, whole_number, within
 from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
+from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.pose import rotation_reader
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.records import checked, mapping, named, optional, read, record
@@ -90,13 +91,13 @@ class Rig:
 
     cameras: Mapping[str, RigCamera] = checked(_cameras)
 
-    def poses(self, pose: Pose | Trajectory, time: float | None = None) -> dict[str, Pose]:
+    def poses(self, pose: Pose | Trajectory, time_ns: int | None = None) -> dict[str, Pose]:
         """Return the poses of the cameras, world frame.
 
         Args:
             pose: of the rig at rest; or its timed poses, interpolated at the time of each camera: see
                 :meth:`Trajectory.at`.
-            time: the rig's, seconds; for timed poses only.
+            time_ns: the rig's, whole nanoseconds; for timed poses only.
 
         Raises:
             ArgumentError: poses without times, no time, or a time more than one step outside the poses.
@@ -106,8 +107,9 @@ class Rig:
         poses = {}
         for name, mounted in self.cameras.items():
             with within(name):
-                camera_time = number("time", time) + mounted.time_offset
-                poses[name] = pose.at(camera_time, steps_beyond=1) @ mounted.pose
+                rig_ns = whole_number("time_ns", time_ns, least=-1 << 62)
+                camera_ns = rig_ns + nanoseconds(mounted.time_offset)
+                poses[name] = pose.at(camera_ns, steps_beyond=1) @ mounted.pose
         return poses
 
     def seen_from(self, name: str) -> Rig:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, shown, within
-from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, viewpoints_by_line
+from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, grid_axes, viewpoints_by_line
 from omniscv.cameras.lidar import Lidar
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.clock import NS, nanoseconds
+from omniscv.geometry.trajectory import Poses, Trajectory, turns_between
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 _MOST_TURN_DEG = 90.0
+AT_REST = Pose(np.zeros(3), np.eye(3))
 _INTERVALS = 16  # of the read-out: each is searched for one crossing
 _FINER = 16  # times as many intervals for points that a line comes near
 _NEAR = 4.0  # intervals within which a line counts as near
@@ -32,10 +34,13 @@ class RollingShutter(Camera):
 
     The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
     ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and shifted by ``t v``.
+    The first column of a ``lidar`` fires at t = 0, its channels as its table says.
     Parameters: ``base``, the camera at rest, or its dict (without size and a centre in the middle);
     ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
     ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
-    pose is the image's; ``scan``, "top-to-bottom", "bottom-to-top", "left-to-right" or "right-to-left".
+    pose is the image's; ``scan``, "top-to-bottom", "bottom-to-top", "left-to-right" or "right-to-left";
+    ``path``, in place of the velocities, rows ``t x y z qx qy qz qw`` in that frame, between which the camera
+    moves straight and turns evenly: :meth:`on` makes them of a job's path.
     Domain: that of the base; turns of at most 90 degrees. Of several lines that see a point, ``project``
     returns the first. ``readout=0``, or no motion, equals the base to the bit.
     Source: Meingast et al. 2005, Geometric models of rolling-shutter cameras.
@@ -58,6 +63,7 @@ class RollingShutter(Camera):
         velocity: ArrayLike = (0.0, 0.0, 0.0),
         angular_velocity_deg: ArrayLike = (0.0, 0.0, 0.0),
         scan: Scan = "top-to-bottom",
+        path: ArrayLike | None = None,
     ) -> None:
         super().__init__(width, height)
         self.base = _central(base, self.width, self.height)
@@ -65,66 +71,73 @@ class RollingShutter(Camera):
         self.velocity = numbers("velocity", velocity, (3,))
         self.angular_velocity_deg = numbers("angular_velocity_deg", angular_velocity_deg, (3,))
         self.scan: Scan = one_of("scan", scan, get_args(Scan))
-        self._travel = self.readout * self.velocity
-        turn_deg = self.readout * float(np.linalg.norm(self.angular_velocity_deg))
-        number(
-            "angular_velocity_deg: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG
-        )
-        self._turn = np.radians(turn_deg)
-        x, y, z = self.angular_velocity_deg * (self.readout / turn_deg if turn_deg else 0.0)
-        self._cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # cross product with the axis
+        self.path = None if path is None else numbers("path", path, (None, 8))
         self._axis = 1 if self.scan in ("top-to-bottom", "bottom-to-top") else 0
         self._backward = self.scan in ("bottom-to-top", "right-to-left")
         self._lines = self.height if self._axis == 1 else self.width
         self._wraps = self._axis == 0 and self.base.wraps
-        self._at_rest = not (self._travel.any() or self._turn)
+        self._fires = self.base if isinstance(self.base, Lidar) and self._axis == 0 else None
+        self._set_poses()
 
-    @classmethod
-    def between(
-        cls, base: Camera, readout: float, start: Pose, end: Pose, scan: Scan = "top-to-bottom"
-    ) -> tuple[Self, Pose]:
-        """Return the camera with given poses at its first and its last line, and the pose of its image.
+    def _set_poses(self) -> None:
+        """Set the poses, by fractions of the read-out, between which the camera moves straight."""
+        times = np.array([0.0, self.readout])
+        positions = times[:, None] * self.velocity
+        vectors, rotations = np.radians([self.readout * self.angular_velocity_deg]), np.eye(3)[None]
+        name = "angular_velocity_deg"
+        if self.path is not None:
+            from scipy.spatial.transform import Rotation  # slow to load
 
-        It moves between them as :meth:`Pose.interpolate`.
+            name = "path"
+            if self.has_velocity:
+                raise ArgumentError(f"path: expected it or velocities, got both ({self.velocity.tolist()})")
+            times, positions = self.path[:, 0], self.path[:, 1:4]
+            if len(times) < 2 or (np.diff(times) <= 0).any():
+                raise ArgumentError(f"path: expected two or more rows, later and later, got {shown(times)}")
+            rotations, vectors = turns_between(Rotation.from_quat(self.path[:, 4:]))
+        angles = np.linalg.norm(vectors, axis=1)
+        turn_deg = float(np.degrees(angles.sum()))
+        number(f"{name}: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG)
+        self._at_rest = not (self.readout and (positions.any() or turn_deg))
+        self._times = times / (self.readout or 1.0)
+        self._positions, self._rotations, self._angles = positions, rotations, angles
+        x, y, z = (vectors / np.where(angles, angles, 1.0)[:, None]).T
+        zero = np.zeros_like(x)
+        cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])  # products with the axes
+        self._cross = np.moveaxis(cross, -1, 0)
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether it has velocities."""
+        return bool(self.velocity.any() or self.angular_velocity_deg.any())
+
+    @property
+    def moves_itself(self) -> bool:
+        """Whether it has velocities or a path."""
+        return self.has_velocity or self.path is not None
+
+    def on(self, path: Trajectory, time_ns: int, mounted: Pose = AT_REST) -> Self:
+        """Return the camera on a rig that moves along a path.
 
         Args:
-            base: the camera at rest.
-            readout: seconds between the poses, > 0.
-            start, end: of the base, world frame.
-            scan: the direction.
-        """
-        readout = number("readout", readout, above=0)
-        velocity = start.rotation.T @ (end.position - start.position) / readout
-        angular_velocity_deg = np.degrees(start.rotation_vector_to(end)) / readout
-        camera = cls(base.width, base.height, base, readout, velocity, angular_velocity_deg, scan)
-        return camera, start
-
-    @classmethod
-    def along(
-        cls,
-        base: Camera,
-        readout: float,
-        times: ArrayLike,
-        poses: Sequence[Pose],
-        at: float,
-        scan: Scan = "top-to-bottom",
-    ) -> tuple[Self, Pose]:
-        """Return the camera whose image is read along a trajectory from the time ``at``, and its pose.
-
-        The motion within the image is uniform between the poses at the first and the last line.
-
-        Args:
-            base, readout, scan: as :meth:`between`.
-            times, poses: of the trajectory: seconds, increasing, and as many poses of the base, world frame.
-            at: seconds; the first line's time.
+            path: of the rig.
+            time_ns: of the image, whole nanoseconds: its first line's.
+            mounted: the camera on the rig, ``T_rig_cam``; the rig itself if not given.
 
         Raises:
-            ArgumentError: the trajectory does not last from the first line to the last.
+            ArgumentError: the camera has velocities, or the path does not last from the first line to the
+                last, or a step of it beyond.
         """
-        seconds = numbers("times", times, (len(poses),))
-        trajectory = Trajectory(tuple(poses), tuple(seconds.tolist()))
-        start, end = (trajectory.at(time) for time in (at, at + readout))
-        return cls.between(base, readout, start, end, scan)
+        from scipy.spatial.transform import Rotation  # slow to load
+
+        ends = (time_ns + nanoseconds(part * self.readout) for part in self._span)
+        first_ns, last_ns = ends
+        first = path.at(time_ns, steps_beyond=1) @ mounted
+        straight = path.straight(first_ns, last_ns, mounted)
+        poses, times = Poses.of(straight.poses), np.array(straight.times_ns) - time_ns
+        turns = Rotation.from_matrix(first.rotation.T @ poses.rotations).as_quat(canonical=True)
+        rows = np.column_stack([times / NS, first.to_camera(poses.positions), turns])
+        return type(self)(**{**self._arguments(), "path": rows})
 
     def _arguments(self) -> dict[str, Any]:
         """Return the arguments; of the base without its size, and without a centre in the middle."""
@@ -142,42 +155,61 @@ class RollingShutter(Camera):
 
     # -- rays -----------------------------------------------------------------------------------
 
+    @property
+    def _span(self) -> tuple[float, float]:
+        """The fractions of the read-out at which the first line is read, and the last."""
+        if self._fires is None:
+            return 0.0, 1.0
+        early, late = 0.5 / self._lines, self._fires.delays.max() / (self.readout or 1.0)
+        return -early, float(1 - early + late)
+
     def _fraction(self, pixels: Array) -> Array:
-        """Return the fraction of the read-out at which pixels (..., 2) are read."""
-        part: Array = pixels[..., self._axis] / self._lines
+        """Return the fraction of the read-out at which pixels (..., 2) are read, of a grid by its lines."""
+        axes = grid_axes(pixels)
+        part: Array = axes[self._axis] / self._lines
+        if self._fires is not None:
+            part = part - 0.5 / self._lines + self._fires.delay(axes[1]) / (self.readout or 1.0)
         return 1 - part if self._backward else part
+
+    def parts_read(self) -> Array:
+        """Return (H, W) the fraction of the read-out at which each pixel is read."""
+        return np.broadcast_to(self._fraction(self.pixels()), (self.height, self.width))
+
+    def seconds(self) -> Array:
+        """Return (H, W) seconds from the image's time to the reading of each pixel."""
+        return np.asarray(self.readout * self.parts_read())
 
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask | bool]:
         origins, directions, valid = self.base._unproject(pixels)
         if self._at_rest:
             return origins, directions, valid
-        part = self._fraction(pixels)
-        shifted = part[..., None] * self._travel
+        rotations, shifted = self._poses_at(self._fraction(pixels))
         if not self.base.central:
-            shifted = shifted + self._rotate(np.broadcast_to(origins, directions.shape), part)
-        return shifted, self._rotate(directions, part), valid
+            shifted = shifted + _turned(rotations, np.broadcast_to(origins, directions.shape))
+        directions = _turned(rotations, directions)
+        return np.broadcast_to(shifted, directions.shape), directions, valid
 
-    def _rotate(self, vectors: Array, part: Array) -> Array:
-        """Turn vectors (..., 3) of the moving camera into the first line's frame (Rodrigues' formula)."""
-        if not self._turn:
-            return vectors
-        angle = (part * self._turn)[..., None]
-        across = vectors @ self._cross.T
-        rotated: Array = across @ self._cross.T
-        rotated *= 2 * np.sin(angle / 2) ** 2
-        rotated += vectors
-        rotated += np.sin(angle) * across
-        return rotated
+    def _poses_at(self, part: Array) -> tuple[Array, Array]:
+        """Return rotations (..., 3, 3) and positions (..., 3) at fractions of the read-out."""
+        i = np.searchsorted(self._times[1:-1], part, side="right")
+        start, end = self._times[i], self._times[i + 1]
+        done = ((part - start) / (end - start))[..., None]
+        positions = self._positions[i] + done * (self._positions[i + 1] - self._positions[i])
+        angle, cross = done[..., None] * self._angles[i][..., None, None], self._cross[i]
+        # Rodrigues' formula
+        turn = np.eye(3) + np.sin(angle) * cross + 2 * np.sin(angle / 2) ** 2 * (cross @ cross)
+        return self._rotations[i] @ turn, positions
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
         middle = np.arange(0.5, self._lines) / self._lines
-        part = 1 - middle if self._backward else middle
-        origins = part[:, None] * self._travel
+        rotations, origins = np.broadcast_to(np.eye(3), (self._lines, 3, 3)), np.zeros((self._lines, 3))
+        if not self._at_rest:
+            rotations, origins = self._poses_at(1 - middle if self._backward else middle)
         if not self.base.central:  # the mean of each line's
             own, _, _ = self.base._unproject(self.base.pixels())
             own = np.broadcast_to(own, (self.height, self.width, 3)).mean(axis=self._axis)
-            origins = origins + self._rotate(own, part)
+            origins = origins + _turned(rotations, own)
         return viewpoints_by_line(origins, self.valid(), 1 - self._axis, count)
 
     # -- points ---------------------------------------------------------------------------------
@@ -202,9 +234,11 @@ class RollingShutter(Camera):
 
     def _project_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
         """Project points (N, 3) with the base at fractions (N,) of the read-out."""
-        offset = points - part[:, None] * self._travel
+        rotations, positions = self._poses_at(part)
+        offset = points - positions
         nonzero = np.asarray(offset.any(axis=1))
-        pixels, valid = self.base._project(self._rotate(np.where(nonzero[:, None], offset, 1.0), -part))
+        back = _turned(np.swapaxes(rotations, -1, -2), np.where(nonzero[:, None], offset, 1.0))
+        pixels, valid = self.base._project(back)
         return pixels, np.asarray(valid & nonzero & self._within_image(pixels)[1])
 
     def _late(self, points: Array, part: Array) -> Array:
@@ -220,10 +254,11 @@ class RollingShutter(Camera):
             within ``_NEAR`` intervals of the point at the end of an interval.
         """
         first = np.full(len(points), np.nan)
-        before = self._late(points, np.zeros(len(points)))
+        begin, end = self._span
+        before = self._late(points, np.full(len(points), begin))
         near = np.abs(before) <= _NEAR / intervals
         for k in range(intervals):
-            low, high = k / intervals, (k + 1) / intervals
+            low, high = (begin + (end - begin) * i / intervals for i in (k, k + 1))
             after = self._late(points, np.full(len(points), high))
             near |= np.abs(after) <= _NEAR / intervals
             # If the base sees the point at one end only, the point may be seen up to the border in between.
@@ -300,6 +335,13 @@ class ReadOutLines(RollingShutter):
         return pixels, valid & self._is_read(pixels)
 
 
+def _turned(rotations: Array, vectors: Array) -> Array:
+    """Return vectors (..., 3) turned by rotations (..., 3, 3) of each, or of each line of a grid."""
+    if rotations.shape[-3:-2] == (1,):  # rows: one product for each
+        return np.asarray(vectors @ np.swapaxes(rotations[..., 0, :, :], -1, -2))
+    return np.asarray((rotations @ vectors[..., None])[..., 0])
+
+
 def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camera:
     """Return the base camera with a size, from itself or its description; ArgumentError if not central."""
     with within("base"):
@@ -313,3 +355,34 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
             got = f"{camera.width} x {camera.height}"
             raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
         return camera
+
+
+def readout_of(camera: Camera) -> float:
+    """Return the seconds from the first line of a camera to its last; 0 of one that has no lines."""
+    return camera.readout if isinstance(camera, RollingShutter | Lidar) else 0.0
+
+
+def as_shutter(camera: Camera) -> RollingShutter:
+    """Return a camera that can move while its lines are read: itself, or around a lidar."""
+    if isinstance(camera, RollingShutter):
+        return camera
+    if not isinstance(camera, Lidar):
+        raise ArgumentError(f"path: expected none of a camera without lines, got one of {camera.name}")
+    return RollingShutter(camera.width, camera.height, camera, camera.readout, scan="left-to-right")
+
+
+def on_path(camera: Camera, path: Trajectory, time_ns: int, mounted: Pose) -> Camera:
+    """Return a camera as it moves along a path while its lines are read, see :meth:`RollingShutter.on`;
+    itself if all of its image is of one instant."""
+    return as_shutter(camera).on(path, time_ns, mounted) if nanoseconds(readout_of(camera)) else camera
+
+
+def with_path(camera: Camera, path: object) -> Camera:
+    """Return a camera that moves along the rows of a path, see :class:`RollingShutter`; itself without."""
+    return camera if path is None else from_dict({**as_shutter(camera).to_dict(), "path": path})
+
+
+def path_of(camera: Camera) -> list[list[float]] | None:
+    """Return the rows of the path on which a camera moves; None for a camera that rests."""
+    path = camera.path if isinstance(camera, RollingShutter) else None
+    return None if path is None else path.tolist()

@@ -7,9 +7,10 @@ from functools import cached_property, partial
 from typing import Any, Unpack
 
 from omniscv import modalities
-from omniscv.arguments import did_you_mean, shown
+from omniscv.arguments import did_you_mean, number, shown
 from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
+from omniscv.cameras.rolling_shutter import on_path
 from omniscv.compose.cache import ByteCache, HeldCaptures, T
 from omniscv.compose.composition import compose
 from omniscv.compose.image import OmniImage
@@ -17,6 +18,7 @@ from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.planning import (
     ImageRays,
@@ -320,7 +322,12 @@ def render_rig(
     """
     if not isinstance(rig, Rig):
         raise ArgumentError(f"rig: expected a Rig, got {shown(rig)}")
-    poses = rig.poses(pose, time)
-    shots = [(mounted.camera, poses[name]) for name, mounted in rig.cameras.items()]
+    time_ns = None if time is None else nanoseconds(number("time", time))
+    poses, shots = rig.poses(pose, time_ns), []
+    for name, mounted in rig.cameras.items():
+        camera = mounted.camera
+        if isinstance(pose, Trajectory) and time_ns is not None:
+            camera = on_path(camera, pose, time_ns + nanoseconds(mounted.time_offset), mounted.pose)
+        shots.append((camera, poses[name]))
     images = Renderer(source).render_together(shots, modes, options_of(options), progress=progress)
     return dict(zip(rig.cameras, images, strict=True))

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from omniscv import modalities, storage
-from omniscv.arguments import one_of, optional_number, shown, stem, texts, whole_number
+from omniscv.arguments import one_of, shown, stem, texts, whole_number
 from omniscv.cameras import Camera, from_dict
+from omniscv.cameras.rolling_shutter import with_path
 from omniscv.compose.files import versions
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles, file_endings
@@ -35,7 +36,8 @@ from omniscv.truth import registry as truths
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
 FAILED = "failed.jsonl"
 """The frames that failed and were left out: key, world, what was drawn, and the error, a line each."""
-FORMAT = 1
+FORMAT = 2
+_MOST_NS = 1 << 62
 CONVENTIONS = {
     "units": "metre",
     "world": "right-handed: X forward, Y left, Z up",
@@ -106,7 +108,7 @@ class Manifest:
             if camera_name not in self.cameras:
                 known = ", ".join(self.cameras)
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
-            camera = self.cameras[camera_name]
+            camera = with_path(self.cameras[camera_name], line.get("path"))
             size = camera.width, camera.height
             return Frame(
                 key=key,
@@ -118,7 +120,7 @@ class Manifest:
                 instances=self.names,
                 classes=self.classes,
                 imu=self.imu,
-                time=optional_number("time", line["time"]),
+                time_ns=_time_ns(line["time_ns"]),
                 place=any_text("place", line["place"]),
                 split=line["split"] and stem("split", line["split"]),
                 scene=any_text("scene", line["scene"]),
@@ -128,7 +130,7 @@ class Manifest:
                 watch=texts("watch", line["watch"]) if "watch" in line else (),
             )
         except (TypeError, KeyError, AttributeError) as cause:
-            wanted = "expected a frame with key, camera, pose, time, place, split, scene and files"
+            wanted = "expected a frame with key, camera, pose, time_ns, place, split, scene and files"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
@@ -195,6 +197,10 @@ class Manifest:
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
+
+
+def _time_ns(value: object) -> int | None:
+    return None if value is None else whole_number("time_ns", value, least=-_MOST_NS, most=_MOST_NS)
 
 
 def read_cameras(cameras: Any) -> dict[str, Camera]:

@@ -29,7 +29,7 @@ def by_camera(frames: Sequence[Frame]) -> dict[str, list[Frame]]:
 
 def timed(frames: Sequence[Frame]) -> bool:
     """Return whether all frames have a time."""
-    return all(frame.time is not None for frame in frames)
+    return all(frame.time_ns is not None for frame in frames)
 
 
 def trajectory(frames: Sequence[Frame]) -> Trajectory:
@@ -43,8 +43,8 @@ def trajectory(frames: Sequence[Frame]) -> Trajectory:
         return Trajectory(tuple(frame.pose for frame in frames), times)
 
 
-def _time(frame: Frame) -> float:
-    return 0.0 if frame.time is None else frame.time
+def _time(frame: Frame) -> int:
+    return frame.time_ns or 0
 
 
 Moment = dict[str, Frame]
@@ -96,8 +96,8 @@ def rigs(frames: Sequence[Frame]) -> list[RigFrames]:
 def _moment(frame: Frame) -> object:
     if frame.key == frame.camera_name or frame.key.startswith(f"{frame.camera_name}-"):
         return frame.key.removeprefix(frame.camera_name)
-    if frame.time is not None:
-        return frame.time
+    if frame.time_ns is not None:
+        return frame.time_ns
     return (*frame.pose.position.tolist(), *frame.pose.rotation.ravel().tolist())
 
 

@@ -16,7 +16,7 @@ from typing import Any, Self, Unpack
 import numpy as np
 
 from omniscv import storage
-from omniscv.arguments import optional_number, shown, stem
+from omniscv.arguments import number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
@@ -28,6 +28,7 @@ from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, Missin
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import nanoseconds
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES
 from omniscv.storage.local import scratch_folder
@@ -142,7 +143,7 @@ class Writer:
             camera_name=self._camera_name(image.camera),
             camera=image.camera,
             pose=pose or image.pose,
-            time=optional_number("time", time),
+            time_ns=None if time is None else nanoseconds(number("time", time)),
             place=manifest.any_text("place", place),
             split=split and stem("split", split),
             scene=str(image.provenance.get("scene", "")),

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import within
 from omniscv.cameras import Camera
+from omniscv.cameras.rolling_shutter import path_of
 from omniscv.compose.layers import MARKS, doubt_of
 from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
@@ -32,6 +33,7 @@ from omniscv.frame import forms
 from omniscv.frame.classes import ClassTable
 from omniscv.frame.files import FileEntry, FrameFiles
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import NS
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
@@ -54,7 +56,7 @@ class Frame:
             ``image`` (STEM.json); empty before the frame is written.
         instances: object name to the instance id that ``labels`` holds, the same in the whole dataset.
         classes: of the dataset; None without.
-        time: seconds; None if poses have no times.
+        time_ns: whole nanoseconds; None if poses have no times.
         place: frames of one place are never split.
         split: ``train``, ``val``, ``test``, ...; empty without splits.
         scene: identity of what was captured; empty if it is not known.
@@ -77,7 +79,7 @@ class Frame:
     files: Mapping[str, Path] = field(default_factory=dict)
     instances: Mapping[str, int] = field(default_factory=dict)
     classes: ClassTable | None = None
-    time: float | None = None
+    time_ns: int | None = None
     place: str = ""
     split: str = ""
     scene: str = ""
@@ -174,6 +176,11 @@ class Frame:
         return valid & ~self.layer("unseen") if "unseen" in self.files else valid
 
     @property
+    def time(self) -> float | None:
+        """Seconds, for people; None without a time. Since 1970 they have six decimals."""
+        return None if self.time_ns is None else self.time_ns / NS
+
+    @property
     def kinds(self) -> set[str]:
         """The kinds of its files, and ``imu`` if the dataset has one."""
         return {*self.files, *(["imu"] if self.imu else [])}
@@ -184,12 +191,16 @@ class Frame:
         return self.files.entries if isinstance(self.files, FrameFiles) else {}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the frame's line of ``frames.jsonl`` as plain values; a state only of a world that moves."""
+        """Return the frame's line of ``frames.jsonl`` as plain values.
+
+        A state only of a world that moves; a path only of a camera that moved on it during the image.
+        """
         return {
             "key": self.key,
             "camera": self.camera_name,
             "pose": self.pose.to_dict(),
-            "time": self.time,
+            "time_ns": self.time_ns,
+            **({"path": path} if (path := path_of(self.camera)) else {}),
             "place": self.place,
             "split": self.split,
             "scene": self.scene,

@@ -33,7 +33,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         one_of("curve", self.curve, get_args(Curve))
-        if self.waypoints.times is None and len(self.waypoints) > 1:
+        if self.waypoints.times_ns is None and len(self.waypoints) > 1:
             raise ArgumentError(f"waypoints: expected times, got {len(self.waypoints)} poses without times")
         object.__setattr__(self, "waypoints", replace(self.waypoints, curve=self.curve))
 
@@ -45,28 +45,30 @@ class Motion:
             ArgumentError: no pose, or another curve.
         """
         times = sorted(poses)
-        return cls(Trajectory(tuple(poses[time] for time in times), tuple(map(float, times))), curve)
+        return cls(Trajectory.timed(tuple(poses[time] for time in times), times), curve)
+
+    def later(self, by_ns: int) -> Motion:
+        """Return the same at other times."""
+        return replace(self, waypoints=self.waypoints.later(by_ns))
 
     @property
-    def span(self) -> tuple[float, float] | None:
-        """The times of the first and the last waypoint, seconds; None for an object that never moves."""
-        times = self.waypoints.times
+    def span_ns(self) -> tuple[int, int] | None:
+        """The times of the first and the last waypoint; None for an object that never moves."""
+        times = self.waypoints.times_ns
         return (times[0], times[-1]) if times is not None and len(times) > 1 else None
 
-    def at(self, time: float | None, after: float = 0.0) -> Pose:
-        """Return the pose at a time, or some seconds ``after`` it.
+    def at(self, time_ns: int | None) -> Pose:
+        """Return the pose at a time, whole nanoseconds.
 
         Raises:
             ArgumentError: the object moves, and the time is None.
         """
-        if self.span is None:
+        if self.span_ns is None:
             return self.waypoints[0]
-        if time is None:
-            raise ArgumentError("time: expected seconds for an object that moves, got None")
-        first, last = self.span
-        if not first <= time + after <= last:
-            return self.waypoints[0 if time + after < first else -1]
-        return self.waypoints.at(time, after=after)
+        if time_ns is None:
+            raise ArgumentError("time: expected one for an object that moves, got None")
+        first, last = self.span_ns
+        return self.waypoints.at(min(max(time_ns, first), last))
 
 
 def object_pose(

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, overload
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
+from omniscv.geometry.clock import NS, decimal, nanoseconds
 from omniscv.geometry.pose import Array, Pose
 
 Curve = Literal["linear", "spline"]
+_STRAIGHT = 1e-6
+"""Metres and radians within which a path is taken as straight."""
+_MOST_HALVINGS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,32 +77,47 @@ class Trajectory(Sequence[Pose]):
 
     Args:
         poses: at least one.
-        times: seconds, increasing, one per pose; None if they are unknown.
+        times_ns: whole nanoseconds, increasing, one per pose; None if they are unknown. :meth:`timed` takes
+            seconds.
         curve: between poses: ``linear`` interpolates as :meth:`Pose.interpolate`; ``spline`` uses cubic
             splines of positions and rotations, whose velocities and accelerations are continuous.
         says: what was assumed of the file that it is from, in lines for people.
 
     Raises:
-        ArgumentError: no pose, not one time per pose, or times that do not increase.
+        ArgumentError: no pose, not one time per pose, or times that are not whole or do not increase.
     """
 
     poses: Sequence[Pose]
-    times: tuple[float, ...] | None = None
+    times_ns: tuple[int, ...] | None = None
     curve: Curve = "linear"
     says: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.poses:
             raise ArgumentError("trajectory: expected at least one pose, got none")
-        if self.times is None:
+        if self.times_ns is None:
             return
-        if len(self.times) != len(self.poses):
-            got = f"{len(self.times)} for {len(self.poses)} poses"
+        if len(self.times_ns) != len(self.poses):
+            got = f"{len(self.times_ns)} for {len(self.poses)} poses"
             raise ArgumentError(f"times: expected one per pose, got {got}")
-        wrong = np.flatnonzero(~(np.diff(self.times) > 0))
+        times = np.asarray(self.times_ns)
+        if times.dtype.kind != "i":
+            got = f"{self.times_ns[0]!r}, or others; Trajectory.timed takes seconds"
+            raise ArgumentError(f"times_ns: expected whole nanoseconds, got {got}")
+        wrong = np.flatnonzero(~(np.diff(times) > 0))
         if wrong.size:
-            before, after = self.times[wrong[0] : wrong[0] + 2]
-            raise ArgumentError(f"times: expected increasing seconds, got {after!r} after {before!r}")
+            before, after = map(decimal, self.times_ns[wrong[0] : wrong[0] + 2])
+            raise ArgumentError(f"times: expected increasing seconds, got {after} after {before}")
+
+    @classmethod
+    def timed(cls, poses: Sequence[Pose], seconds: Iterable[float], curve: Curve = "linear") -> Self:
+        """Return poses at times in seconds."""
+        return cls(poses, tuple(map(nanoseconds, seconds)), curve)
+
+    @property
+    def seconds(self) -> tuple[float, ...] | None:
+        """The times for people; of a time since 1970 they have six decimals."""
+        return None if self.times_ns is None else tuple(time / NS for time in self.times_ns)
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -107,52 +128,93 @@ class Trajectory(Sequence[Pose]):
     def __getitem__(self, index: slice) -> Trajectory: ...
     def __getitem__(self, index: int | slice) -> Pose | Trajectory:
         if isinstance(index, slice):
-            return Trajectory(self.poses[index], self.times and self.times[index], self.curve, self.says)
+            return replace(self, poses=self.poses[index], times_ns=self.times_ns and self.times_ns[index])
         return self.poses[index]
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
 
-    def at(self, time: float, steps_beyond: float = 0.0, after: float = 0.0) -> Pose:
+    def later(self, by_ns: int) -> Trajectory:
+        """Return the same at other times."""
+        if not by_ns or self.times_ns is None:
+            return self
+        return replace(self, times_ns=tuple(time + by_ns for time in self.times_ns))
+
+    def at(self, time_ns: int, steps_beyond: float = 0.0) -> Pose:
         """Return the pose at a time, as ``curve`` says.
 
         Args:
-            time: seconds.
-            after: seconds to add to the time; of a time since 1970 a sum would lose digits.
+            time_ns: whole nanoseconds.
             steps_beyond: how far outside the trajectory the time may lie, as a multiple of the first or the
                 last step, whose motion is then continued.
 
         Raises:
             ArgumentError: the trajectory has no times, or the time lies outside them.
         """
-        if self.times is None:
+        if self.times_ns is None:
             raise ArgumentError("trajectory: expected poses with times, got poses without times")
-        first, last = self.times[0], self.times[-1]
-        if first == last == time + after:
+        first, last = self.times_ns[0], self.times_ns[-1]
+        if first == last == time_ns:
             return self.poses[0]
-        i = min(max(bisect_right(self.times, time + after), 1), len(self.times) - 1)
-        start, end = self.times[i - 1], self.times[i]
-        fraction = (time - start + after) / (end - start) if end > start else math.nan
+        i = min(max(bisect_right(self.times_ns, time_ns), 1), len(self.times_ns) - 1)
+        start, end = self.times_ns[i - 1], self.times_ns[i]
+        fraction = (time_ns - start) / (end - start) if end > start else math.nan
         if not -steps_beyond <= fraction <= 1 + steps_beyond:
             beyond = ", or a step beyond" if steps_beyond else ""
-            got = f"got {time + after:.15g}"
-            raise ArgumentError(f"time: expected {first:.15g} to {last:.15g} s{beyond}, {got}")
+            wanted = f"expected {decimal(first)} to {decimal(last)} s{beyond}"
+            raise ArgumentError(f"time: {wanted}, got {decimal(time_ns)}")
         if self.curve == "spline":
             positions, rotations = self._splines
-            return Pose(positions(time - first + after), rotations(time - first + after).as_matrix())
+            seconds = (time_ns - first) / NS
+            return Pose(positions(seconds), rotations(seconds).as_matrix())
         return self.poses[i - 1].interpolate(self.poses[i], fraction)
 
-    def motions(self, times: Array) -> Motions:
-        """Return what the splines and their derivatives are at times (N,), seconds."""
+    def _poses(self, times_ns: Sequence[int]) -> Poses:
+        if self.curve == "linear":
+            return Poses.of([self.at(time, steps_beyond=1) for time in times_ns])
         positions, rotations = self._splines
-        times = times - (self.times or (0.0,))[0]
+        seconds = (np.array(times_ns) - (self.times_ns or (0,))[0]) / NS
+        return Poses(positions(seconds), rotations(seconds).as_matrix())
+
+    def straight(self, first_ns: int, last_ns: int, mounted: Pose) -> Trajectory:
+        """Return poses from one time to another of what is mounted on the body that moves.
+
+        Straight lines and even turns between them are within 1e-6 m and rad of its path.
+
+        Args:
+            first_ns, last_ns: at most a step beyond the trajectory.
+            mounted: its pose on the body.
+        """
+        from scipy.spatial.transform import Rotation  # slow to load
+
+        for end_ns in (first_ns, last_ns):
+            self.at(end_ns, steps_beyond=1)  # refuses others
+        own = self.times_ns or ()
+        own = own[bisect_right(own, first_ns) : bisect_left(own, last_ns)] if self.curve == "linear" else ()
+        times, halvings = [first_ns, *own, last_ns], 0
+        while True:
+            halved = sorted([*times, *((start + end) // 2 for start, end in pairwise(times))])
+            body = self._poses(halved)
+            positions = body.positions + body.rotations @ mounted.position
+            rotations = body.rotations @ mounted.rotation
+            _, turns = turns_between(Rotation.from_matrix(rotations))
+            uneven = np.abs(np.diff(turns, axis=0)[::2]).max() / 2
+            away = np.abs(positions[1::2] - (positions[:-1:2] + positions[2::2]) / 2).max()
+            if max(away, uneven) <= _STRAIGHT or halvings == _MOST_HALVINGS:
+                return Trajectory(Poses(positions[::2], rotations[::2]), tuple(times))
+            times, halvings = halved, halvings + 1
+
+    def motions(self, times_ns: Sequence[int] | NDArray[np.int64]) -> Motions:
+        """Return what the splines and their derivatives are at times (N,), whole nanoseconds."""
+        positions, rotations = self._splines
+        times = (np.asarray(times_ns) - (self.times_ns or (0,))[0]) / NS
         at, velocities, accelerations = (positions(times, order) for order in range(3))
         rates, changes = (rotations(times, order) for order in (1, 2))
         return Motions(at, velocities, accelerations, rotations(times).as_matrix(), rates, changes)
 
     def misses(self) -> tuple[float, float]:
         """Return how far the splines pass from the poses at most: metres, and radians."""
-        at, poses = self.motions(np.array(self.times)), Poses.of(self.poses)
+        at, poses = self.motions(self.times_ns or ()), Poses.of(self.poses)
         away = np.linalg.norm(at.positions_w - poses.positions, axis=1)
         turned = np.abs(at.rotations - poses.rotations)
         return float(away.max()), float(turned.max())
@@ -163,8 +225,14 @@ class Trajectory(Sequence[Pose]):
         from scipy.interpolate import CubicSpline
         from scipy.spatial.transform import Rotation, RotationSpline
 
-        if self.times is None or len(self.times) < 2:
+        if self.times_ns is None or len(self.times_ns) < 2:
             raise ArgumentError("trajectory: expected two or more poses with times, for splines")
-        poses, times = Poses.of(self.poses), np.array(self.times) - self.times[0]
+        poses, times = Poses.of(self.poses), (np.array(self.times_ns) - self.times_ns[0]) / NS
         rotations = Rotation.from_matrix(poses.rotations)
         return CubicSpline(times, poses.positions), RotationSpline(times, rotations)
+
+
+def turns_between(rotations: Any) -> tuple[Array, Array]:
+    """Return matrices (N, 3, 3) of scipy's rotations, and the turns (N - 1, 3) from each to the next: axis
+    times angle, rad, in the frame of the first of the two."""
+    return rotations.as_matrix(), (rotations[:-1].inv() * rotations[1:]).as_rotvec()

@@ -93,6 +93,7 @@ class Rows:
         where: returns where a row is, and its text.
         named: what the columns are called, for messages.
         relative: whether poses are relative to the first camera, as KITTI's.
+        written_times: the column ``time`` as it is written; None without one.
     """
 
     columns: dict[str, NDArray[Any]]
@@ -100,6 +101,7 @@ class Rows:
     where: Callable[[int], tuple[str, str]]
     named: str = "numbers of a pose"
     relative: bool = False
+    written_times: NDArray[Any] | None = None
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))

@@ -20,7 +20,6 @@ import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -31,14 +30,15 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
+from omniscv.geometry.clock import NS, decimal, parsed
 from omniscv.geometry.pose import R_LEVEL, Array, Pose
 from omniscv.geometry.trajectory import Poses, Trajectory
 from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
 from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, read_bytes
 
-_NS = 10**9
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
+_MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
 _SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4  # seconds from row to row: no camera is so slow
 _MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
@@ -75,7 +75,7 @@ def read_trajectory(
         dialect, rows = read_rows(path)
         check_frame(path, frame)
         positions, rotations = rows.poses(frame or "camera", unit, first)
-        times, says = _times_of(dialect, rows.columns)
+        times, says = _times_of(dialect, rows)
         if times is None and dialect.name == "KITTI":
             times = _kitti_times(path)
         if times is not None:
@@ -88,12 +88,9 @@ def read_trajectory(
             f"the rotation is that of EuRoC's body, an IMU, taken as the camera's; for the camera write "
             f"{{file: {path.name}, frame: cam0/sensor.yaml}}, the file that has its T_BS"
         )
-    seconds = None
-    if times is not None:
-        per_s = _NS if dialect.units.get("time") == "ns" else 1
-        seconds = tuple(time / per_s for time in times.tolist())
     with within(path):
-        return Trajectory(Poses(positions, rotations), seconds, says=tuple(says))
+        stamps = None if times is None else tuple(times.tolist())
+        return Trajectory(Poses(positions, rotations), stamps, says=tuple(says))
 
 
 def read_poses(path: Path, *, keyed: bool, whole: bool = False, **options: Any) -> dict[str, Pose | None]:
@@ -161,16 +158,22 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
         raise ArgumentError(f"{wanted}, such as 'time tx ty tz qx qy qz qw', got none")
     with within(f"line {where or number}"):
         dialect, types = dialect_of(names, comments, text, keyed)
+    # Decimals of seconds are kept as they are written: a float64 would lose some.
+    time = dialect.columns.index("time") if "time" in dialect.columns else -1
     try:
         with catch_warnings(action="error"):  # a fraction of a nanosecond
             table = np.loadtxt(
                 (line for line in chain([text], lines) if not line.isspace()),
-                np.dtype([(f"c{i}", kind) for i, kind in enumerate(types)]),
+                np.dtype([(f"c{i}", "O" if i == time else kind) for i, kind in enumerate(types)]),
                 comments=dialect.comment,
                 delimiter=dialect.separator,
                 quotechar='"' if keyed else None,
                 ndmin=1,
             )
+        columns = {name: table[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
+        written = None if time < 0 else columns["time"]
+        if written is not None:
+            columns["time"] = written.astype(types[time])
     except (ValueError, OverflowError, DeprecationWarning) as cause:
         raise _wrong_line(path, dialect, types) from cause
 
@@ -178,8 +181,8 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
         number, text = next(line for i, line in enumerate(_data_lines(path, dialect)) if whole or i == row)
         return f"line {number}", text
 
-    columns = {name: table[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
-    return dialect, Rows(columns, dialect.units, where_is, dialect.named, dialect.name == "KITTI")
+    relative = dialect.name == "KITTI"
+    return dialect, Rows(columns, dialect.units, where_is, dialect.named, relative, written)
 
 
 def _data_lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
@@ -215,16 +218,15 @@ def _wrong_line(path: Path, dialect: Dialect, types: Sequence[str]) -> ArgumentE
 # -- from columns to poses ---------------------------------------------------------------------------------
 
 
-def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArray[Any] | None, list[str]]:
-    """Return times in seconds, or in whole nanoseconds if ``dialect.units`` says so; and what was assumed."""
-    if "time" not in columns:
+def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, list[str]]:
+    """Return times in whole nanoseconds, and what was assumed."""
+    if rows.written_times is None:
         return None, []
-    times = columns["time"].copy()  # the rows can go
+    times = rows.columns["time"]
     unit, says = dialect.units.get("time", "").removesuffix("ec"), list[str]()
-    if "nsec" in columns:
-        dialect.units["time"] = "ns"
-        whole, parts = (columns[name].astype(np.int64) for name in ("time", "nsec"))
-        return whole * _NS + parts, says
+    if "nsec" in rows.columns:
+        whole, parts = (rows.columns[name].astype(np.int64) for name in ("time", "nsec"))
+        return whole * NS + parts, says
     smallest, largest = float(np.abs(times).min()), float(np.abs(times).max())
     if not unit and largest > _SECONDS:
         unit = "ms" if largest < _SECONDS * 1e3 else "us" if largest < _SECONDS * 1e6 else "ns"
@@ -237,14 +239,9 @@ def _times_of(dialect: Dialect, columns: dict[str, NDArray[Any]]) -> tuple[NDArr
             raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
         says.append(f"times in steps of {step:.9g} are taken as seconds; if they are others, {advice}")
     per_s = UNITS[unit or "s"]
-    if unit == "ns" and times.dtype.kind == "i":
-        dialect.units["time"] = "ns"
-        return times, says
-    dialect.units["time"] = "s"
-    seconds = times if per_s == 1 else times / per_s
-    if np.abs(seconds).max() > _SECONDS:
-        raise ArgumentError(f"time: expected seconds, got {np.abs(seconds).max():.15g}")
-    return seconds, says
+    if largest / per_s > _MOST_SECONDS:
+        raise ArgumentError(f"time: expected seconds, got {largest / per_s:.15g}")
+    return np.array([parsed(text, per_s) for text in rows.written_times.tolist()]), says
 
 
 def _slow(times: NDArray[Any]) -> float:
@@ -268,14 +265,12 @@ def _without_repeats(
     return ~again, rows.size
 
 
-def _kitti_times(path: Path) -> Array | None:
+def _kitti_times(path: Path) -> NDArray[np.int64] | None:
     for beside in (path.with_suffix(".times"), path.with_name("times.txt")):
         if beside.is_file():
             with within(beside.name):
-                with suppress(ValueError):
-                    times = np.loadtxt(_lines(beside), ndmin=1)
-                    if times.ndim == 1 and np.isfinite(times).all():
-                        return np.asarray(times)
+                with suppress(ArithmeticError, ValueError):
+                    return np.array([parsed(text) for line in _lines(beside) for text in line.split()])
                 raise ArgumentError("expected a finite number in each line, got others")
     return None
 
@@ -291,10 +286,8 @@ def write_tum(trajectory: Trajectory) -> str:
 def write_euroc(trajectory: Trajectory) -> str:
     """Return the text of a EuRoC ``data.csv``; poses without times are numbered from 0, in seconds."""
     names = "p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
-    rows = (
-        [round(Fraction(time) * _NS), *position, w, x, y, z]
-        for time, *position, x, y, z, w in _timed_rows(trajectory)
-    )
+    stamped = zip(map(str, _stamps(trajectory)), _timed_rows(trajectory), strict=True)
+    rows = ([time, *row[1:4], row[7], *row[4:7]] for time, row in stamped)
     return _text(f"#timestamp [ns],{names}", rows, ",")
 
 
@@ -305,12 +298,12 @@ def write_kitti(trajectory: Trajectory) -> str:
         np.column_stack([first.rotation.T @ pose.rotation, first.to_camera(pose.position)])
         for pose in trajectory
     )
-    return _text("", (matrix.ravel().tolist() for matrix in relative))
+    return _text("", (map(plain, matrix.ravel().tolist()) for matrix in relative))
 
 
 def write_kitti_times(trajectory: Trajectory) -> str:
     """Return the text of KITTI's ``times.txt``: seconds, one per pose; without times, numbers from 0."""
-    return _text("", ([time] for time in _times(trajectory)))
+    return _text("", ([decimal(time)] for time in _stamps(trajectory)))
 
 
 def plain(value: float) -> str:
@@ -318,16 +311,16 @@ def plain(value: float) -> str:
     return str(value + 0).removesuffix(".0")
 
 
-def _times(trajectory: Trajectory) -> Sequence[float]:
-    return range(len(trajectory)) if trajectory.times is None else trajectory.times
+def _stamps(trajectory: Trajectory) -> Sequence[int]:
+    return range(0, NS * len(trajectory), NS) if trajectory.times_ns is None else trajectory.times_ns
 
 
-def _timed_rows(trajectory: Trajectory) -> Iterator[list[float]]:
-    """Yield time, position and quaternion (x, y, z, w) of each pose."""
-    for time, pose in zip(_times(trajectory), trajectory, strict=True):
-        yield [time, *pose.position.tolist(), *pose.quaternion()]
+def _timed_rows(trajectory: Trajectory) -> Iterator[list[str]]:
+    """Yield the texts of time, position and quaternion (x, y, z, w) of each pose."""
+    for time, pose in zip(_stamps(trajectory), trajectory, strict=True):
+        yield [decimal(time), *map(plain, (*pose.position.tolist(), *pose.quaternion()))]
 
 
-def _text(header: str, rows: Iterable[Iterable[float]], separator: str = " ") -> str:
-    lines = [separator.join(map(plain, row)) for row in rows]
+def _text(header: str, rows: Iterable[Iterable[str]], separator: str = " ") -> str:
+    lines = [separator.join(row) for row in rows]
     return "\n".join([header, *lines] if header else lines) + "\n"

@@ -1,7 +1,7 @@
 """A job as data: the images that a user wants, and the file that describes them."""
 
 from omniscv.job.file import EXAMPLE, Key, address, keys, load, overridden, read
-from omniscv.job.job import Exposure, FailureLimit, Job
+from omniscv.job.job import Exposure, FailureLimit, Job, within_path
 from omniscv.job.recipe import Recipe, Split
 
 __all__ = [
@@ -17,4 +17,5 @@ __all__ = [
     "load",
     "overridden",
     "read",
+    "within_path",
 ]

@@ -15,6 +15,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,9 +29,10 @@ from omniscv.arguments import (
 from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
 from omniscv.errors import ArgumentError
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.clock import NS, SINCE_1970_NS
+from omniscv.geometry.trajectory import Curve, Trajectory
 from omniscv.geometry.trajectory_columns import FRAMES
-from omniscv.job.job import Exposure, FailureLimit, Job
+from omniscv.job.job import Exposure, FailureLimit, Job, within_path
 from omniscv.job.poses import Posed, PoseFile, at_times
 from omniscv.job.readers import KnownOptions
 from omniscv.job.recipe import Media, Recipe, Split
@@ -49,6 +51,9 @@ from omniscv.storage import bounded, is_url
 EXAMPLE = Path(__file__).parent / "example.yaml"
 """A job with every key, and a comment for each."""
 
+EPOCH_NS = 1_700_000_000 * NS
+"""Epoch of jobs with an IMU: in November 2023."""
+
 EVERY = "*"
 """In a dotted key: every entry of a mapping or a list."""
 
@@ -57,7 +62,7 @@ EVERY = "*"
 
 
 _RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
-_JOB = {field.name: field for field in fields(Job) if reader_of(field)}
+_JOB = {key_of(field): field for field in fields(Job) if reader_of(field)}
 _FIELDS = _JOB | _RECIPE | _RENDER
 _BELOW: dict[str, type[Any]] = {
     "poses": PoseFile,
@@ -221,43 +226,67 @@ def read(description: object, folder: Path) -> Job:
 
 def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     """Return the job of one world."""
-    for path in _FILES:
-        values = _located(values, path.split("."), folder, ("", *PRESETS, *_NO_FILES.get(path, ())))
+    for key in _FILES:
+        values = _located(values, key.split("."), folder, ("", *PRESETS, *_NO_FILES.get(key, ())))
     vary = read_record(Vary, values.get("vary") or {}, "vary")
     if vary.cameras:
         values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     given = read_fields(Job, values)
-    imu, poses, times = given.pop("imu", None), given.pop("poses"), given.pop("times", None)
-    posed = at_times(poses, times, "linear" if imu is None else "spline")
-    moved = {name: motion.waypoints.says for name, motion in given.get("motions", {}).items()}
-    lines = [posed.assumed, *(f"motions.{name}: {line}" for name, says in moved.items() for line in says)]
-    track = None
+    imu, poses, times = given.pop("imu", None), given.pop("poses"), given.pop("times_ns", None)
+    curve: Curve = "linear" if imu is None else "spline"
+    posed = at_times(poses, times, curve)
+    motions = given.get("motions", {})
+    lines = [posed.assumed]
+    lines += [f"motions.{name}: {line}" for name in motions for line in motions[name].waypoints.says]
+    rig, exposure = given.get("rig"), given.get("exposure", Exposure())
+    staggered = rig is not None and any(mounted.time_offset for mounted in rig.cameras.values())
+    path = _path(poses, posed.times_ns, curve, bool(imu or staggered or exposure.seconds))
     if imu is not None:
-        track, passed = _track(imu, poses, posed.times)
-        lines.append(passed)
+        lines.append(_check_spline(path, posed))
+    epoch_ns = given.setdefault("epoch_ns", _epoch_ns(path) if imu else 0)
+    given["motions"] = {name: motion.later(epoch_ns) for name, motion in motions.items()}
+    path = path and path.later(epoch_ns)
+    posed = posed.later(epoch_ns)
     out = given.get("out", "out")
     given |= {"source": address(given["source"], folder), "out": out if is_url(out) else folder / out}
     given |= posed._replace(assumed="\n".join(filter(None, lines)))._asdict()
-    return Job(**given, options=options, recipe=recipe, clock=times is not None, imu=track, world=world)
+    track = None if imu is None or path is None else ImuTrack(imu, path)
+    given |= {"path": path, "imu": track, "clock": times is not None}
+    return within_path(Job(**given, options=options, recipe=recipe, world=world))
 
 
-def _track(imu: Imu, given: Posed, times: tuple[float, ...] | None) -> tuple[ImuTrack, str]:
-    """Return an IMU on the spline through the poses that were given, at their own times or the job's, and in
-    one line how far from them it passes."""
-    wanted = "expected two or more poses with times, such as a trajectory's or a path's"
-    times = given.times or times
-    if times is None or len(times) != len(given.poses) or len(times) < 2:
-        raise ArgumentError(f"imu: {wanted}, got {len(given.poses)} poses and {len(times or ())} times")
+def _path(given: Posed, times_ns: tuple[int, ...] | None, curve: Curve, wanted: bool) -> Trajectory | None:
+    """Return the path through the poses that were given, at their own times or the job's; None if they have
+    none, or times that do not increase and no path is wanted: such cameras rest."""
+    times_ns = given.times_ns or times_ns
+    if times_ns is None or not 2 <= len(given.poses) == len(times_ns):
+        return None
+    if not wanted and any(after <= before for before, after in pairwise(times_ns)):
+        return None
+    return Trajectory(given.poses, times_ns, curve)
+
+
+def _check_spline(path: Trajectory | None, posed: Posed) -> str:
+    """Return in one line how far the spline that an IMU moves on passes from the poses."""
+    if path is None:
+        wanted = "expected two or more poses with times, such as a trajectory's or a path's"
+        got = f"{len(posed.poses)} poses and {len(posed.times_ns or ())} times"
+        raise ArgumentError(f"imu: {wanted}, got {got}")
     with within("imu"):
-        track = ImuTrack(imu, Trajectory(given.poses, times, "spline"))
-        metres, radians = track.path.misses()
+        metres, radians = path.misses()
     if not max(metres, radians) <= PASSES:
         got = f"{metres:.2g} m and {radians:.2g} rad"
         raise ArgumentError(f"imu: expected a spline within {PASSES:g} m and rad of the poses, got {got}")
-    passed = f"imu: a spline through {len(times)} poses, within {metres:.1g} m and {radians:.1g} rad of them"
-    return track, passed
+    return f"imu: a spline through {len(path)} poses, within {metres:.1g} m and {radians:.1g} rad of them"
+
+
+def _epoch_ns(path: Trajectory | None) -> int:
+    """Return the epoch of a sequence that does not say one: readers of bags and of EuRoC take stamps for
+    nanoseconds since 1970, and 0 for none."""
+    since_1970 = path is not None and path.times_ns is not None and path.times_ns[-1] > SINCE_1970_NS
+    return 0 if since_1970 else EPOCH_NS
 
 
 _FILES = (

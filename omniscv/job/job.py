@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,10 +11,13 @@ from omniscv import modalities, storage
 from omniscv.arguments import number, stems, text, texts, whole_number
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import Rig
+from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import SINCE_1970_NS, decimal, nanoseconds
 from omniscv.geometry.motion import Motion
-from omniscv.job.poses import read_motions, read_poses, read_times
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.job.poses import read_epoch, read_motions, read_poses, read_times
 from omniscv.job.readers import (
     read_brackets,
     read_cameras,
@@ -32,9 +35,6 @@ from omniscv.sensor import Sensor
 from omniscv.sensor.imu import Imu, ImuTrack
 from omniscv.sources.registry import SourceOptions
 from omniscv.sources.world import Freeze
-
-_SINCE_1970 = 1e8
-"""Seconds beyond which times are those since 1970: sources have clocks that start with them."""
 
 
 def _instants(name: str, value: object) -> int | Literal["auto"]:
@@ -74,13 +74,12 @@ class Exposure:
         return (0.0, *offsets[:middle], *offsets[middle + 1 :])
 
     def lines(self, camera: RollingShutter) -> Iterator[tuple[float, Camera]]:
-        """Yield seconds after the first line is read, and a camera of the lines that are read about then."""
-        if camera.readout == 0:
-            yield 0.0, camera
-            return
-        step = 1 / (self._count() - 1)
-        for i in range(self._count()):
-            yield camera.readout * i * step, camera.lines((i - 0.5) * step, (i + 0.5) * step)
+        """Yield seconds after the first line is read, and a camera of the lines that are read from an instant
+        before then to the one after: each line is in two of them."""
+        count = self._count()
+        for i in range(count):
+            part, before, after = ((i + more) / (count - 1) for more in (0, -1, 1))
+            yield camera.readout * part, camera.lines(before, after)
 
     def _count(self) -> int:
         """The number of instants, once it is chosen."""
@@ -108,8 +107,11 @@ class Job:
     Attributes:
         cameras: by name: those of the rig, then those that are at the poses themselves.
         poses: of the cameras, or of the rig; empty while they are to be sampled.
-        times: of the poses, seconds; None if they are not known.
-        imu: what the rig carries, and the timed poses whose spline its cameras move on; None without one.
+        times_ns: of the poses, whole nanoseconds; None if they are not known.
+        epoch_ns: what was added to all times of the file, whole nanoseconds.
+        path: of the rig, or of the cameras, which moves them while an image is made; None if they rest.
+        own_motions: of objects that move by themselves in the open source, at the times of images.
+        imu: what the rig carries, and that path; None without one.
         worlds: a job for each world; this job then has the cameras of all, and otherwise equals the first.
         options: of every image.
         recipe: what a dataset holds beyond images.
@@ -164,10 +166,17 @@ class Job:
         default_factory=dict,
         help="by object: waypoints, {spline: waypoints}, or a trajectory file",
     )
-    times: tuple[float, ...] | None = checked(
+    times_ns: tuple[int, ...] | None = checked(
         read_times,
         default=None,
+        key="times",
         help="seconds: a list, {start, rate, count}, {rate}, or poses for the poses' times",
+    )
+    epoch_ns: int | None = checked(
+        read_epoch,
+        default=None,
+        key="epoch",
+        help="seconds, or nanoseconds, since 1970 that are added to all times [1700000000 with an imu]",
     )
     exposure: Exposure = checked(nested(Exposure), default=Exposure(), help="motion blur")
     brackets: tuple[float, ...] = checked(
@@ -190,6 +199,8 @@ class Job:
     )
     options: RenderOptions = RenderOptions()
     recipe: Recipe = Recipe()
+    path: Trajectory | None = None
+    own_motions: Mapping[str, Motion] = field(default_factory=dict)
     places: tuple[str, ...] | None = None
     sampling: SampledPoses | None = None
     clock: bool = False
@@ -206,7 +217,8 @@ class Job:
             self._check_times(len(self.poses))
         elif count := getattr(self.sampling, "count", 0):
             self._check_times(count)
-        rolling = [name for name, camera in self.cameras.items() if isinstance(camera, RollingShutter)]
+        rolling = [name for name, camera in self.cameras.items() if readout_of(camera)]
+        self._check_exposure()
         if self.sensor is not None:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():
@@ -252,19 +264,31 @@ class Job:
         return self.clock or bool(self.motions)
 
     @property
-    def epoch(self) -> float:
-        """The time at which the world's clock is 0, seconds: the first one, of times since 1970; else 0."""
-        return self.times[0] if self.times and abs(self.times[0]) > _SINCE_1970 else 0.0
+    def clock_start_ns(self) -> int:
+        """The time at which the world's clock is 0: the epoch, or the first one, of times since 1970."""
+        if self.epoch_ns:
+            return self.epoch_ns
+        return self.times_ns[0] if self.times_ns and abs(self.times_ns[0]) > SINCE_1970_NS else 0
 
     @property
     def changes(self) -> bool:
         """Whether images show the world in several states."""
         return self.moves or (self.vary is not None and bool(self.vary.rules))
 
+    def _check_exposure(self) -> None:
+        """Refuse what moves a camera twice, or an exposure of what does not move."""
+        for name, camera in self.cameras.items():
+            if self.path is not None and isinstance(camera, RollingShutter) and camera.moves_itself:
+                wanted = "expected no velocity or path, as the camera moves along its timed poses"
+                raise ArgumentError(f"cameras.{name}: {wanted}, got {camera.velocity.tolist()}; leave it out")
+        if self.exposure.seconds and len(self.poses) == 1 and not self.moves:
+            wanted = "expected several timed poses, 'times' or 'motions', so that something moves"
+            raise ArgumentError(f"exposure.seconds: {wanted}, got one pose in a still world")
+
     def _check_times(self, poses: int) -> None:
         """Refuse times that do not fit so many poses, the motions or the rig."""
-        times = self.times
-        spans = {name: span for name, motion in self.motions.items() if (span := motion.span)}
+        times = self.times_ns
+        spans = {name: span for name, motion in self.motions.items() if (span := motion.span_ns)}
         if times is None:
             if self.clock or self.exposure.seconds > 0 or spans:
                 wanted = "expected them where something moves"
@@ -278,10 +302,42 @@ class Job:
             raise ArgumentError(f"times: expected one for each of {poses} poses, got {len(times)}")
         for name, (start, end) in spans.items():
             if max(times) < start or min(times) > end:
-                wanted = (
-                    f"expected waypoints around the job's times, {min(times):.15g} to {max(times):.15g} s"
-                )
-                raise ArgumentError(f"motions.{name}: {wanted}, got {start:.15g} to {end:.15g} s")
+                ends = (decimal(ns - (self.epoch_ns or 0)) for ns in (min(times), max(times), start, end))
+                wanted = "expected waypoints around the job's times, {} to {} s, got {} to {} s"
+                raise ArgumentError(f"motions.{name}: {wanted.format(*ends)}")
+
+
+def within_path(job: Job) -> Job:
+    """Return a job without the poses whose images its path does not cover from the first line to the last.
+
+    Raises:
+        ArgumentError: none is left.
+    """
+    if job.path is None or job.path.times_ns is None or job.times_ns is None:
+        return job
+    mounts = {} if job.rig is None else job.rig.cameras
+    spans = []
+    for name, camera in job.cameras.items():
+        offset = mounts[name].time_offset if name in mounts else 0.0
+        spans.append((offset, offset + readout_of(camera)))
+    early, late = (nanoseconds(end) for end in (min(0, *map(min, spans)), max(0, *map(max, spans))))
+    first, last = job.path.times_ns[0] - early, job.path.times_ns[-1] - late
+    kept = [i for i, time in enumerate(job.times_ns) if first <= time <= last]
+    if len(kept) == len(job.times_ns):
+        return job
+    span = decimal(late - early)
+    if not kept:
+        raise ArgumentError(f"poses: expected a path of at least {span} s, as images last, got a shorter one")
+    says = f"poses: {len(job.times_ns) - len(kept)} of {len(job.times_ns)} are left out: their images, of "
+    says += f"{span} s, would begin before the path or end after it"
+    at = slice(kept[0], kept[-1] + 1)
+    return replace(
+        job,
+        poses=job.poses[at],
+        times_ns=job.times_ns[at],
+        places=job.places and job.places[at],
+        assumed="\n".join(filter(None, (job.assumed, says))),
+    )
 
 
 def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camera]:

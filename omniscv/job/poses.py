@@ -25,6 +25,7 @@ import numpy as np
 from omniscv.arguments import number, numbers, shown, text, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import NS, nanoseconds
 from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Curve, Poses, Trajectory
 from omniscv.geometry.trajectory_columns import FRAMES, Frame, length_unit
@@ -42,17 +43,21 @@ class Posed(NamedTuple):
 
     Attributes:
         poses: of the cameras; empty while they are to be sampled in an open source.
-        times: of the poses, seconds; None unless all have one.
+        times_ns: of the poses, whole nanoseconds; None unless all have one.
         places: of the poses, empty for a pose without one; None if no pose has one.
         sampling: how poses are sampled; None if they are known.
         assumed: of the file that they are from, in one line; empty for nothing.
     """
 
     poses: Sequence[Pose]
-    times: tuple[float, ...] | None = None
+    times_ns: tuple[int, ...] | None = None
     places: tuple[str, ...] | None = None
     sampling: SampledPoses | None = None
     assumed: str = ""
+
+    def later(self, by_ns: int) -> Posed:
+        """Return the same at other times."""
+        return self._replace(times_ns=self.times_ns and tuple(time + by_ns for time in self.times_ns))
 
 
 @record
@@ -90,7 +95,7 @@ class PoseFile:
             taken = "taken as poses of a camera, z forward, which mostly looks up or down"
             advice = f"if x is forward, write {{file: {path.name}, frame: body}}"
             says.append(f"poses: {path.name}: {taken}; {advice}")
-        return Posed(poses, trajectory.times, assumed="\n".join(says))
+        return Posed(poses, trajectory.times_ns, assumed="\n".join(says))
 
 
 @record
@@ -124,11 +129,11 @@ def read_poses(name: str, value: object) -> Posed:
         if sampling.clearance is not None:  # of surfaces, which an open source shows
             return Posed((), sampling=sampling)
         trajectory = sampling.poses()
-        return Posed(trajectory.poses, trajectory.times)
+        return Posed(trajectory.poses, trajectory.times_ns)
     if not isinstance(value, list) or not value:
         raise wrong(name, "a list of poses, poses to sample, or the name of a trajectory file", value)
     listed = [read(_ListedPose, description, f"{name}[{i}]") for i, description in enumerate(value)]
-    times = tuple(pose.time for pose in listed if pose.time is not None)
+    times = tuple(nanoseconds(pose.time) for pose in listed if pose.time is not None)
     if times and len(times) < len(listed):
         wanted = "expected a time for every pose or for none"
         raise ArgumentError(f"{name}: {wanted}, got {len(listed) - len(times)} without")
@@ -174,12 +179,12 @@ def _read_waypoints(name: str, value: object) -> Trajectory:
     if untimed and len(waypoints) > 1:
         raise ArgumentError(f"{name}[{untimed[0]}]: missing key 'time'; give every waypoint a time")
     with within(name):
-        return Trajectory(
+        return Trajectory.timed(
             tuple(
                 object_pose(point.position, point.yaw_deg, point.pitch_deg, point.roll_deg)
                 for point in waypoints
             ),
-            tuple(point.time or 0.0 for point in waypoints),
+            (point.time or 0.0 for point in waypoints),
         )
 
 
@@ -191,33 +196,40 @@ class TimeRange:
     count: int | None = checked(optional(partial(whole_number, most=_MOST_TIMES)), default=None)
     start: float | None = checked(optional(number), default=None)
 
-    def seconds(self, own: tuple[float, ...] | None) -> tuple[float, ...]:
+    def times_ns(self, own: tuple[int, ...] | None) -> tuple[int, ...]:
         """Return the times; what is not said is that of the poses' own times.
 
         Raises:
             ArgumentError: no count, and poses without times.
         """
-        first, count = (own or (0.0,))[0] if self.start is None else self.start, self.count
+        first = (own or (0,))[0] if self.start is None else nanoseconds(self.start)
+        count = self.count
         if count is None and not own:
             raise ArgumentError("times: missing key 'count', as the poses have no times")
         if count is None:
-            span = (own or (0.0,))[-1] - first
+            span = ((own or (0,))[-1] - first) / NS
             count = whole_number("times: count", int(max(span, 0) * self.rate + 1e-6) + 1, most=_MOST_TIMES)
-        return tuple(first + i / self.rate for i in range(count))
+        return tuple(first + nanoseconds(i / self.rate) for i in range(count))
 
 
-Times = tuple[float, ...] | TimeRange | Literal["poses"]
+Times = tuple[int, ...] | TimeRange | Literal["poses"]
 
 
 def read_times(name: str, value: object) -> Times:
-    """Return the seconds of a list, a range, or the word ``poses``."""
+    """Return the nanoseconds of a list, a range, or the word ``poses``."""
     if value == "poses":
         return "poses"
     if isinstance(value, list) and value:
-        return tuple(number(f"{name}[{i}]", seconds) for i, seconds in enumerate(value))
+        return tuple(nanoseconds(number(f"{name}[{i}]", seconds)) for i, seconds in enumerate(value))
     if not isinstance(value, dict):
         raise wrong(name, "a list of seconds, {start, rate, count}, or 'poses'", value)
     return read(TimeRange, value, name)
+
+
+def read_epoch(name: str, value: object) -> int:
+    """Return an epoch in whole nanoseconds, which is in seconds if it is below 1e11."""
+    epoch = number(name, value, least=0)
+    return nanoseconds(epoch) if epoch < 1e11 else whole_number(name, value, least=0)
 
 
 def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Posed:
@@ -229,19 +241,19 @@ def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Pose
     Raises:
         ArgumentError: another number of times, or poses without the times that are asked for.
     """
-    if times is None or (times == "poses" and (posed.sampling or posed.times)):
+    if times is None or (times == "poses" and (posed.sampling or posed.times_ns)):
         return posed
     if isinstance(times, TimeRange):
-        times = times.seconds(posed.times)
+        times = times.times_ns(posed.times_ns)
     if times == "poses":
         raise ArgumentError("times: expected poses with times, got some without; list the times")
-    if posed.times is not None and posed.sampling is None:
+    if posed.times_ns is not None and posed.sampling is None:
         if posed.places is not None:
             raise ArgumentError("times: expected poses without times of their own, as they have places")
-        path = Trajectory(posed.poses, posed.times, curve)
+        path = Trajectory(posed.poses, posed.times_ns, curve)
         with within("times"):
             return Posed(tuple(path.at(time) for time in times), times, assumed=posed.assumed)
     if len(posed.poses) == 1:
         places = None if posed.places is None else posed.places * len(times)
         return Posed((posed.poses[0],) * len(times), times, places, assumed=posed.assumed)
-    return posed._replace(times=times)
+    return posed._replace(times_ns=times)

@@ -212,7 +212,7 @@ class PathPoses:
         else:
             targets = np.broadcast_to(np.asarray(self.look), positions.shape)
         poses = tuple(map(Pose.look_at, positions, targets))
-        return Trajectory(poses, tuple(times.tolist()))
+        return Trajectory.timed(poses, times.tolist())
 
     def _curve(self) -> tuple[Array, Array, Array]:
         """(K, 3) positions, (K, 3) tangents and (K,) times, s, at equal distances along the curve."""

@@ -9,19 +9,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import light
 from omniscv.cameras import Camera, RollingShutter
+from omniscv.cameras.rig import RigCamera
+from omniscv.cameras.rolling_shutter import as_shutter, on_path, readout_of
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import NS, nanoseconds
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.motion import Motion
-from omniscv.geometry.trajectory import Poses, Trajectory
+from omniscv.geometry.trajectory import Poses
 from omniscv.job import Exposure, Job, Split
 from omniscv.planning import densities
 from omniscv.progress import Meter, Report, without_images
@@ -32,6 +36,7 @@ SURFACE_M = 1.0
 _NEAREST_M = 0.25  # to an object that moves
 _OBJECT_M = 0.5  # from an object's middle to what of it is seen
 _FEWEST, _MOST = 3, 999
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
 Views = tuple[tuple[Camera, Pose], ...]
@@ -82,7 +87,7 @@ def frames_by_instant(
         varied, fault = _varied(job, i, place)
         fault = job.faults.get(i, fault)
         for frame in path.frames(i):
-            rolling = job.moves and isinstance(frame.camera, RollingShutter)
+            rolling = job.moves and isinstance(frame.camera, RollingShutter) and frame.camera.readout
             state = path.instant(replace(frame, varied=varied)).state
             key = frame.key if rolling else f".{state}"
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
@@ -105,9 +110,8 @@ def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
 
 def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
     """Yield the keys of the frames at some poses; at all if not given."""
-    path = JobPath(job)
     for i in range(len(job.poses)) if indices is None else indices:
-        yield from (frame.key for frame in path.frames(i))
+        yield from (_key(job, name, i, len(job.poses)) for name in job.cameras)
 
 
 def check_keys(job: Job) -> None:
@@ -135,62 +139,56 @@ def pose_number(job: Job, i: int, count: int = 0) -> str:
 
 
 class JobPath:
-    """The path of a job's cameras: where each of them is, and what the world shows, at any time of an image.
-
-    Raises:
-        ArgumentError: times that do not increase.
-    """
+    """Where each of a job's cameras is, and what the world shows, at any time of an image."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
-        self._timed = self._trajectory()
-
-    def _trajectory(self) -> Trajectory | None:
-        """Return the timed poses if cameras move along them within an image: a rig's by their time offsets,
-        all cameras during an exposure; else None."""
-        job = self.job
-        exposed = job.exposure.seconds > 0 and job.exposure.camera == "moves" and len(job.poses) > 1
-        staggered = job.rig is not None and any(mounted.time_offset for mounted in job.rig.cameras.values())
-        if not (staggered or exposed):
-            return None
-        return Trajectory(job.poses, job.times) if job.imu is None else job.imu.path
 
     def frames(self, i: int, after: float = 0.0) -> Iterator[Frame]:
         """Yield the images at a pose, or some seconds after it."""
-        job = self.job
-        pose, time = job.poses[i], None if job.times is None else job.times[i] + after
-        if self._timed is not None and job.times is not None and after:
-            pose = self._timed.at(job.times[i], steps_beyond=1, after=after)
+        job, pose = self.job, self.job.poses[i]
+        of_pose_ns = None if job.times_ns is None else job.times_ns[i]
         mounts = {} if job.rig is None else job.rig.cameras
-        mounted = {} if job.rig is None else job.rig.poses(pose if self._timed is None else self._timed, time)
         for name, camera in job.cameras.items():
-            key = _key(job, name, i, len(job.poses))
-            offset = mounts[name].time_offset if name in mounts else 0.0
-            at = None if time is None else time + offset
-            yield Frame(key, name, camera, mounted.get(name, pose), time=at)
+            key, mounted = _key(job, name, i, len(job.poses)), mounts.get(name) or RigCamera(camera)
+            time_ns = None if of_pose_ns is None else of_pose_ns + nanoseconds(mounted.time_offset + after)
+            if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
+                pose = job.path.at(time_ns, steps_beyond=1)
+            camera = self._on_path(camera, mounted.pose, time_ns)
+            yield Frame(key, name, camera, pose @ mounted.pose, time_ns=time_ns)
+            pose = job.poses[i]
+
+    def _on_path(self, camera: Camera, mounted: Pose, time_ns: int | None) -> Camera:
+        """Return a camera whose lines are read one after the other as it moves along the path meanwhile."""
+        if self.job.path is not None and time_ns is not None:
+            return on_path(camera, self.job.path, time_ns, mounted)
+        return as_shutter(camera) if self.job.moves and readout_of(camera) else camera
 
     def instant(self, frame: Frame, after: float = 0.0) -> Instant:
         """Return the instant that a frame shows, or one some seconds after it."""
         if not self.job.moves:
             return Instant.drawn(frame.varied)
-        poses = {name: motion.at(frame.time, after) for name, motion in self.job.motions.items()}
-        at = None if frame.time is None else frame.time - self.job.epoch + after
-        return Instant.drawn(frame.varied, poses, at)
+        time_ns = None if frame.time_ns is None else frame.time_ns + nanoseconds(after)
+        poses = {name: motion.at(time_ns) for name, motion in self.job.motions.items()}
+        return Instant.drawn(
+            frame.varied, poses, None if time_ns is None else (time_ns - self.job.clock_start_ns) / NS
+        )
 
     def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
         """Yield what is captured for images of one instant: first at their time, then during their exposure,
         or the lines of a rolling-shutter camera at their times."""
         first, modes, exposure = frames[0], self.job.captured, self._exposure(i, frames)
-        if self.job.moves and isinstance(first.camera, RollingShutter):
+        if self.job.moves and isinstance(first.camera, RollingShutter) and first.camera.readout:
             for seconds, lines in exposure.lines(first.camera):
                 yield self.instant(first, seconds), ((lines, first.pose),), modes
             return
         keys = {frame.key for frame in frames}
-        for offset in exposure.offsets() if "lit" in modes else (0.0,):
+        moves = exposure.camera == "moves" and self.job.path is not None
+        blurred = "lit" in modes and (moves or self.job.moves)
+        for offset in exposure.offsets() if blurred else (0.0,):
             moved = frames
-            if offset:
-                seconds = offset if exposure.camera == "moves" else 0.0
-                moved = [frame for frame in self.frames(i, seconds) if frame.key in keys]
+            if offset and moves:
+                moved = [frame for frame in self.frames(i, offset) if frame.key in keys]
             views = tuple((frame.camera, frame.pose) for frame in moved)
             instant = self.instant(first, offset)
             yield instant, views, ("lit",) if offset else modes
@@ -201,18 +199,17 @@ class JobPath:
         exposure = self.job.exposure
         if exposure.instants != "auto":
             return exposure
-        most, motions = 0.0, tuple(self.job.motions.values())
+        most, motions = 0.0, (*self.job.motions.values(), *self.job.own_motions.values())
         for frame in frames:
-            rolling = isinstance(frame.camera, RollingShutter)
-            seconds = frame.camera.readout if isinstance(frame.camera, RollingShutter) else exposure.seconds
-            start = 0.0 if rolling else -seconds / 2
-            moves = exposure.camera == "moves" and not rolling
+            readout = frame.camera.readout if isinstance(frame.camera, RollingShutter) else 0.0
+            start, end = (0.0, readout) if readout else (-exposure.seconds / 2, exposure.seconds / 2)
+            moves = exposure.camera == "moves" and not readout
             ends = [
                 {other.key: other.pose for other in self.frames(i, after if moves else 0.0)}[frame.key]
-                for after in (start, start + seconds)
+                for after in (start, end)
             ]
-            at = frame.time or 0.0
-            span = (at + start, at + start + seconds)
+            at = frame.time_ns or 0
+            span = at + nanoseconds(start), at + nanoseconds(end)
             most = max(most, motion_px(frame.camera, (ends[0], ends[1]), motions, span))
         return replace(exposure, instants=instants_for(most))
 
@@ -277,8 +274,8 @@ def images_of(
         by_instant = [images[place :: len(chosen)] for images in parts]
         instants = [images[0] for images in by_instant if len(images) == 1]
         red_blue = [images for images in by_instant if len(images) == 2]
-        camera = frame.camera
-        image = _read_out(camera, instants) if isinstance(camera, RollingShutter) else _exposed(instants)
+        rolls = job.moves and readout_of(frame.camera)
+        image = _read_out(as_shutter(frame.camera), instants) if rolls else _exposed(instants)
         yield _sensed(job, frame, image, [_exposed(color) for color in zip(*red_blue, strict=True)])
 
 
@@ -306,21 +303,41 @@ def _exposed(parts: Sequence[OmniImage]) -> OmniImage:
 
 
 def _read_out(camera: RollingShutter, parts: Sequence[OmniImage]) -> OmniImage:
-    """Return the image of a rolling-shutter camera whose lines were captured in several parts."""
-    first = parts[0]
-    valid = np.logical_or.reduce([part.valid for part in parts])
-    layers: dict[str, NDArray[Any]] = {}
-    centers_w = np.zeros((*valid.shape, 3))
-    unknown: Counter[Color] = Counter()
-    for part in parts:
-        lines = part.valid
-        centers_w[lines] = np.broadcast_to(part.centers_w, centers_w.shape)[lines]
-        unknown.update(part.unknown_colors)
-        for name, layer in part.layers.items():
-            layers.setdefault(name, np.zeros_like(layer))[lines] = layer[lines]
+    """Return the image of a rolling-shutter camera, each of whose lines was captured at two instants.
+
+    A line shows the nearer of them. Where the other one differs, its label and its depth may be what the line
+    had to show: they are in the marks and in the bound.
+    """
+    between = camera.parts_read() * (len(parts) - 1)
+    shown = np.clip(np.rint(between), 0, len(parts) - 1).astype(int)
+    other = np.clip(shown + np.where(between < shown, -1, 1), 0, len(parts) - 1)
+    layers = {name: _chosen(shown, [part[name] for part in parts]) for name in parts[0].layers}
+    valid = _chosen(shown, [part.valid for part in parts])
+    centers_w = [np.broadcast_to(part.centers_w, (*valid.shape, 3)) for part in parts]
+    if "labels" in layers and "label_edge" in layers:
+        differs = _chosen(other, [part["labels"] for part in parts]) != layers["labels"]
+        layers["label_edge"] |= cv2.dilate(differs.view(np.uint8), _NEIGHBOURS).view(np.bool_) & valid
+    if "depth_error" in layers:
+        with np.errstate(invalid="ignore"):
+            moved = np.abs(_chosen(other, [part["depth"] for part in parts]) - layers["depth"])
+        layers["depth_error"] += np.where(np.isnan(moved), 0, moved) * valid  # of +inf twice: no surface
+    unknown = sum((Counter(part.unknown_colors) for part in parts), Counter[Color]())
     return replace(
-        first, camera=camera, valid=valid, layers=layers, centers_w=centers_w, unknown_colors=dict(unknown)
+        parts[0],
+        camera=camera,
+        valid=valid,
+        layers=layers,
+        centers_w=_chosen(shown, centers_w),
+        unknown_colors=dict(unknown),
     )
+
+
+def _chosen(index: NDArray[Any], arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return, for each pixel of an index (H, W), that pixel of one of several arrays (H, W, ...)."""
+    chosen = np.zeros_like(arrays[0])
+    for i, array in enumerate(arrays):
+        chosen[index == i] = array[index == i]
+    return chosen
 
 
 def instants_for(moved_px: float) -> int:
@@ -339,7 +356,7 @@ def motion_px(
     camera: Camera,
     poses: tuple[Pose, Pose],
     motions: Sequence[Motion],
-    times: tuple[float, float],
+    times_ns: tuple[int, int],
 ) -> float:
     """Return how far things move in an image, px, where its pixels are as wide as in its middle.
 
@@ -347,13 +364,13 @@ def motion_px(
         camera: of the image.
         poses: of the camera, at the start and at the end.
         motions: of objects.
-        times: start and end, seconds.
+        times_ns: start and end.
     """
     start, end = poses
     turned = _angle(start.rotation, end.rotation)
     radians = turned + float(np.linalg.norm(end.position - start.position)) / SURFACE_M
     for motion in motions:
-        before, after = (motion.at(time) for time in times)
+        before, after = (motion.at(time) for time in times_ns)
         moved = float(np.linalg.norm(after.position - before.position))
         moved += _OBJECT_M * _angle(before.rotation, after.rotation)
         away = min(float(np.linalg.norm(pose.position - start.position)) for pose in (before, after))

@@ -18,7 +18,7 @@ from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.job import Job
+from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import COMMAND, Draws
 from omniscv.planning import RenderOptions
@@ -81,8 +81,11 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
     ):
         if job.sampling is not None:
             sampled, faults = _sampled(job, job.sampling, still)
-            times = sampled.times if job.times is None else job.times
-            job = replace(job, poses=sampled.poses, times=times, sampling=None, faults=faults)
+            timed = sampled.later(job.epoch_ns or 0)
+            path = timed if timed.times_ns else None
+            times = timed.times_ns if job.times_ns is None else job.times_ns
+            job = replace(job, poses=sampled.poses, times_ns=times, path=path, sampling=None, faults=faults)
+            job = within_path(job)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
         # Of the whole job, so that its parts are exposed alike.

@@ -13,10 +13,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
+from omniscv.geometry.clock import NS, parsed
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import write_tum
 from omniscv.records import checked, nested, read, record
@@ -68,14 +70,14 @@ class ImuSamples:
     """Measurements, and the truth at their times.
 
     Attributes:
-        times: (N,) seconds.
+        times_ns: (N,) whole nanoseconds.
         angular_velocity, specific_force: (N, 3) as measured, rad/s and m/s^2, in the body's frame.
         positions_w, velocities_w: (N, 3) of the body, metres and seconds, world frame.
         rotations: (N, 3, 3) from the body to the world.
         gyro_bias, accel_bias: (N, 3) the biases in the measurements.
     """
 
-    times: Array
+    times_ns: NDArray[np.int64]
     angular_velocity: Array
     specific_force: Array
     positions_w: Array
@@ -85,7 +87,7 @@ class ImuSamples:
     accel_bias: Array
 
     def __len__(self) -> int:
-        return len(self.times)
+        return len(self.times_ns)
 
 
 @record
@@ -124,11 +126,11 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
         ArgumentError: fewer than two poses, poses without times, or too many samples.
     """
     imu, path = imu or Imu(), replace(path, curve="spline")
-    first, last = (path.times or (0.0,))[0], (path.times or (0.0,))[-1]
-    span = (last - first) * imu.rate
+    first, last = (path.times_ns or (0,))[0], (path.times_ns or (0,))[-1]
+    span = (last - first) / NS * imu.rate
     if span >= _MOST:
         raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
-    times = first + np.arange(int(span + 1e-6) + 1) / imu.rate
+    times = first + np.rint(np.arange(int(span + 1e-6) + 1) * (NS / imu.rate)).astype(np.int64)
     at, mounted = path.motions(times), imu.pose
     rotations, lever = at.rotations @ mounted.rotation, mounted.position
     # The point that it is mounted at moves and accelerates by the rig's turning, too.
@@ -168,7 +170,7 @@ class ImuTrack:
     def on_body(self, frame: Any) -> Pose:
         """Return ``T_body_cam`` of the camera of a frame with a time."""
         pose: Pose = frame.pose
-        return (self.path.at(frame.time, steps_beyond=1) @ self.imu.pose).inverse() @ pose
+        return (self.path.at(frame.time_ns, steps_beyond=1) @ self.imu.pose).inverse() @ pose
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: the sensor's, and lines ``time x y z qx qy qz qw``."""
@@ -177,8 +179,8 @@ class ImuTrack:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ImuTrack:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
-        rows = numbers("imu.path", [line.split() for line in data["path"]], (None, 8)).tolist()
+        lines = [line.split() for line in data["path"]]
+        rows = numbers("imu.path", lines, (None, 8)).tolist()
         poses = tuple(Pose.from_quaternion(row[1:4], row[4:]) for row in rows)
-        return cls(
-            read(Imu, data["sensor"], "imu"), Trajectory(poses, tuple(row[0] for row in rows), "spline")
-        )
+        times = tuple(parsed(line[0]) for line in lines)
+        return cls(read(Imu, data["sensor"], "imu"), Trajectory(poses, times, "spline"))

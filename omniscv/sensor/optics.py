@@ -25,6 +25,7 @@ from omniscv.cameras.fisheyes import Fisheye
 from omniscv.cameras.radial import Lens
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats, Mask
+from omniscv.geometry.clock import decimal
 from omniscv.light import light_of_codes
 from omniscv.pictures import foreign, png
 from omniscv.storage.local import whole_file, write_text
@@ -191,7 +192,7 @@ def write_vignette(path: Path, shading: Any) -> Path:
     return path
 
 
-def write_times(path: Path, frames: Iterable[tuple[str, float, float]]) -> Path:
-    """Write ``times.txt`` of (name, seconds, exposure in seconds), and return the path."""
-    lines = [f"{name} {time:.9f} {1e3 * exposure:.9g}\n" for name, time, exposure in frames]
+def write_times(path: Path, frames: Iterable[tuple[str, int, float]]) -> Path:
+    """Write ``times.txt`` of (name, nanoseconds, exposure in seconds), and return the path."""
+    lines = [f"{name} {decimal(time)} {1e3 * exposure:.9g}\n" for name, time, exposure in frames]
     return write_text(path, "".join(lines))

@@ -146,7 +146,8 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
         columns["intensity"] = np.nan_to_num(albedo * cosines).astype(np.float32)
     if lidar is not None:
         columns["ring"] = np.broadcast_to(lidar.rings[:, None], depth.shape)
-        columns["time"] = lidar.times.astype(np.float32)
+        moving = frame.camera if isinstance(frame.camera, RollingShutter) else lidar
+        columns["time"] = moving.seconds().astype(np.float32)
     for name, layer in frame.layers("labels", "classes").items():
         columns[{"labels": "label", "classes": "class"}[name]] = layer
     columns |= {name: layer.view(np.uint8) for name, layer in _doubt(frame).items()}

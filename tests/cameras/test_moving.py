@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from omniscv.cameras import RollingShutter, create
+from omniscv.cameras import create, from_dict
+from omniscv.cameras.rolling_shutter import as_shutter
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.testing.cameras import check_round_trip
 
 BASE = create("fisheye-equidistant", 48, 36, fov_deg=150)
 START = Pose.from_angles((1.0, 2.0, 1.5), yaw_deg=30, pitch_deg=10)
+BENT = Pose.from_angles((0, 0, 0), 20, 10, -30).rotation
 END = Pose.from_angles((1.3, 1.9, 1.6), yaw_deg=52, pitch_deg=-3, roll_deg=9)
 SCANS = {
     "top-to-bottom": lambda u, v: v / 36,
@@ -17,6 +21,12 @@ SCANS = {
     "left-to-right": lambda u, v: u / 48,
     "right-to-left": lambda u, v: 1 - u / 48,
 }
+
+
+def moving(scan):
+    """The camera that moves evenly from START to END."""
+    camera = create("rolling-shutter", 48, 36, base=BASE, readout=0.04, scan=scan)
+    return camera.on(Trajectory.timed((START, END), (0.0, 0.04)), 0, Pose(np.zeros(3), np.eye(3)))
 
 
 def pose_between(part):
@@ -56,8 +66,7 @@ def test_vr180_eyes_are_apart_by_the_distance():
 
 @pytest.mark.parametrize("scan", SCANS)
 def test_every_line_is_the_base_at_its_time(scan):
-    camera, pose = RollingShutter.between(BASE, 0.04, START, END, scan)
-    assert pose is START
+    camera, pose = moving(scan), START
     rays, base = camera.unproject(), BASE.unproject()
     np.testing.assert_array_equal(rays.valid, base.valid)
     for v, u in np.argwhere(rays.valid)[::37]:
@@ -70,7 +79,7 @@ def test_every_line_is_the_base_at_its_time(scan):
 @pytest.mark.parametrize("scan", ["top-to-bottom", "right-to-left"])
 def test_points_are_seen_in_the_line_that_is_read_just_then(scan):
     """Found by trying: where the base, as it is just then, sees the point in the line of that time."""
-    camera, pose = RollingShutter.between(BASE, 0.04, START, END, scan)
+    camera, pose = moving(scan), START
     points_c = np.random.default_rng(2).uniform((-3, -2, -0.5), (3, 2, 4), (60, 3))
     pixels, seen = camera.project(points_c)
     parts = np.linspace(0, 1, 201)
@@ -89,19 +98,31 @@ def test_points_are_seen_in_the_line_that_is_read_just_then(scan):
     assert (seen & ~meets.any(axis=0)).sum() <= 2, known.sum()
 
 
-def test_along_a_trajectory():
-    """From 0.02 s on for 0.04 s: from the middle of one piece of the way to a quarter of the next."""
-    times, poses = (0.0, 0.04, 0.12), (START, END, Pose.from_angles((2.0, 1.0, 1.5), yaw_deg=80))
-    camera, pose = RollingShutter.along(BASE, 0.04, times, poses, 0.02)
-    start, end = pose_between(0.5), Pose(END.t_w_c + (poses[2].t_w_c - END.t_w_c) / 4, np.eye(3))
-    np.testing.assert_allclose(pose.t_w_c, start.t_w_c, atol=1e-14)
-    np.testing.assert_allclose(pose.R_w_c, start.R_w_c, atol=1e-14)
-    np.testing.assert_allclose(pose.to_world(0.04 * camera.velocity), end.t_w_c, atol=1e-14)
-    for wrong in (-0.01, 0.1, np.nan):
-        with pytest.raises(ArgumentError, match=r"^time: expected (0 to 0.12 s|a finite number), got"):
-            RollingShutter.along(BASE, 0.04, times, poses, wrong)
-    with pytest.raises(ArgumentError, match=r"^times: expected increasing seconds, got"):
-        RollingShutter.along(BASE, 0.04, (0, 0, 1), poses, 0.5)
+@pytest.mark.parametrize("curve", ["linear", "spline"])
+def test_every_line_is_where_the_path_is_at_its_time(curve):
+    """On a rig with a lever, over a bend of the path; a scanner's first column fires at the image's time."""
+    times = np.arange(0, 1, 0.04)
+    poses = [Pose.from_angles((t**2, np.sin(5 * t), 1.5), 200 * t, 20 * np.sin(9 * t)) for t in times]
+    path, mounted = Trajectory.timed(poses, times, curve), Pose((0.3, 0.1, -0.2), BENT)
+    lidar = create("lidar", preset="vlp-16")
+    for camera in (create("rolling-shutter", 48, 36, base=BASE, readout=0.03), as_shutter(lidar)):
+        moved = camera.on(path, 500_000_000, mounted)
+        pose, seconds = path.at(500_000_000) @ mounted, moved.seconds()
+        rays, base = moved.unproject(), camera.base.unproject()
+        for v, u in np.argwhere(rays.valid)[::97]:
+            there = path.at(500_000_000 + round(1e9 * seconds[v, u])) @ mounted
+            own = there.to_world(base.origins[v, u] if base.origins.ndim > 1 else base.origins)
+            np.testing.assert_allclose(pose.to_world(rays.origins[v, u]), own, atol=2e-6)
+            found = there.R_w_c.T @ pose.R_w_c @ rays.directions[v, u]
+            np.testing.assert_allclose(found, base.directions[v, u], atol=2e-6)
+        if camera.base is BASE:
+            check_round_trip(moved)
+        assert from_dict(moved.to_dict()) == moved
+    first = np.unravel_index(seconds.argmin(), seconds.shape)
+    np.testing.assert_allclose(seconds, lidar.seconds(), atol=1e-12)
+    assert first[1] == 0 == lidar.seconds()[first]
+    with pytest.raises(ArgumentError, match=r"^time: expected 0 to 0.96 s, or a step beyond, got 1.0"):
+        camera.on(path, 950_000_000, mounted)
 
 
 @pytest.mark.parametrize("still", [{"readout": 0.0, "velocity": (1, 2, 3)}, {"readout": 0.1}])
@@ -138,6 +159,8 @@ def test_no_readout_or_no_motion_is_the_base(still):
             {"angular_velocity_deg": (0, 1000, 0)},
             "angular_velocity_deg: the turn in degrees .* <= 90, got 100",
         ),
+        ({"path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected two or more rows, later and later"),
+        ({"velocity": (1, 0, 0), "path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected it or velocities"),
     ],
 )
 def test_wrong_parameters_of_rolling_shutters_are_refused(wrong, says):

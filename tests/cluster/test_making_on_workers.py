@@ -64,7 +64,7 @@ def job(tmp_path):
     for counter in (OPENED, CLOSED, FAULTS):
         counter.clear()
     loaded = load(job_file(tmp_path, source="failing:0"))
-    return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 6, times=None, places=None)
+    return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 6, times_ns=None, places=None)
 
 
 def test_servers_that_fail_are_opened_again(job, tmp_path):

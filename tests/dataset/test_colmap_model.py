@@ -142,8 +142,8 @@ def test_a_moment_may_lack_an_image(tmp_path):
 
 
 def test_frames_of_other_names_are_together_by_time_or_pose(tmp_path):
-    def of(name, key, pose, time=None):
-        return black_frame(tmp_path, PANORAMA, pose, name, key, time=time)
+    def of(name, key, pose, time_ns=None):
+        return black_frame(tmp_path, PANORAMA, pose, name, key, time_ns=time_ns)
 
     here, there = MOVES[:2]
     timed = [of("a", "k0", here, 1.0), of("b", "k1", there, 1.0), of("a", "k2", there, 2.0)]

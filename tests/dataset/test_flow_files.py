@@ -28,8 +28,8 @@ POSES = [Pose.from_angles((0.2 * i, 0.1 * i, 1.4), 12 * i) for i in range(3)]
 
 def frames(folder, times=(None,) * 3):
     return [
-        traced_frame(folder, SCENE, CAMERA, pose, key=f"cam-{i}", time=time)
-        for i, (pose, time) in enumerate(zip(POSES, times, strict=True))
+        traced_frame(folder, SCENE, CAMERA, pose, key=f"cam-{i}", time_ns=time_ns)
+        for i, (pose, time_ns) in enumerate(zip(POSES, times, strict=True))
     ]
 
 
@@ -65,7 +65,7 @@ def test_both_readers_get_the_flow_between_neighbours(tmp_path):
 
 
 def test_frames_pair_by_time_and_gap(tmp_path):
-    get("flow").export(frames(tmp_path, times=(2.0, 1.0, 3.0)), tmp_path, {})
+    get("flow").export(frames(tmp_path, times=(2, 1, 3)), tmp_path, {})
     assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-1": "cam-0", "cam-0": "cam-2"}
     get("flow").export(frames(tmp_path), tmp_path, {"gap": 2})
     assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-2"}
@@ -248,7 +248,7 @@ def test_frames_of_another_motion_are_made_again(made, tmp_path):
     job = load(made / "job.yaml")
     shutil.copytree(made / "moving", tmp_path / "other")
     first, last = job.motions["Cabinet"].waypoints
-    other = Motion(Trajectory((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
+    other = Motion(Trajectory.timed((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
     done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), existing="resume")
     assert (done.written, done.kept) == (2, 1)
 

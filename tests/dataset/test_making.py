@@ -59,7 +59,7 @@ def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
             folder = tmp_path / name
             folder.mkdir()
             job = load(job_file(folder, source=server.uri))
-            make(replace(job, poses=job.poses[:1], times=(0.0,), places=("here",)))
+            make(replace(job, poses=job.poses[:1], times_ns=(0,), places=("here",)))
             trees.append(tree(job.out))
         text = b"".join(path.read_bytes() for path in job.out.glob("*.json*"))
         for strange in (str(server.port), str(tmp_path), "127.0.0.1"):
@@ -71,12 +71,12 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
     lines = (whole / "dataset" / "frames.jsonl").read_text(encoding="utf-8").splitlines()
     rows = [json.loads(line) for line in lines]
     assert [row["key"] for row in rows] == [f"{name}-{i}" for name in ("lens", "pano") for i in range(3)]
-    fields = {"key", "camera", "pose", "time", "place", "split", "scene", "files", "blank"}
+    fields = {"key", "camera", "pose", "time_ns", "place", "split", "scene", "files", "blank"}
     for row in rows:
         assert set(row) == fields
         assert {"lit", "labels", "classes", "depth", "normals", "image"} <= set(row["files"])
     stored = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
-    assert stored["format"] == 1
+    assert stored["format"] == 2
     assert stored["omniscv"] == omniscv.__version__
     assert stored["conventions"]["depth"] == "ray metres"
     assert stored["conventions"]["pixels"] == "edge"
@@ -111,7 +111,7 @@ def test_another_scene_s_frames_are_made_again(copied):
     done = make(replace(job, source="scene://six-wall"), existing="resume")
     assert (done.written, done.kept) == (6, 0)
     assert {entry.scene.split("/")[0] for entry in manifest.read_frames(copied)} == {"six-wall"}
-    moved = replace(job, source="scene://six-wall", times=(0.0, 0.5, 2.0))
+    moved = replace(job, source="scene://six-wall", times_ns=(0, 500_000_000, 2 * 10**9))
     done = make(moved, existing="resume")
     assert (done.written, done.kept) == (2, 4)
     assert dataset.check(copied, deep=True) == []
@@ -239,7 +239,7 @@ def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
         modes = tuple(mode for mode in job.modes if mode in opened.capabilities.modes)
     poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (0, 30))
     options = omniscv.RenderOptions("cube")
-    job = replace(job, modes=modes, poses=poses, times=None, places=None, options=options)
+    job = replace(job, modes=modes, poses=poses, times_ns=None, places=None, options=options)
     make(job)
     assert dataset.check(job.out, deep=True) == []
     frames = dataset.open(job.out)

@@ -97,7 +97,7 @@ def frames(folder, model="equirectangular", count=5, width=64, height=32):
         ramp = np.add.outer(np.arange(height) * 3, np.arange(width) * 2) + 10 * i
         cv2.imwrite(str(folder / f"{i}.png"), np.repeat(ramp[..., None] % 256, 3, axis=2).astype(np.uint8))
     return [
-        Frame(f"{i}", "pano", camera, POSE, {"lit": folder / f"{i}.png"}, {}, time=i / 10)
+        Frame(f"{i}", "pano", camera, POSE, {"lit": folder / f"{i}.png"}, {}, time_ns=i * 10**8)
         for i in range(count)
     ]
 

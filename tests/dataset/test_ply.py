@@ -129,7 +129,7 @@ def test_each_camera_has_a_trajectory_in_the_order_of_times(exports):
     frames = [frame for frame in dataset.open(exports.parent) if frame.camera_name == "lens"]
     for kind in ("tum", "euroc", "kitti"):
         read = read_trajectory(exports / f"poses/lens.{kind}", first=frames[0].pose)
-        assert read.times == pytest.approx([0, 0.5, 1])
+        assert read.seconds == pytest.approx([0, 0.5, 1])
         for pose, frame in zip(read, frames, strict=True):
             np.testing.assert_allclose(pose.position, frame.pose.position, atol=1e-12)
             np.testing.assert_allclose(pose.rotation, frame.pose.rotation, atol=1e-12)

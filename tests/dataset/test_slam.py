@@ -8,10 +8,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags import highlevel
 
+from mock_server import load_scene
 from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
 from omniscv.job import load
+from omniscv.job.file import EPOCH_NS
 from omniscv.make import make
 
 JOB = """
@@ -26,7 +28,7 @@ rig:
       camera: {model: pinhole, width: 48, height: 40, fov_deg: 90}
       position: [0.1, 0, 0]
       time_offset: 0.01
-    scan: {camera: {model: lidar, preset: vlp-16, width: 90}, position: [0, -0.2, 0], pitch_deg: -5}
+    scan: {camera: {model: lidar, preset: vlp-16}, position: [0, -0.2, 0], pitch_deg: -5}
 imu: {rate: 100, position: [0, 0.1, -0.1], yaw_deg: 20, gyroscope: {bias: 0.01, noise_density: 0.001}}
 poses:
   - {time: 0, position: [0, 0, 1.5]}
@@ -43,6 +45,7 @@ export:
   - {format: euroc, cameras: [left, right]}
   - {format: kitti_lidar, cameras: [scan], intensity: true}
   - {format: pcd, cameras: [scan]}
+  - rosbag2
 """
 
 
@@ -85,67 +88,119 @@ def test_euroc(folder, frames):
             line.split(",")[0] for line in (root / f"cam{number}/data.csv").read_text().splitlines()[1:]
         ]
         for stamp, frame in zip(stamps, of(frames, name), strict=True):
-            assert int(stamp) == round(frame.time * 1e9)
+            assert int(stamp) == frame.time_ns
             assert (root / f"cam{number}/data/{stamp}.png").read_bytes() == frame.files["lit"].read_bytes()
-            if frame.time <= 0.5:
-                at = np.abs(truth.timestamps - frame.time).argmin()
-                if abs(truth.timestamps[at] - frame.time) < 1e-9:
-                    T_world_cam = truth.poses_se3[at] @ T_body_cam
-                    np.testing.assert_allclose(T_world_cam[:3, 3], frame.pose.position, atol=1e-9)
-                    np.testing.assert_allclose(T_world_cam[:3, :3], frame.pose.rotation, atol=1e-9)
+            at = np.abs(truth.timestamps - frame.time).argmin()
+            if abs(truth.timestamps[at] - frame.time) < 1e-6:
+                T_world_cam = truth.poses_se3[at] @ T_body_cam
+                np.testing.assert_allclose(T_world_cam[:3, 3], frame.pose.position, atol=1e-9)
+                np.testing.assert_allclose(T_world_cam[:3, :3], frame.pose.rotation, atol=1e-9)
             mounted = (
-                path.at(frame.time, steps_beyond=1)
+                path.at(frame.time_ns, steps_beyond=1)
                 @ frames[0].imu.imu.pose
                 @ Pose(T_body_cam[:3, 3], T_body_cam[:3, :3])
             )
             np.testing.assert_allclose(mounted.position, frame.pose.position, atol=1e-9)
     assert sensor["camera_model"] == "pinhole"
     assert sensor["intrinsics"][2:] == [23.5, 19.5]  # pixel centres at whole numbers
-    measured = np.loadtxt(root / "imu0/data.csv", delimiter=",")
+    rows = (root / "imu0/data.csv").read_text().splitlines()
+    measured = np.loadtxt(rows, delimiter=",")
     samples = frames[0].imu.samples()
-    assert measured[:, 0].tolist() == [10_000_000 * k for k in range(51)]
+    assert [int(line.split(",")[0]) for line in rows[1:]] == [EPOCH_NS + 10_000_000 * k for k in range(51)]
     np.testing.assert_array_equal(measured[:, 1:4], samples.angular_velocity)
     np.testing.assert_array_equal(measured[:, 4:], samples.specific_force)
 
 
+def kitti(folder, frame, i):
+    root = folder / "exports/kitti_lidar"
+    points = np.fromfile(root / f"velodyne/{i:06d}.bin", np.float32).reshape(-1, 4)
+    assert 0 < points[:, 3].max() <= 1
+    seconds = np.fromfile(root / f"seconds/{i:06d}.bin", np.float32)
+    return points[:, :3], seconds, np.fromfile(root / f"labels/{i:06d}.label", np.uint32) >> 16
+
+
+def pcd(folder, frame, i):
+    points = read_pcd(folder / f"exports/pcd/{frame.key}.pcd")[1].ravel()
+    points = points[np.isfinite(points["x"])]
+    return np.stack([points[axis] for axis in "xyz"], axis=-1), points["time"], points["label"]
+
+
+def bag(folder, frame, i):
+    with highlevel.AnyReader([folder / "exports/rosbag2/bag"]) as reader:
+        of_scan = [connection for connection in reader.connections if connection.topic == "/scan/points"]
+        found = [(stamp, reader.deserialize(data, connection.msgtype))
+                 for connection, stamp, data in reader.messages(of_scan)]  # fmt: skip
+    assert found[i][0] == frame.time_ns
+    points = points_of(found[i][1])
+    return np.stack([points[axis] for axis in "xyz"], axis=-1), points["time"], points["label"]
+
+
+@pytest.mark.parametrize("form", [kitti, pcd, bag])
+def test_points_lie_on_what_they_hit_when_each_is_placed_at_its_time(form, folder, frames):
+    """The sensor at each point's time by the spline through the poses; what it hits by the scene's tracer."""
+    room, path, scans = load_scene("six-wall"), frames[0].imu.path, of(frames, "scan")
+    for i, frame in enumerate(scans):
+        points, seconds, labels = form(folder, frame, i)
+        assert len(points) == len(labels) > 10_000
+        assert seconds.min() == 0 < 0.0999 < seconds.max() < 0.1
+        mounted = path.at(frame.time_ns).inverse() @ T_world_scan(frame)
+        rig = path.motions(frame.time_ns + np.rint(1e9 * seconds).astype(int))
+        rotations = rig.rotations @ mounted.rotation
+        origins = rig.positions_w + rig.rotations @ mounted.position
+        rays = np.einsum("nij,nj->ni", rotations, points)
+        reach = np.linalg.norm(rays, axis=1)
+        hits = room.trace(origins, rays / reach[:, None])
+        walls = np.isin(labels, [id for name, id in frame.instances.items() if name.startswith("Layout")])
+        assert np.abs(hits.distance - reach)[walls].max() < 1e-4
+        frozen = T_world_scan(frame).to_world(points) - (origins + rays)
+        assert np.median(np.linalg.norm(frozen, axis=1)) > 0.01  # as if all were of one instant
+
+
 def test_kitti_lidar(folder, frames):
-    """As SemanticKITTI's own tools read it: points, labels, and the sensor's poses by poses.txt and Tr."""
+    """As SemanticKITTI's own tools read it: the sensor's poses by poses.txt and Tr, labels and classes."""
     root = folder / "exports/kitti_lidar"
     calib = dict(line.split(": ") for line in (root / "calib.txt").read_text().splitlines())
     Tr = np.vstack([np.array(calib["Tr"].split(), float).reshape(3, 4), [0, 0, 0, 1]])
     scans = of(frames, "scan")
     first, marked = T_world_scan(scans[0]), 0
     for i, (frame, row) in enumerate(zip(scans, np.loadtxt(root / "poses.txt"), strict=True)):
-        points = np.fromfile(root / f"velodyne/{i:06d}.bin", np.float32).reshape(-1, 4)
         label = np.fromfile(root / f"labels/{i:06d}.label", np.uint32)
-        assert len(points) == len(label) > 1000
         pose = np.linalg.inv(Tr) @ np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]) @ Tr
-        world = first.to_world(points[:, :3] @ pose[:3, :3].T + pose[:3, 3])
-        depth, rays = frame.layer("depth"), frame.camera.unproject()
-        reach = np.linalg.norm(world - frame.pose.position, axis=1)
-        kept = np.isfinite(depth) & (frame.layer("depth_error") <= 0.01 * depth)
-        np.testing.assert_allclose(reach, depth[kept], rtol=1e-6)
-        seen = frame.pose.to_camera(world) / reach[:, None]
-        np.testing.assert_allclose(seen, rays.directions[kept], atol=1e-5)  # float32 points
+        np.testing.assert_allclose(first.to_world(pose[:3, 3]), frame.pose.position, atol=1e-9)
+        kept = ~left_out(frame)
         np.testing.assert_array_equal(label >> 16, frame.layer("labels")[kept])
         np.testing.assert_array_equal(label & 0xFFFF, frame.layer("classes")[kept])
         doubt = np.fromfile(root / f"doubt/{i:06d}.bin", np.bool_)
         np.testing.assert_array_equal(doubt, frame.layer("doubt")[kept])
         assert (frame.layer("label_edge")[kept] <= doubt).all()
         marked += doubt.sum()
-        assert 0 < points[:, 3].max() <= 1
     assert 0 < marked < 1000
+
+
+def left_out(frame):
+    return frame.layer("unsure") | (frame.layer("depth_error") > 0.01 * frame.layer("depth"))
+
+
+def read_pcd(path):
+    header, _, data = path.read_bytes().partition(b"DATA binary\n")
+    keys = dict(line.split(" ", 1) for line in header.decode().splitlines())
+    types = {"F": "f", "U": "u", "I": "i"}
+    codes = [types[t] + s for t, s in zip(keys["TYPE"].split(), keys["SIZE"].split(), strict=True)]
+    points = np.frombuffer(data, list(zip(keys["FIELDS"].split(), codes, strict=True)))
+    return keys, points.reshape(int(keys["HEIGHT"]), int(keys["WIDTH"]))
+
+
+def points_of(cloud):
+    formats = [{7: "f4", 4: "u2", 2: "u1"}[field.datatype] for field in cloud.fields]
+    offsets, names = [field.offset for field in cloud.fields], [field.name for field in cloud.fields]
+    layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
+    return np.frombuffer(cloud.data, layout)
 
 
 def test_pcd(folder, frames):
     """Organised, in the sensor's axes, with ring and time; VIEWPOINT is the sensor's pose."""
     frame = of(frames, "scan")[2]
-    header, _, data = (folder / f"exports/pcd/{frame.key}.pcd").read_bytes().partition(b"DATA binary\n")
-    keys = dict(line.split(" ", 1) for line in header.decode().splitlines())
-    types = {"F": "f", "U": "u", "I": "i"}
-    codes = [types[t] + s for t, s in zip(keys["TYPE"].split(), keys["SIZE"].split(), strict=True)]
-    points = np.frombuffer(data, list(zip(keys["FIELDS"].split(), codes, strict=True)))
-    points = points.reshape(int(keys["HEIGHT"]), int(keys["WIDTH"]))
+    keys, points = read_pcd(folder / f"exports/pcd/{frame.key}.pcd")
     assert points.dtype.names == ("x", "y", "z", "ring", "time", "label", "class", "doubt")
     x, y, z, w, qx, qy, qz = map(float, keys["VIEWPOINT"].split())
     sensor = Pose.from_quaternion((x, y, z), (qx, qy, qz, w))
@@ -158,8 +213,7 @@ def test_pcd(folder, frames):
     np.testing.assert_allclose(elevation[seen], (-15.0 + 2 * points["ring"])[seen], atol=1e-4)
     fired = np.degrees(azimuth) - 180 + 3600 * (points["time"] - points["time"].min())
     np.testing.assert_allclose(((fired + 180) % 360 - 180)[seen], 0, atol=1e-4)
-    none = frame.layer("depth_error") > 0.01 * frame.layer("depth")
-    np.testing.assert_array_equal(np.isnan(points["x"]), none)
+    np.testing.assert_array_equal(np.isnan(points["x"]), left_out(frame))
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
@@ -173,13 +227,13 @@ def test_bags(folder, frames, storage, tmp_path):
             messages.setdefault(connection.topic, []).append((stamp, message))
     samples, scans = frames[0].imu.samples(), of(frames, "scan")
     assert {topic: len(found) for topic, found in messages.items()} == {
-        "/tf_static": 1, "/left/image/compressed": 4, "/left/camera_info": 4, "/right/image/compressed": 4,
-        "/right/camera_info": 4, "/scan/points": 4, "/imu": 51, "/odom": 51, "/tf": 51,
+        "/tf_static": 1, "/left/image/compressed": 3, "/left/camera_info": 3, "/right/image/compressed": 3,
+        "/right/camera_info": 3, "/scan/points": 3, "/imu": 51, "/odom": 51, "/tf": 51,
     }  # fmt: skip
     assert messages["/left/camera_info"][0][1].distortion_model == "equidistant"
     assert messages["/right/camera_info"][0][1].distortion_model == "plumb_bob"
     stamp, image = messages["/right/image/compressed"][1]
-    assert stamp == 210_000_000
+    assert stamp == EPOCH_NS + 210_000_000
     assert image.data.tobytes() == of(frames, "right")[1].files["lit"].read_bytes()
     imu = messages["/imu"][7][1]
     assert imu.linear_acceleration.z == samples.specific_force[7, 2]
@@ -189,10 +243,7 @@ def test_bags(folder, frames, storage, tmp_path):
     cloud = messages["/scan/points"][2][1]
     names = [field.name for field in cloud.fields]
     assert names == ["x", "y", "z", "ring", "time", "label", "class", "doubt"]
-    formats = [{7: "f4", 4: "u2", 2: "u1"}[field.datatype] for field in cloud.fields]
-    offsets = [field.offset for field in cloud.fields]
-    layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
-    points = np.frombuffer(cloud.data, layout)
+    points = points_of(cloud)
     on_body, at = static["scan"], messages["/tf"][35][1].transforms[0].transform
     poses = [
         Pose.from_quaternion(
@@ -219,7 +270,7 @@ def test_bags(folder, frames, storage, tmp_path):
 def test_tables_beside_a_job(tmp_path):
     """The file of a table is relative to the job's; presets are no files."""
     (tmp_path / "beams.csv").write_text("elevation_deg\n5\n-5\n")
-    (tmp_path / "job.yaml").write_text(JOB.replace("preset: vlp-16", "preset: beams.csv"))
+    (tmp_path / "job.yaml").write_text(JOB.replace("preset: vlp-16", "preset: beams.csv, width: 90"))
     assert load(tmp_path / "job.yaml").cameras["scan"].height == 2
 
 

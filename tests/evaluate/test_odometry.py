@@ -76,7 +76,7 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     """Two poses have no alignment: there are figures of what was registered, and no errors."""
     monkeypatch.setattr(evaluation, "rig_of", lambda width, edge, rig_of=evaluation.rig_of: rig_of(128, 96))
     path = tmp_path / "two.tum"
-    path.write_text(write_tum(Trajectory(ARC.poses[:2], (5.0, 6.5))))
+    path.write_text(write_tum(Trajectory.timed(ARC.poses[:2], (5.0, 6.5))))
     done = []
     settings = Settings(
         tmp_path, quick=True, options={"trajectory": path}, progress=lambda *at: done.append(at)
@@ -96,7 +96,7 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     assert [row["time_s"] for row in rows] == ["5.0", "6.5"] * 3
     assert {row["eps_t_deg"] for row in rows} == {""}
     assert json.loads((tmp_path / "odometry.json").read_text())["about"]["poses"] == 2
-    assert read_trajectory(tmp_path / "odometry" / "truth.tum").times == (5.0, 6.5)
+    assert read_trajectory(tmp_path / "odometry" / "truth.tum").seconds == (5.0, 6.5)
     for name, size in (("odometry.png", (1200, 460)), ("odometry/mirror/0001.png", (96, 96))):
         with Image.open(tmp_path / name) as picture:
             assert picture.size == size

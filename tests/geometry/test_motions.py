@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from mock_server.scene_file import turned
 from omniscv import Pose
 from omniscv.errors import ArgumentError
+from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
 
@@ -17,7 +18,7 @@ def motion(curve, seed=3):
     draw = np.random.default_rng(seed)
     turns = Rotation.random(len(TIMES), random_state=seed).as_matrix()
     poses = tuple(Pose(draw.uniform(-2, 2, 3), R) for R in turns)
-    return Motion(Trajectory(poses, TIMES), curve)
+    return Motion(Trajectory.timed(poses, TIMES), curve)
 
 
 def apart(one, other):
@@ -28,11 +29,11 @@ def apart(one, other):
 def test_an_object_is_at_its_waypoints_and_rests_beyond_them(curve):
     moving = motion(curve)
     for time, pose in zip(TIMES, moving.waypoints, strict=True):
-        assert apart(moving.at(time), pose) < 1e-12
-    assert apart(moving.at(-5), moving.waypoints[0]) < 1e-12
-    assert apart(moving.at(99), moving.waypoints[-1]) < 1e-12
+        assert apart(moving.at(nanoseconds(time)), pose) < 1e-12
+    assert apart(moving.at(nanoseconds(-5)), moving.waypoints[0]) < 1e-12
+    assert apart(moving.at(nanoseconds(99)), moving.waypoints[-1]) < 1e-12
     for time in np.linspace(0, 3.1, 20):
-        found = moving.at(time)
+        found = moving.at(nanoseconds(time))
         assert np.abs(found.rotation @ found.rotation.T - np.eye(3)).max() < 1e-12
 
 
@@ -45,7 +46,7 @@ def test_straight_ways_and_the_shortest_turns_at_constant_speed():
         q = q if p @ q > 0 else -q
         angle = np.arccos(p @ q)
         for share in (0.25, 0.5, 0.9):
-            found = moving.at(TIMES[i] + share * (TIMES[i + 1] - TIMES[i]))
+            found = moving.at(nanoseconds(TIMES[i] + share * (TIMES[i + 1] - TIMES[i])))
             between = (np.sin((1 - share) * angle) * p + np.sin(share * angle) * q) / np.sin(angle)
             assert np.abs(found.rotation - Rotation.from_quat(between).as_matrix()).max() < 1e-9
             np.testing.assert_allclose(found.position, (1 - share) * start.position + share * end.position)
@@ -59,15 +60,15 @@ def test_splines_follow_cubic_ways_and_even_turns():
         place = (0.2 * time**3 - time**2 + 1, 0.5 * time**2, 2 - time)
         return Pose(np.array(place), Rotation.from_rotvec(0.8 * time * axis).as_matrix())
 
-    moving = Motion(Trajectory(tuple(map(pose, TIMES)), TIMES), "spline")
-    for time in np.linspace(0, 3.1, 23):
-        assert apart(moving.at(time), pose(time)) < 1e-9
+    moving = Motion(Trajectory.timed(tuple(map(pose, TIMES)), TIMES), "spline")
+    for time in np.round(np.linspace(0, 3.1, 23), 9):
+        assert apart(moving.at(nanoseconds(time)), pose(time)) < 1e-9
 
 
 def test_velocities_of_splines_do_not_jump():
     moving, step = motion("spline"), 1e-5
     for time in TIMES[1:-1]:
-        before, at, after = (moving.at(time + i * step) for i in (-1, 0, 1))
+        before, at, after = (moving.at(nanoseconds(time + i * step)) for i in (-1, 0, 1))
         for kind in ("position", "rotation"):
             first, second = (
                 (getattr(b, kind) - getattr(a, kind)) / step for a, b in ((before, at), (at, after))
@@ -78,11 +79,11 @@ def test_velocities_of_splines_do_not_jump():
 
 def test_one_waypoint_is_where_the_object_always_is():
     pose = object_pose((1, 2, 3), 40)
-    for known in (Trajectory((pose,)), Trajectory((pose,), (5.0,))):
+    for known in (Trajectory((pose,)), Trajectory.timed((pose,), (5.0,))):
         still = Motion(known)
-        assert still.span is None
+        assert still.span_ns is None
         assert still.at(None) is pose
-        assert still.at(-3.0) is pose
+        assert still.at(nanoseconds(-3.0)) is pose
 
 
 def test_angles_of_objects_turn_them_from_the_axes_of_the_world():
@@ -100,5 +101,5 @@ def test_what_cannot_be_a_motion_is_refused():
         Motion(Trajectory(poses))
     with pytest.raises(ArgumentError, match="curve: expected one of linear, spline"):
         Motion(Trajectory(poses, (0, 1)), "cubic")
-    with pytest.raises(ArgumentError, match="time: expected seconds for an object that moves"):
+    with pytest.raises(ArgumentError, match="time: expected one for an object that moves"):
         Motion(Trajectory(poses, (0, 1))).at(None)

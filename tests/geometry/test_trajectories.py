@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from omniscv.cli import run
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.motion import object_pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import (
@@ -20,7 +21,7 @@ from omniscv.geometry.trajectory_files import (
 )
 from omniscv.job import load
 
-STEPS = Trajectory((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
+STEPS = Trajectory.timed((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
 
 
 def wandering(count=40):
@@ -28,7 +29,7 @@ def wandering(count=40):
     draw = np.random.default_rng(5)
     turns = Rotation.random(count, rng=draw).as_matrix()
     poses = tuple(Pose(place, R) for place, R in zip(draw.normal(size=(count, 3)) * 30, turns, strict=True))
-    return Trajectory(poses, tuple(np.cumsum(draw.uniform(0.01, 0.4, count)).tolist()))
+    return Trajectory.timed(poses, tuple(np.cumsum(draw.uniform(0.01, 0.4, count)).tolist()))
 
 
 def matrices(poses):
@@ -50,8 +51,8 @@ def test_evo_reads_what_was_written(kind, tmp_path):
         read = getattr(
             file_interface, {"tum": "read_tum_trajectory_file", "euroc": "read_euroc_csv_trajectory"}[kind]
         )(path)
-        reference = trajectory.PoseTrajectory3D(poses_se3=expected, timestamps=np.array(poses.times))
-        np.testing.assert_allclose(read.timestamps, poses.times, atol=1e-9)
+        reference = trajectory.PoseTrajectory3D(poses_se3=expected, timestamps=np.array(poses.seconds))
+        np.testing.assert_allclose(read.timestamps, poses.seconds, atol=1e-9)
     for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_rad):
         error = metrics.APE(relation)
         error.process_data((reference, read))
@@ -67,16 +68,16 @@ def test_what_was_written_is_read(kind, tmp_path):
     (tmp_path / "path.times").write_text(write_kitti_times(poses))
     read = read_trajectory(path, first=poses[0])
     np.testing.assert_allclose(matrices(read), matrices(poses), atol=1e-12)
-    assert read.times == pytest.approx(poses.times, abs=5e-10)  # EuRoC counts nanoseconds
+    assert read.seconds == pytest.approx(poses.seconds, abs=5e-10)  # EuRoC counts nanoseconds
 
 
 def test_kitti_without_times_has_none(tmp_path):
     (tmp_path / "00.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n")
     read = read_trajectory(tmp_path / "00.txt")
-    assert read.times is None
+    assert read.times_ns is None
     np.testing.assert_allclose(read[1].position, (1, 0, 0), atol=1e-12)  # level: the camera's z is ahead
     with pytest.raises(ArgumentError, match="expected poses with times"):
-        read.at(0.5)
+        read.at(500_000_000)
 
 
 def test_poses_without_times_are_numbered():
@@ -88,27 +89,28 @@ def test_poses_without_times_are_numbered():
 def test_between_poses_positions_are_linear_and_turns_steady():
     """A turn by 90 degrees about the camera's y: a third of the time turns 30."""
     first, last = Pose.from_angles((0, 0, 1)), Pose.from_angles((3, 6, 1), yaw_deg=90)
-    poses = Trajectory((first, last), (10.0, 13.0))
-    third = poses.at(11.0)
+    poses = Trajectory.timed((first, last), (10.0, 13.0))
+    third = poses.at(11 * 10**9)
     np.testing.assert_allclose(third.position, (1, 2, 1), atol=1e-12)
     assert third.angles() == pytest.approx((30, 0, 0), abs=1e-9)
-    for time, pose in zip(poses.times, poses, strict=True):
-        np.testing.assert_allclose(poses.at(time).rotation, pose.rotation, atol=1e-12)
-    for outside in (9.9, 13.1, np.nan):
+    for time, pose in zip(poses.seconds, poses, strict=True):
+        np.testing.assert_allclose(poses.at(nanoseconds(time)).rotation, pose.rotation, atol=1e-12)
+    for outside in (9.9, 13.1):
         with pytest.raises(ArgumentError, match="time: expected 10 to 13 s, got"):
-            poses.at(outside)
+            poses.at(nanoseconds(outside))
 
 
 def test_a_part_keeps_its_times():
-    assert wandering()[3:5].times == wandering().times[3:5]
+    assert wandering()[3:5].times_ns == wandering().times_ns[3:5]
 
 
 @pytest.mark.parametrize(
     ("poses", "times", "says"),
     [
         ((), None, "at least one pose"),
-        (STEPS.poses, (1.0,), "one per pose, got 1 for 2"),
-        (STEPS.poses, (1.0, 1.0), "increasing"),
+        (STEPS.poses, (1,), "one per pose, got 1 for 2"),
+        (STEPS.poses, (1, 1), "increasing seconds, got 0.000000001 after 0.000000001"),
+        (STEPS.poses, (1.0, 2.0), "whole nanoseconds, got 1.0, or others; Trajectory.timed takes seconds"),
     ],
 )
 def test_wrong_trajectories(poses, times, says):
@@ -123,7 +125,7 @@ def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
         "source: mock://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8}}\nposes: path.txt\n"
     )
     assert [pose.t_w_c.tolist() for pose in load(job).poses] == [[1, 0, 1.5], [2, 0, 1.5]]
-    assert load(job).times == (0, 1)
+    assert load(job).times_ns == (0, 10**9)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +165,7 @@ def test_a_table_has_the_angles_of_a_pose(rows, tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text(rows + "\n")
     poses = read_trajectory(path)
-    assert poses.times == ((7.0,) if "time" in rows else None)
+    assert poses.seconds == ((7.0,) if "time" in rows else None)
     wanted = Pose.from_angles((1, 2, 3), 90, -10, 5)
     np.testing.assert_allclose(poses[0].position, wanted.position)
     np.testing.assert_allclose(poses[0].rotation, wanted.rotation, atol=1e-12)
@@ -178,7 +180,7 @@ def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
         "7,0.5,2,false,1,2,3,0.1,0.5,0.5,0.7,9,9,9\n8,0.6,2,true,1,2,4,0,0,0,1,9,9,9\n"
     )
     read = read_trajectory(tmp_path / "a.csv")
-    assert read.times == (0.5, 0.6)
+    assert read.seconds == (0.5, 0.6)
     np.testing.assert_array_equal([pose.position for pose in read], [[1, 2, 3], [1, 2, 4]])
     np.testing.assert_allclose(read[0].quaternion(), [0.1, 0.5, 0.5, 0.7])
 
@@ -275,7 +277,7 @@ def test_what_a_file_says_of_itself_is_heeded(tmp_path):
 def test_the_unit_of_times(text, times, says, tmp_path):
     (tmp_path / "path.txt").write_text(text)
     read = read_trajectory(tmp_path / "path.txt")
-    assert read.times == times
+    assert read.seconds == times
     assert len(read) == len(times)
     assert says in "".join(read.says)
     assert bool(says) == bool(read.says)

@@ -88,7 +88,7 @@ def test_a_world_with_a_clock_of_its_own_is_at_the_poses_times(tmp_path):
     """Only where 'times' is given: the poses' own times alone are those of a trajectory in a still world."""
     poses = "[{position: [0, 0, 1.2], time: 1.25}]"
     job = job_of(tmp_path)
-    still = replace(job, times=(1.25,))
+    still = replace(job, times_ns=(1_250_000_000,))
     moving = job_of(tmp_path, "times: poses", poses=poses)
     assert (still.moves, moving.moves) == (False, True)
     assert_same(images_of(still)["pano"], rendered(job, 0, poses={}))
@@ -97,7 +97,7 @@ def test_a_world_with_a_clock_of_its_own_is_at_the_poses_times(tmp_path):
 
 def test_motions_of_files_and_splines(tmp_path):
     """A file in the form of TUM holds the object's own rotation; a spline goes where the waypoints do."""
-    known = Trajectory((object_pose((1, 2, 0.5), 10), object_pose((2, 2, 0.5), 50)), (0.0, 1.0))
+    known = Trajectory.timed((object_pose((1, 2, 0.5), 10), object_pose((2, 2, 0.5), 50)), (0.0, 1.0))
     (tmp_path / "crate.tum").write_text(write_tum(known), encoding="utf-8")
     motions = f"{{Crate: crate.tum, Cabinet: {{spline: crate.tum}}, Lamp: {{spline: {SLIDE}}}}}"
     more = f"times: [0, 1]\nmotions: {motions}"
@@ -113,14 +113,14 @@ def test_motions_of_files_and_splines(tmp_path):
 def test_times_of_poses(tmp_path):
     """One pose at all times; a pose for each; a trajectory at other times than its own."""
     ranged = job_of(tmp_path, "times: {start: 1, rate: 4, count: 3}")
-    assert ranged.times == (1.0, 1.25, 1.5)
+    assert ranged.times_ns == (10**9, 1_250_000_000, 1_500_000_000)
     assert len(ranged) == 3
     poses = "[{position: [0, 0, 1], time: 0}, {position: [2, 0, 1], time: 4}]"
     along = job_of(tmp_path, "times: [1, 3]", poses=poses)
     assert [pose.position[0] for pose in along.poses] == [0.5, 1.5]
     sampled = "{path: {waypoints: [[0, 0, 1], [1, 0, 1]], speed: 1, rate: 2}}"
     path = job_of(tmp_path, "times: poses", poses=sampled)
-    assert path.times == (0.0, 0.5, 1.0)
+    assert path.times_ns == (0, 500_000_000, 10**9)
     assert [shared.instant.time for shared in frames_by_instant(path)] == [0.0, 0.5, 1.0]
 
 
@@ -131,25 +131,26 @@ def test_times_since_1970(tmp_path):
     (tmp_path / "path.tum").write_text("".join(rows))
     job = job_of(tmp_path, "times: {rate: 4}", poses="path.tum")
     assert len(job.poses) == 9
-    assert job.times[-1] - job.times[0] == 2
+    assert job.times_ns[-1] - job.times_ns[0] == 2 * 10**9
     np.testing.assert_allclose([pose.position[0] for pose in job.poses], np.arange(9) / 4, atol=1e-6)
     assert [shared.instant.time for shared in frames_by_instant(job)][:3] == [0, 0.25, 0.5]
     frame = next(frames_by_instant(job)).frames[0]
-    assert frame.time == job.times[0]
+    assert frame.time_ns == job.times_ns[0] == 1403636579763555000
     assert_same(
-        images_of(replace(job, poses=job.poses[:1], times=job.times[:1]))["pano"], rendered(job, 0, poses={})
+        images_of(replace(job, poses=job.poses[:1], times_ns=job.times_ns[:1]))["pano"],
+        rendered(job, 0, poses={}),
     )
-    path = Trajectory(job.poses, job.times)
-    moved = [path.at(job.times[1], after=i * 3e-5).position[0] for i in range(100)]
+    moved = [job.path.at(job.times_ns[1] + i * 30_000).position[0] for i in range(100)]
     np.testing.assert_allclose(np.diff(moved), 3e-5, rtol=1e-9)
 
 
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     rig = f"""rig: {{cameras: {{left: {{camera: {PANORAMA}}},
       right: {{camera: {PANORAMA}, position: [0.1, 0, 0], time_offset: 0.25}}}}}}"""
-    poses = "[{position: [0, 0, 1.2], time: 0}, {position: [0, 0, 1.2], time: 1}]"
+    poses = ", ".join(f"{{position: [0, 0, 1.2], time: {time}}}" for time in range(3))
     more = f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}"
-    job = job_of(tmp_path, more, poses=poses)
+    job = job_of(tmp_path, more, poses=f"[{poses}]")
+    assert "1 of 3 are left out: their images, of 0.25 s, would" in job.assumed
     times = {
         frame.key: (shared.instant.time, frame.time)
         for shared in frames_by_instant(job)
@@ -297,13 +298,14 @@ def test_the_mean_of_so_many_is_within_two_levels_of_a_full_edge(px):
 def test_motion_is_measured_in_pixels():
     camera = create("fisheye-equidistant", width=200, height=200, focal=60.0)
     turned = omniscv.Pose.from_angles((0, 0, 1.2), yaw_deg=10)
-    assert motion_px(camera, (STILL, turned), (), (0, 1)) == pytest.approx(60 * np.radians(10), rel=0.3)
+    assert motion_px(camera, (STILL, turned), (), (0, 10**9)) == pytest.approx(60 * np.radians(10), rel=0.3)
     moved = omniscv.Pose.from_angles((0.1, 0, 1.2))
-    assert motion_px(camera, (STILL, moved), (), (0, 1)) == pytest.approx(6, rel=0.3)
+    assert motion_px(camera, (STILL, moved), (), (0, 10**9)) == pytest.approx(6, rel=0.3)
     slide = Motion(
-        Trajectory((object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)), (0.0, 2.0)), "linear"
+        Trajectory.timed((object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)), (0.0, 2.0)),
+        "linear",
     )
-    assert motion_px(camera, (STILL, STILL), (slide,), (0, 1)) == pytest.approx(60 * 0.2, rel=0.3)
+    assert motion_px(camera, (STILL, STILL), (slide,), (0, 10**9)) == pytest.approx(60 * 0.2, rel=0.3)
 
 
 def test_moving_objects_need_instants_too(tmp_path):

@@ -49,7 +49,7 @@ def job_of(folder, **fields):
     first, second, third = (0, 0, 1.5), (0.5, 0.2, 1.5), (-1, 0.5, 1)
     turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
     poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)
-    known = {"times": (0.0, 0.5, 0.6, 1.0, 2.0), "places": ("middle", "middle", "middle", "corner", "corner")}
+    known = {"times_ns": (0, 500, 600, 1000, 2000), "places": ("middle", "middle", "middle", "corner", "corner")}
     job = load(job_file(folder, source="counted:room"))
     return replace(job, poses=poses, modes=("lit", "object_mask"), **known, **fields)
 
@@ -143,7 +143,7 @@ def test_parts_record_into_files_of_their_own(counted, tmp_path):
 
 def test_two_makers_of_one_part(tmp_path):
     job = load(job_file(tmp_path))
-    job = replace(job, poses=job.poses * 3, times=None, places=None)
+    job = replace(job, poses=job.poses * 3, times_ns=None, places=None)
     make(replace(job, out=tmp_path / "single"))
     together = Barrier(2)
 

@@ -81,7 +81,7 @@ def test_paths_move_at_one_speed_through_their_waypoints(closed):
     positions = np.array([pose.position for pose in path.poses])
     steps = np.diff(positions, axis=0)
     np.testing.assert_allclose(np.linalg.norm(steps, axis=1), 0.8 / 50, rtol=1e-3)  # chords of a curve
-    np.testing.assert_allclose(np.diff(path.times), 1 / 50, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(path.seconds), 1 / 50, rtol=1e-9)
     for waypoint in waypoints:
         assert np.linalg.norm(positions - waypoint, axis=1).min() <= 0.5 * 0.8 / 50 * 1.01
     forward = np.array([pose.R_w_c[:, 2] for pose in path.poses])
@@ -166,4 +166,4 @@ def test_paths_and_open_grids_need_no_source(tmp_path):
     path.write_text("\n".join(sampled if line.startswith("poses") else line for line in JOB.splitlines()))
     job = load(path)
     assert job.sampling is None
-    assert job.times == (0, 0.25, 0.5, 0.75, 1.0)
+    assert job.times_ns == tuple(range(0, 10**9 + 1, 250_000_000))

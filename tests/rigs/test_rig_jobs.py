@@ -14,7 +14,7 @@ from omniscv.make.instants import frames_by_instant
 
 LENS = cameras.create("kannala-brandt", width=20, height=20, fx=7.0, fy=7.0)
 RIG = Rig({"cam0": RigCamera(LENS), "cam1": RigCamera.turned(LENS, yaw_deg=180, time_offset=0.5)})
-TIMED = "0 0 0 1.5 0.5 -0.5 0.5 -0.5\n1 1 0 1.5 0.5 -0.5 0.5 -0.5\n"
+TIMED = "0 0 0 1.5 0.5 -0.5 0.5 -0.5\n1 1 0 1.5 0.5 -0.5 0.5 -0.5\n2 2 0 1.5 0.5 -0.5 0.5 -0.5\n"
 INLINE = """
   cameras:
     ahead: {camera: {model: fisheye-equidistant, width: 20, height: 20, fov_deg: 190}}

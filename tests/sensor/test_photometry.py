@@ -44,7 +44,7 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     )  # fmt: skip
     make(job)
     folder = tmp_path / "exports" / "tum_mono" / "eye"
-    assert (folder / "times.txt").read_text() == "00000 3.000000000 20\n00001 3.500000000 20\n"
+    assert (folder / "times.txt").read_text() == "00000 3 20\n00001 3.5 20\n"
     inverse, vignette = (
         np.loadtxt(folder / "pcalib.txt"),
         optics.read_vignette(folder / "vignette.png"),

@@ -127,10 +127,10 @@ def test_motion_blur_is_the_mean_of_light(tmp_path):
         }
     )
     render.run(job)
-    path, total = Trajectory(job.poses, job.times), 0
+    path, total = Trajectory(job.poses, job.times_ns), 0
     with omniscv.open_source("scene://four-wall") as source:
         for late in (-0.5 / 3, 0, 0.5 / 3):
-            pose = path.at(late, steps_beyond=1)
+            pose = path.at(round(1e9 * late), steps_beyond=1)
             image = omniscv.render(job.cameras["eye"], pose, source, face_size=32)
             total = total + light.light_of_codes(image.lit, "srgb") / 3
     shown = omniscv.compose.reading.read(tmp_path / "eye-0.lit.png", "lit")

@@ -48,7 +48,7 @@ def test_points_of_a_lidar_by_ring_and_time(preset, degrees, turned):
     x, y, z = R_LEVEL @ (POSE.to_camera(image.points()) - camera.unproject().origins.reshape(-1, 3)).T
     ring = np.repeat(camera.rings, camera.width)
     np.testing.assert_allclose(np.degrees(np.arctan2(z, np.hypot(x, y))), degrees[ring], atol=1e-9)
-    off = np.degrees(np.arctan2(y, x)) - (180 - 3600 * (camera.times - camera.times.min()).ravel())
+    off = np.degrees(np.arctan2(y, x)) - (180 - 3600 * camera.seconds().ravel())
     off = np.abs((off + 180) % 360 - 180)
     aside = np.where(np.isin(ring % 4, (0, 3)), turned, turned / 3)
     np.testing.assert_allclose(off, aside, atol=1e-9)

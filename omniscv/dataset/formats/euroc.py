@@ -14,12 +14,12 @@ of cameras are Kalibr's (:mod:`omniscv.calibration.kalibr`), pixel centres at wh
 """
 
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from omniscv.calibration.kalibr import KALIBR
@@ -40,11 +40,6 @@ _STATES = {
     "p_RS_R": "m", "q_RS": "", "v_RS_R": "m s^-1", "b_w_RS_S": "rad s^-1", "b_a_RS_S": "m s^-2",
 }  # fmt: skip
 _MEASURED = {"w_RS_S": "rad s^-1", "a_RS_S": "m s^-2"}
-
-
-def nanoseconds(seconds: float | None) -> int:
-    """Return the nearest whole nanoseconds."""
-    return round(Fraction(seconds or 0.0) * 10**9)
 
 
 def track_of(frames: Sequence[Frame]) -> ImuTrack:
@@ -69,10 +64,12 @@ class Euroc(Format):
         track, root, written, names = track_of(frames), out / "mav0", list[Path](), ""
         for i, (name, mine) in enumerate(by_camera(frames).items()):
             folder, names = root / f"cam{i}", f"{names}cam{i} {name}\n"
-            pictures = [f"{nanoseconds(frame.time)}.png" for frame in mine]
+            pictures = [f"{frame.time_ns or 0:019d}.png" for frame in mine]
             for picture, frame in zip(pictures, mine, strict=True):
                 written.append(write_color(folder / "data" / picture, frame))
-            rows = "".join(f"{picture.removesuffix('.png')},{picture}\n" for picture in pictures)
+            rows = "".join(
+                f"{frame.time_ns or 0},{picture}\n" for picture, frame in zip(pictures, mine, strict=True)
+            )
             written.append(write_text(folder / "data.csv", f"#timestamp [ns],filename\n{rows}"))
             written.append(_sensor(folder, "camera", track.on_body(mine[0]), _camera(mine)))
         samples, body = track.samples(), Pose(np.zeros(3), np.eye(3))
@@ -86,9 +83,9 @@ class Euroc(Format):
         imu, state = root / "imu0", root / "state_groundtruth_estimate0"
         return [
             *written,
-            _csv(imu, _MEASURED, samples.times, samples.angular_velocity, samples.specific_force),
+            _csv(imu, _MEASURED, samples.times_ns, samples.angular_velocity, samples.specific_force),
             _sensor(imu, "imu", body, noise),
-            _csv(state, _STATES, samples.times, *states),
+            _csv(state, _STATES, samples.times_ns, *states),
             _sensor(state, "visual-inertial", body, {}),
             write_text(root / "body.yaml", "comment: the frame of imu0\n"),
             write_text(root / "cameras.txt", names),
@@ -111,10 +108,10 @@ def _sensor(folder: Path, kind: str, pose: Pose, keys: Mapping[str, Any]) -> Pat
     return write_text(folder / "sensor.yaml", text)
 
 
-def _csv(folder: Path, units: Mapping[str, str], times: Array, *columns: Array) -> Path:
+def _csv(folder: Path, units: Mapping[str, str], times: NDArray[np.int64], *columns: Array) -> Path:
     axes = {name: "wxyz" if name.startswith("q") else "xyz" for name in units}
     names = [f"{name}_{axis} [{unit}]" for name, unit in units.items() for axis in axes[name]]
-    rows = zip(map(nanoseconds, times.tolist()), np.hstack(columns).tolist(), strict=True)
+    rows = zip(times.tolist(), np.hstack(columns).tolist(), strict=True)
     lines = [",".join(["#timestamp [ns]", *names])]
     lines += [",".join(map(str, (stamp, *row))) for stamp, row in rows]
     return write_text(folder / "data.csv", "\n".join(lines) + "\n")

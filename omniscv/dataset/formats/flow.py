@@ -19,13 +19,15 @@ a rolling-shutter camera, whose lines show it at other times than that of its po
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import within
-from omniscv.cameras import Rays, RollingShutter
+from omniscv.cameras import Rays
+from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.compose.files import write_json, write_picture
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera
@@ -73,14 +75,14 @@ def _flows(frames: Sequence[Frame], options: FlowOptions) -> Iterator[tuple[str,
     """Stem, key of the other frame and flow, of the frames of one camera."""
     if len(frames) <= options.gap:
         return
-    rays = unproject(frames[0].camera, frames[0].camera.pixels())
+    rays_of = lru_cache(2)(lambda camera: unproject(camera, camera.pixels()))  # of one that moves, its own
     for before, after in zip(frames, frames[options.gap :], strict=False):
         changed = (before.scene, before.state) != (after.scene, after.state)
         if changed and not (_object_poses(before) and _object_poses(after)):
             continue
-        yield before.key, after.key, between(before, after, rays, options)
+        yield before.key, after.key, between(before, after, rays_of(before.camera), options)
         if options.backward:
-            yield f"{after.key}.backward", before.key, between(after, before, rays, options)
+            yield f"{after.key}.backward", before.key, between(after, before, rays_of(after.camera), options)
 
 
 def between(first: Frame, second: Frame, rays: Rays, options: FlowOptions) -> Flow:
@@ -115,7 +117,7 @@ def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
     """
     before, after = _object_poses(first), _object_poses(second)
     cameras = (first.camera, second.camera)
-    at_once = not any(isinstance(camera, RollingShutter) and camera.readout > 0 for camera in cameras)
+    at_once = not any(map(readout_of, cameras))
     motions: dict[int, Pose | None] = {}
     for name in sorted((before.keys() | after.keys()) & first.instances.keys()):
         known = name in before and name in after

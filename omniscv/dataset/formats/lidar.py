@@ -3,6 +3,7 @@
 ``kitti_lidar``, with the labels of SemanticKITTI: those of one ``lidar``::
 
     velodyne/000000.bin      float32 x y z r: X ahead, Y left, Z up, metres; r the intensity, or 0
+    seconds/000000.bin       float32 seconds of each point since the scan's time: the axes are those of then
     labels/000000.label      uint32 class + 65536 * instance of each point, if the frames have labels
     doubt/000000.bin         uint8 of each point: 1 where its label or depth may be wrong
     poses.txt, times.txt     the sensor's, in camera axes, relative to the first one; seconds
@@ -80,6 +81,8 @@ class KittiLidar(Format):
                 for column, name in enumerate(("x", "y", "z", "intensity")):
                     values[:, column] = points[name] if name in points.dtype.fields else 0
                 written.append(write_bytes(out / "velodyne" / f"{i:06d}.bin", values.tobytes()))
+                seconds = points["time"].astype("<f4")
+                written.append(write_bytes(out / "seconds" / f"{i:06d}.bin", seconds.tobytes()))
                 if "label" in points.dtype.fields:
                     classes = points["class"] if "class" in points.dtype.fields else 0
                     labels = (points["label"].astype("<u4") << 16) | classes

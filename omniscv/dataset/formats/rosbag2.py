@@ -28,7 +28,7 @@ from omniscv.arguments import one_of
 from omniscv.calibration.opencv import to_opencv, to_opencv_fisheye
 from omniscv.cameras import Camera
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.formats.euroc import nanoseconds, track_of
+from omniscv.dataset.formats.euroc import track_of
 from omniscv.dataset.formats.lidar import LidarOptions
 from omniscv.dataset.pictures import without_limit, write_color
 from omniscv.dataset.sequences import by_camera
@@ -130,9 +130,9 @@ def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: Bag
         pose, info = track.on_body(mine[0]), _camera_info(mine[0].camera)
         lidar = lidar_of(mine[0].camera) is not None
         turn = pose.rotation @ R_LEVEL.T if lidar else pose.rotation
-        static.append(_transform(nanoseconds(mine[0].time), "body", name, pose.position, turn))
+        static.append(_transform(mine[0].time_ns or 0, "body", name, pose.position, turn))
         for frame in mine:
-            header = {"header": _header(stamp := nanoseconds(frame.time), name)}
+            header = {"header": _header(stamp := frame.time_ns or 0, name)}
             if lidar:
                 cloud = _cloud(sweep(frame, options.max_relative_error, options.intensity))
                 yield stamp, f"/{name}/points", "sensor_msgs/PointCloud2", header | cloud
@@ -143,7 +143,7 @@ def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: Bag
             yield stamp, f"/{name}/image/compressed", "sensor_msgs/CompressedImage", header | image
             if info:
                 yield stamp, f"/{name}/camera_info", "sensor_msgs/CameraInfo", header | info
-    first = min(nanoseconds(frame.time) for frame in frames)
+    first = min(frame.time_ns or 0 for frame in frames)
     yield first, "/tf_static", "tf2_msgs/TFMessage", {"transforms": static}
 
 
@@ -176,9 +176,9 @@ def _cloud(table: Any) -> dict[str, Any]:
 
 def _of_imu(track: ImuTrack) -> Iterator[Message]:
     samples = track.samples()
-    rates = track.path.motions(samples.times).rates @ track.imu.pose.rotation
-    for i, time in enumerate(samples.times.tolist()):
-        stamp, R, position = nanoseconds(time), samples.rotations[i], samples.positions_w[i]
+    rates = track.path.motions(samples.times_ns).rates @ track.imu.pose.rotation
+    for i, stamp in enumerate(samples.times_ns.tolist()):
+        R, position = samples.rotations[i], samples.positions_w[i]
         force = _xyz(samples.specific_force[i])
         measured = {"angular_velocity": _xyz(samples.angular_velocity[i]), "linear_acceleration": force}
         header = {"header": _header(stamp, "body"), "orientation": _turn(R)}

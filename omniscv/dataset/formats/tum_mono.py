@@ -22,6 +22,7 @@ from omniscv.dataset.pictures import write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
+from omniscv.geometry.clock import NS
 from omniscv.records import checked, mapping, optional, record
 from omniscv.sensor import Sensor, optics
 
@@ -60,7 +61,7 @@ class TumMono(Format):
             for number, frame in numbered:
                 written.append(write_pixels(folder / "images" / f"{number}.png", frame.layer("sensor")))
             times = [
-                (number, float(i) if frame.time is None else frame.time, sensor.exposure_s)
+                (number, i * NS if frame.time_ns is None else frame.time_ns, sensor.exposure_s)
                 for i, (number, frame) in enumerate(numbered)
             ]
             shares = np.ones((camera.height, camera.width))

@@ -69,7 +69,7 @@ def evaluate(settings: Settings) -> Report:
     if path is not None:
         truth = read_trajectory(Path(path))
         truth = truth[:: -(-len(truth) // count)] if settings.quick else truth
-    times = truth.times or tuple(map(float, range(len(truth))))
+    times = truth.seconds or tuple(map(float, range(len(truth))))
     rig, folder = rig_of(width, edge), settings.out / "odometry"
     steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
@@ -83,7 +83,7 @@ def evaluate(settings: Settings) -> Report:
             errors = trajectory_errors(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
         runs[name] = errors
         if errors.frames:
-            aligned = Trajectory(tuple(errors.aligned), tuple(times[frame] for frame in errors.frames))
+            aligned = Trajectory.timed(tuple(errors.aligned), (times[frame] for frame in errors.frames))
             written.append(write_text(folder / f"{name}.tum", write_tum(aligned)))
         settings.progress((1 + i) * len(truth), steps)
     about = {
@@ -115,7 +115,7 @@ def flight(count: int) -> Trajectory:
         )
         for a in turns
     ]
-    return Trajectory(tuple(poses), tuple((SECONDS * np.arange(count) / count).tolist()))
+    return Trajectory.timed(tuple(poses), (SECONDS * np.arange(count) / count).tolist())
 
 
 def rig_of(width: int, edge: int) -> Rig:

@@ -118,7 +118,7 @@ def _depth_unit(values: Mapping[str, Any]) -> str:
 def tum(folder: Path, options: Options) -> Sequence:
     """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps."""
     truth = read_trajectory(folder / "groundtruth.txt")
-    poses, (depth_times, depths) = np.array(truth.times), _stamped(folder / "depth.txt")
+    poses, (depth_times, depths) = np.array(truth.seconds), _stamped(folder / "depth.txt")
     times, colors = _stamped(folder / "rgb.txt")
     start = read_bytes(folder / "rgb.txt", MOST_JSON_BYTES)[:1000].decode("utf-8", "replace")
     word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")

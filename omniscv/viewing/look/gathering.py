@@ -115,11 +115,11 @@ def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
         with within(path):
             camera, pose = from_dict(data["camera"]), Pose.from_dict(data["pose"])
         frame = data.get("frame") or {}
-        name, time = frame.get("camera", camera.name), frame.get("time")
+        name, time = frame.get("camera", camera.name), frame.get("time_ns")
     except (TypeError, KeyError, AttributeError) as cause:
         raise ArgumentError(f"{path}: expected a camera and a pose, got: {cause}") from cause
     layers = ImageFiles(files, (camera.width, camera.height))
-    return Frame(path.stem, name, camera, pose, layers, labels, time=time)
+    return Frame(path.stem, name, camera, pose, layers, labels, time_ns=time)
 
 
 def _files(path: Path) -> dict[str, Path]:
