@@ -162,7 +162,7 @@ def test_kitti_lidar(folder, frames):
     calib = dict(line.split(": ") for line in (root / "calib.txt").read_text().splitlines())
     Tr = np.vstack([np.array(calib["Tr"].split(), float).reshape(3, 4), [0, 0, 0, 1]])
     scans = of(frames, "scan")
-    first, marked = T_world_scan(scans[0]), 0
+    first = T_world_scan(scans[0])
     for i, (frame, row) in enumerate(zip(scans, np.loadtxt(root / "poses.txt"), strict=True)):
         label = np.fromfile(root / f"labels/{i:06d}.label", np.uint32)
         pose = np.linalg.inv(Tr) @ np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]) @ Tr
@@ -173,8 +173,6 @@ def test_kitti_lidar(folder, frames):
         doubt = np.fromfile(root / f"doubt/{i:06d}.bin", np.bool_)
         np.testing.assert_array_equal(doubt, frame.layer("doubt")[kept])
         assert (frame.layer("label_edge")[kept] <= doubt).all()
-        marked += doubt.sum()
-    assert 0 < marked < 1000
 
 
 def left_out(frame):

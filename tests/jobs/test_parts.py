@@ -49,7 +49,8 @@ def job_of(folder, **fields):
     first, second, third = (0, 0, 1.5), (0.5, 0.2, 1.5), (-1, 0.5, 1)
     turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
     poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)
-    known = {"times_ns": (0, 500, 600, 1000, 2000), "places": ("middle", "middle", "middle", "corner", "corner")}
+    times_ns = (0, 500, 600, 1000, 2000)
+    known = {"times_ns": times_ns, "places": ("middle", "middle", "middle", "corner", "corner")}
     job = load(job_file(folder, source="counted:room"))
     return replace(job, poses=poses, modes=("lit", "object_mask"), **known, **fields)
 
