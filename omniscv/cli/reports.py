@@ -1,6 +1,7 @@
 """``omniscv demo``, ``look``, ``chart`` and ``evaluate``: sheets, pages and charts for people to look at."""
 
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -8,7 +9,7 @@ from typer import Argument, Option, Typer
 
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
-from omniscv.errors import ArgumentError
+from omniscv.errors import ArgumentError, OmniscvError
 
 app = Typer(add_completion=False)
 
@@ -83,6 +84,7 @@ def chart(
     given = frozenset(name for name, value in own.items() if value)
     if given and (kind != "accuracy" or quick):
         raise ArgumentError(f"--{min(given)}: expected none, with --quick or a chart that is not 'accuracy'")
+    _check_charts()
     module = import_module(f"omniscv.chart.{kind}")
     with display("rounds", progress) as shown:
         if given:
@@ -91,6 +93,11 @@ def chart(
             rows = module.measure(**(module.QUICK if quick else {}), progress=shown.steps)
     for path in module.write(rows, out):
         console.line(path)
+
+
+def _check_charts() -> None:
+    if find_spec("matplotlib") is None:
+        raise OmniscvError("charts: expected the package matplotlib; pip install 'omniscv[charts]'")
 
 
 def _measured_own(given: frozenset[str], values: dict[str, Any], progress: Any) -> Any:
@@ -122,6 +129,7 @@ def evaluate(
     progress: StyleOption = None,
 ) -> None:
     """Run an algorithm on images with known truth, score it, and print the scores beside the paper's."""
+    _check_charts()
     from omniscv.evaluate.registry import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)

@@ -13,16 +13,18 @@ import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from omniscv.diagnostics import Finding
 from omniscv.errors import OmniscvError
 
-LIBRARIES = ("cv2", "OpenImageIO", "numba", "scipy.spatial", "matplotlib", "PIL.Image", "unrealcv")
+LIBRARIES = ("cv2", "OpenImageIO", "numba", "scipy.spatial", "PIL.Image", "unrealcv")
 """Modules with compiled parts, or with system libraries behind them."""
 
 LEAST_BYTES, ENOUGH_BYTES = 100 << 20, 2 << 30
 """Free space of a disk: below the first nothing useful can be captured, below the second little."""
 
+_EXTRAS = ("charts", "evaluate", "video", "fast", "torch", "mujoco", "ros", "rerun", "cloud", "cluster")
 _SLIM = "slim images lack it: apt-get install libgl1 libglib2.0-0, or pip install opencv-python-headless"
 _ADVICE = {"libGL": _SLIM, "libgthread": _SLIM, "libglib": _SLIM}
 _AGAIN = "pip install --upgrade omniscv, in an environment of its own"
@@ -60,17 +62,31 @@ def _packages() -> Iterator[Finding]:
     except metadata.PackageNotFoundError:
         yield Finding("omniscv", "not installed", "bad", "pip install . in its folder, or ./scripts/demo")
         return
+    lacking = {extra: list[str]() for extra in _EXTRAS}
     for needed in requirements:
-        if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
-            continue
+        extra = _extra_of(needed)
         try:
             version, missing = metadata.version(needed.name), False
         except metadata.PackageNotFoundError:
             version, missing = "missing", True
-        if not missing and needed.specifier.contains(version, prereleases=True):
+        sound = not missing and needed.specifier.contains(version, prereleases=True)
+        if extra in lacking:
+            lacking[extra] += [] if sound else [needed.name]
+        elif extra is None and sound:
             yield Finding(needed.name, version)
-        else:
+        elif extra is None:
             yield Finding(needed.name, f"{version}, needs {needed.specifier}", "bad", _AGAIN)
+    for extra, names in lacking.items():
+        lacks = f"optional, lacks {', '.join(names)}: pip install 'omniscv[{extra}]'"
+        yield Finding(f"extra {extra}", lacks if names else "installed")
+
+
+def _extra_of(needed: Any) -> str | None:
+    """Return the extra that a requirement is of; None for one that all installations have."""
+    if needed.marker is None:
+        return None
+    extras = ("", *metadata.metadata("omniscv").get_all("Provides-Extra", []))
+    return next((extra for extra in extras if needed.marker.evaluate({"extra": extra})), "elsewhere") or None
 
 
 def _library(module: str) -> Finding:

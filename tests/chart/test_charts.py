@@ -9,7 +9,7 @@ from PIL import Image
 
 from omniscv.chart import accuracy, central, drawing, failures, sensor, stability
 from omniscv.chart.drawing import Dot, Look
-from omniscv.cli import run
+from omniscv.cli import reports, run
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -204,3 +204,10 @@ def test_the_command_draws_it(tmp_path):
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"chart-sensor.json", "chart-sensor.svg", "chart-sensor.png"}
     assert len(json.loads((tmp_path / "chart-sensor.json").read_text())) == 3 * 25
+
+
+@pytest.mark.parametrize("words", [["chart", "central", "--quick"], ["evaluate", "layout", "--quick"]])
+def test_without_the_package_of_charts_its_extra_is_named(words, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(reports, "find_spec", lambda name: None)
+    assert run([*words, "--out", str(tmp_path)]) == 1
+    assert "expected the package matplotlib; pip install 'omniscv[charts]'" in capsys.readouterr().err

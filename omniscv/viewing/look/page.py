@@ -172,12 +172,12 @@ def _color(index: int) -> str:
 
 def _ramps() -> dict[str, str]:
     """Turbo, red near, and cividis, yellow near: 256 RGB bytes each, as base64."""
-    from matplotlib import colormaps
+    import cv2
 
-    return {
-        name: layers.text(colormaps[f"{name}_r"](np.linspace(0, 1, 256), bytes=True)[:, :3].tobytes())
-        for name in ("turbo", "cividis")
-    }
+    levels = np.arange(255, -1, -1, dtype=np.uint8)[:, None]
+    maps = {"turbo": cv2.COLORMAP_TURBO, "cividis": cv2.COLORMAP_CIVIDIS}
+    bgr = {name: cv2.applyColorMap(levels, ramp)[:, 0] for name, ramp in maps.items()}
+    return {name: layers.text(colors[:, ::-1].tobytes()) for name, colors in bgr.items()}
 
 
 def _json(data: object) -> str:
