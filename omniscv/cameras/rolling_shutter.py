@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self, get_args
 
@@ -14,8 +15,9 @@ from omniscv.cameras.lidar import Lidar
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import NS, nanoseconds
-from omniscv.geometry.trajectory import Poses, Trajectory, turns_between
+from omniscv.geometry.clock import nanoseconds
+from omniscv.geometry.cubic_path import CubicPath, rows_along
+from omniscv.geometry.trajectory import Trajectory
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 _MOST_TURN_DEG = 90.0
@@ -39,8 +41,8 @@ class RollingShutter(Camera):
     ``readout`` >= 0, seconds from the first edge to the last; ``velocity`` v, metres per second, and
     ``angular_velocity_deg`` w, axis times degrees per second, both in the frame of the camera at t = 0, whose
     pose is the image's; ``scan``, "top-to-bottom", "bottom-to-top", "left-to-right" or "right-to-left";
-    ``path``, in place of the velocities, rows ``t x y z qx qy qz qw`` in that frame, between which the camera
-    moves straight and turns evenly: :meth:`on` makes them of a job's path.
+    ``path``, in place of the velocities, rows ``t x y z qx qy qz qw`` in that frame, on cubics through four
+    of them and the next three: :meth:`on` makes them of a job's path.
     Domain: that of the base; turns of at most 90 degrees. Of several lines that see a point, ``project``
     returns the first. ``readout=0``, or no motion, equals the base to the bit.
     Source: Meingast et al. 2005, Geometric models of rolling-shutter cameras.
@@ -77,34 +79,16 @@ class RollingShutter(Camera):
         self._lines = self.height if self._axis == 1 else self.width
         self._wraps = self._axis == 0 and self.base.wraps
         self._fires = self.base if isinstance(self.base, Lidar) and self._axis == 0 else None
-        self._set_poses()
-
-    def _set_poses(self) -> None:
-        """Set the poses, by fractions of the read-out, between which the camera moves straight."""
-        times = np.array([0.0, self.readout])
-        positions = times[:, None] * self.velocity
-        vectors, rotations = np.radians([self.readout * self.angular_velocity_deg]), np.eye(3)[None]
-        name = "angular_velocity_deg"
-        if self.path is not None:
-            from scipy.spatial.transform import Rotation  # slow to load
-
-            name = "path"
-            if self.has_velocity:
-                raise ArgumentError(f"path: expected it or velocities, got both ({self.velocity.tolist()})")
-            times, positions = self.path[:, 0], self.path[:, 1:4]
-            if len(times) < 2 or (np.diff(times) <= 0).any():
-                raise ArgumentError(f"path: expected two or more rows, later and later, got {shown(times)}")
-            rotations, vectors = turns_between(Rotation.from_quat(self.path[:, 4:]))
-        angles = np.linalg.norm(vectors, axis=1)
-        turn_deg = float(np.degrees(angles.sum()))
+        if self.path is None:
+            velocities = *self.velocity, *np.radians(self.angular_velocity_deg)
+            ends = np.array([[0.0] * 7, [1.0, *velocities]])
+        elif self.has_velocity:
+            raise ArgumentError(f"path: expected it or velocities, got both ({self.velocity.tolist()})")
+        self._moved = CubicPath(ends if self.path is None else self.path)
+        turn_deg = math.degrees(self._moved.turn) * (1.0 if self.path is not None else self.readout)
+        name = "angular_velocity_deg" if self.path is None else "path"
         number(f"{name}: the turn in degrees while the image is read", turn_deg, most=_MOST_TURN_DEG)
-        self._at_rest = not (self.readout and (positions.any() or turn_deg))
-        self._times = times / (self.readout or 1.0)
-        self._positions, self._rotations, self._angles = positions, rotations, angles
-        x, y, z = (vectors / np.where(angles, angles, 1.0)[:, None]).T
-        zero = np.zeros_like(x)
-        cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])  # products with the axes
-        self._cross = np.moveaxis(cross, -1, 0)
+        self._at_rest = not (self.readout and self._moved.moves)
 
     @property
     def has_velocity(self) -> bool:
@@ -128,16 +112,9 @@ class RollingShutter(Camera):
             ArgumentError: the camera has velocities, or the path does not last from the first line to the
                 last, or a step of it beyond.
         """
-        from scipy.spatial.transform import Rotation  # slow to load
-
-        ends = (time_ns + nanoseconds(part * self.readout) for part in self._span)
-        first_ns, last_ns = ends
-        first = path.at(time_ns, steps_beyond=1) @ mounted
-        straight = path.straight(first_ns, last_ns, mounted)
-        poses, times = Poses.of(straight.poses), np.array(straight.times_ns) - time_ns
-        turns = Rotation.from_matrix(first.rotation.T @ poses.rotations).as_quat(canonical=True)
-        rows = np.column_stack([times / NS, first.to_camera(poses.positions), turns])
-        return type(self)(**{**self._arguments(), "path": rows})
+        first_ns, last_ns = (time_ns + nanoseconds(part * self.readout) for part in self._span)
+        path_rows = rows_along(path, time_ns, (first_ns, last_ns), mounted)
+        return type(self)(**{**self._arguments(), "path": path_rows})
 
     def _arguments(self) -> dict[str, Any]:
         """Return the arguments; of the base without its size, and without a centre in the middle."""
@@ -183,29 +160,18 @@ class RollingShutter(Camera):
         origins, directions, valid = self.base._unproject(pixels)
         if self._at_rest:
             return origins, directions, valid
-        rotations, shifted = self._poses_at(self._fraction(pixels))
+        rotations, shifted = self._moved.at(self.readout * self._fraction(pixels))
         if not self.base.central:
             shifted = shifted + _turned(rotations, np.broadcast_to(origins, directions.shape))
         directions = _turned(rotations, directions)
         return np.broadcast_to(shifted, directions.shape), directions, valid
-
-    def _poses_at(self, part: Array) -> tuple[Array, Array]:
-        """Return rotations (..., 3, 3) and positions (..., 3) at fractions of the read-out."""
-        i = np.searchsorted(self._times[1:-1], part, side="right")
-        start, end = self._times[i], self._times[i + 1]
-        done = ((part - start) / (end - start))[..., None]
-        positions = self._positions[i] + done * (self._positions[i + 1] - self._positions[i])
-        angle, cross = done[..., None] * self._angles[i][..., None, None], self._cross[i]
-        # Rodrigues' formula
-        turn = np.eye(3) + np.sin(angle) * cross + 2 * np.sin(angle / 2) ** 2 * (cross @ cross)
-        return self._rotations[i] @ turn, positions
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
         middle = np.arange(0.5, self._lines) / self._lines
         rotations, origins = np.broadcast_to(np.eye(3), (self._lines, 3, 3)), np.zeros((self._lines, 3))
         if not self._at_rest:
-            rotations, origins = self._poses_at(1 - middle if self._backward else middle)
+            rotations, origins = self._moved.at(self.readout * (1 - middle if self._backward else middle))
         if not self.base.central:  # the mean of each line's
             own, _, _ = self.base._unproject(self.base.pixels())
             own = np.broadcast_to(own, (self.height, self.width, 3)).mean(axis=self._axis)
@@ -234,7 +200,7 @@ class RollingShutter(Camera):
 
     def _project_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
         """Project points (N, 3) with the base at fractions (N,) of the read-out."""
-        rotations, positions = self._poses_at(part)
+        rotations, positions = self._moved.at(self.readout * part)
         offset = points - positions
         nonzero = np.asarray(offset.any(axis=1))
         back = _turned(np.swapaxes(rotations, -1, -2), np.where(nonzero[:, None], offset, 1.0))

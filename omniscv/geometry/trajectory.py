@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
@@ -18,9 +17,6 @@ from omniscv.geometry.clock import NS, decimal, nanoseconds
 from omniscv.geometry.pose import Array, Pose
 
 Curve = Literal["linear", "spline"]
-_STRAIGHT = 1e-6
-"""Metres and radians within which a path is taken as straight."""
-_MOST_HALVINGS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,40 +165,13 @@ class Trajectory(Sequence[Pose]):
             return Pose(positions(seconds), rotations(seconds).as_matrix())
         return self.poses[i - 1].interpolate(self.poses[i], fraction)
 
-    def _poses(self, times_ns: Sequence[int]) -> Poses:
+    def poses_at(self, times_ns: NDArray[np.int64]) -> Poses:
+        """Return the poses at times (N,), as :meth:`at`; of a linear curve at most a step beyond it."""
         if self.curve == "linear":
-            return Poses.of([self.at(time, steps_beyond=1) for time in times_ns])
+            return Poses.of([self.at(time, steps_beyond=1) for time in times_ns.tolist()])
         positions, rotations = self._splines
-        seconds = (np.array(times_ns) - (self.times_ns or (0,))[0]) / NS
+        seconds = (times_ns - (self.times_ns or (0,))[0]) / NS
         return Poses(positions(seconds), rotations(seconds).as_matrix())
-
-    def straight(self, first_ns: int, last_ns: int, mounted: Pose) -> Trajectory:
-        """Return poses from one time to another of what is mounted on the body that moves.
-
-        Straight lines and even turns between them are within 1e-6 m and rad of its path.
-
-        Args:
-            first_ns, last_ns: at most a step beyond the trajectory.
-            mounted: its pose on the body.
-        """
-        from scipy.spatial.transform import Rotation  # slow to load
-
-        for end_ns in (first_ns, last_ns):
-            self.at(end_ns, steps_beyond=1)  # refuses others
-        own = self.times_ns or ()
-        own = own[bisect_right(own, first_ns) : bisect_left(own, last_ns)] if self.curve == "linear" else ()
-        times, halvings = [first_ns, *own, last_ns], 0
-        while True:
-            halved = sorted([*times, *((start + end) // 2 for start, end in pairwise(times))])
-            body = self._poses(halved)
-            positions = body.positions + body.rotations @ mounted.position
-            rotations = body.rotations @ mounted.rotation
-            _, turns = turns_between(Rotation.from_matrix(rotations))
-            uneven = np.abs(np.diff(turns, axis=0)[::2]).max() / 2
-            away = np.abs(positions[1::2] - (positions[:-1:2] + positions[2::2]) / 2).max()
-            if max(away, uneven) <= _STRAIGHT or halvings == _MOST_HALVINGS:
-                return Trajectory(Poses(positions[::2], rotations[::2]), tuple(times))
-            times, halvings = halved, halvings + 1
 
     def motions(self, times_ns: Sequence[int] | NDArray[np.int64]) -> Motions:
         """Return what the splines and their derivatives are at times (N,), whole nanoseconds."""
@@ -230,9 +199,3 @@ class Trajectory(Sequence[Pose]):
         poses, times = Poses.of(self.poses), (np.array(self.times_ns) - self.times_ns[0]) / NS
         rotations = Rotation.from_matrix(poses.rotations)
         return CubicSpline(times, poses.positions), RotationSpline(times, rotations)
-
-
-def turns_between(rotations: Any) -> tuple[Array, Array]:
-    """Return matrices (N, 3, 3) of scipy's rotations, and the turns (N - 1, 3) from each to the next: axis
-    times angle, rad, in the frame of the first of the two."""
-    return rotations.as_matrix(), (rotations[:-1].inv() * rotations[1:]).as_rotvec()

@@ -12,11 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera, create
+from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.clock import NS, nanoseconds
 from omniscv.geometry.instant import Instant
+from omniscv.geometry.motion import Motion
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
@@ -88,9 +91,33 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             job = within_path(job)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
+        if job.exposure.instants == "auto" and job.clock:
+            job = replace(job, own_motions=_own_motions(job, still))
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
+
+
+def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
+    """Return the motions of objects that move by themselves, at the beginning, middle and end of each image.
+
+    Raises:
+        ArgumentError: the source cannot tell them, and nothing else moves.
+    """
+    longest = max(job.exposure.seconds, *map(readout_of, job.cameras.values()))
+    poses: dict[str, dict[int, Pose]] = {}
+    for time_ns in job.times_ns or ():
+        for part in (-0.5, 0.0, 0.5, 1.0):
+            at_ns = time_ns + nanoseconds(part * longest)
+            own = source.own_poses((at_ns - job.clock_start_ns) / NS)
+            if own is None and not job.motions:
+                got = f"auto of {source.capabilities.dialect or 'a source'} that cannot"
+                wanted = "expected a number, or a source that tells how its objects move"
+                raise ArgumentError(f"exposure.instants: {wanted}, got {got}")
+            for name, pose in (own or {}).items():
+                poses.setdefault(name, {})[at_ns] = pose
+    ordered = {name: dict(sorted(of.items())) for name, of in poses.items()}
+    return {name: Motion(Trajectory([*of.values()], (*of,))) for name, of in ordered.items()}
 
 
 def draws_of(job: Job, source: Source) -> Draws:

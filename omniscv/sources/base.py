@@ -176,6 +176,14 @@ class Source(ABC):
         """
         return self.instant.poses if objects is None else {}
 
+    def own_poses(self, time_s: float) -> Mapping[str, Pose] | None:
+        """Return the poses, at a time of the scene's own clock, of objects that move by themselves.
+
+        None where the source cannot tell. Not overridden: nothing moves, unless the world may change between
+        captures.
+        """
+        return None if self.capabilities.moves else {}
+
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
         how many numbers each has. An object that cannot be moved can only be ``shown``.
@@ -286,6 +294,7 @@ class SourceWrapper(Source):
     cover = _forwarded(Source.cover)
     variable = _forwarded(Source.variable)
     poses = _forwarded(Source.poses)
+    own_poses = _forwarded(Source.own_poses)
     recorded_views = _forwarded(Source.recorded_views)
     recorded_in = _forwarded(Source.recorded_in)
     recorded = _forwarded(Source.recorded)

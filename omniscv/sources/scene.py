@@ -149,6 +149,10 @@ class SceneSource(Source):
         poses = {name: self.scene.pose(name) for name in sorted(names)}
         return {name: Pose(position, R_w_o) for name, (R_w_o, position) in poses.items()}
 
+    def own_poses(self, time_s: float) -> Mapping[str, Pose]:
+        with self.at(Instant(time=time_s)) as there:
+            return there.poses()
+
     def variable(self, kind: str) -> dict[str, Mapping[str, int]]:
         known = super().variable(kind)
         return {name: STATIC_SETTINGS if name in self.scene.static else known[name] for name in known}

@@ -159,7 +159,7 @@ def test_no_readout_or_no_motion_is_the_base(still):
             {"angular_velocity_deg": (0, 1000, 0)},
             "angular_velocity_deg: the turn in degrees .* <= 90, got 100",
         ),
-        ({"path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected two or more rows, later and later"),
+        ({"path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected 4, 7, 10, ... rows, got 1"),
         ({"velocity": (1, 0, 0), "path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected it or velocities"),
     ],
 )

@@ -14,8 +14,9 @@ from omniscv.geometry.motion import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import write_tum
 from omniscv.job import Exposure, load
-from omniscv.make import capture, costs, run
+from omniscv.make import capture, costs, instants, run
 from omniscv.make.instants import frames_by_instant, instants_for, motion_px
+from omniscv.make.source import opened
 from omniscv.sources.scene import SceneSource
 
 WORKSHOP = mock_server.load_scene("workshop")
@@ -196,29 +197,92 @@ def test_a_camera_that_moves_is_exposed_along_its_way(tmp_path):
     assert_same(resting["pano-0"], rendered(job, 0, poses={}))
 
 
-def test_lines_of_a_rolling_shutter_show_the_world_when_they_are_read(tmp_path):
-    """Every pixel's ray is traced in the scene at the instant of its line."""
-    lens = (
-        "{model: rolling-shutter, width: 40, height: 30, readout: 1.0, base: {model: pinhole, fov_deg: 100}}"
-    )
-    more = f"times: [0]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{instants: 5}}"
-    job = job_of(tmp_path, more, lens)
-    job = replace(
-        job, poses=(Pose.from_angles((0.5, 0, 1.2), 170),), options=RenderOptions("cube", face_size=128)
-    )
-    layers = images_of(job)["pano"]
-    rays = job.cameras["pano"].unproject()
-    directions_w = rays.directions @ job.poses[0].rotation.T
-    shown = np.rint((np.arange(30) + 0.5) / 30 * 4) / 4
-    expected = np.stack(
-        [WORKSHOP.at(time, slid(time)).trace(job.poses[0].position, row).label
-         for time, row in zip(shown, directions_w, strict=True)]
-    )  # fmt: skip
-    frozen = WORKSHOP.at(0.0, slid(0.0)).trace(job.poses[0].position, directions_w).label
-    wrong = layers["labels"] != expected
-    assert wrong.mean() < 0.01  # edges of objects
-    assert (layers["labels"] != frozen).mean() > 5 * wrong.mean()
-    np.testing.assert_array_equal(np.isfinite(layers["depth"]), layers["labels"] > 0)
+YARD = """
+sky: [0.5, 0.6, 0.7]
+room: {floor: [[-3, -3], [4, -3], [4, 3], [-3, 3]], height: 2.8}
+objects:
+  Slider:
+    solids: [{box: [0.6, 0.5, 1.2], at: [2.5, -0.5, 0.9]}]
+    moving: {kind: steady, velocity: [0, 4, 0]}
+  Spinner:
+    solids: [{box: [1.2, 0.15, 0.8], at: [2.2, 1.2, 1.2]}]
+    moving: {kind: steady, turn_deg: 720}
+  Post: {solids: [{cylinder: [0.1, 2.8], at: [1.5, -1.5, 1.4]}]}
+"""
+ROLLING = (
+    "{{model: rolling-shutter, width: 96, height: 72, readout: {}, base: {{model: pinhole, fov_deg: 90}}}}"
+)
+WAY = ", ".join(
+    f"{{time: {t}, position: [{1.5 * t * t - 0.5}, {0.3 * np.sin(4 * t)}, 1.4], yaw_deg: {60 * t},"
+    f" pitch_deg: {5 * np.sin(9 * t)}}}"
+    for t in (0, 0.1, 0.2, 0.3)
+)
+
+
+def on_the_way(folder, more="", traces=0, readout=0.05):
+    (folder / "yard.yaml").write_text(YARD)
+    job = job_of(folder, f"imu: {{}}\nepoch: 0\n{more}", ROLLING.format(readout), f"[{WAY}]")
+    job = replace(job, source=f"scene://{folder}/yard.yaml?traces={traces}", modes=("object_mask", "depth"))
+    return replace(job, options=RenderOptions(face_size=96))
+
+
+def image_of(job, i):
+    """An image in memory, and what it is made of."""
+    with opened(job) as (job, source):
+        shared = list(frames_by_instant(job))[i]
+        return job, shared, next(instants.images_of(omniscv.Renderer(source), shared, job))
+
+
+@pytest.mark.parametrize(
+    ("more", "traces", "counts"),
+    [
+        ("", 0, {1}),
+        ("times: poses\nexposure: {instants: 9}", 0, {9}),
+        ("times: poses\nexposure: {instants: 65}", 1, {65}),
+        ("times: poses\nexposure: {instants: auto}", 0, range(15, 60)),
+        ("times: poses\nexposure: {instants: auto}", 1, range(15, 60)),
+    ],
+)
+def test_each_line_is_the_path_and_the_world_at_its_time(tmp_path, more, traces, counts):
+    """Each row is traced from the spline's pose at its time, in the scene at its time: what is wrong is
+    marked, and depth is within its bound."""
+    job, shared, image = image_of(on_the_way(tmp_path, more, traces), 1)
+    assert len(shared.captured) in counts
+    scene, rays = mock_server.load_scene(tmp_path / "yard.yaml"), job.cameras["pano"].base.unproject()
+    wrong, beyond = np.zeros((2, 72, 96), bool)
+    for v in range(72):
+        at_ns = shared.frames[0].time_ns + round(1e9 * 0.05 * (v + 0.5) / 72)
+        pose = job.path.at(at_ns)
+        now = scene.at(at_ns / 1e9 if more else 0.0)
+        hits = now.trace(pose.position, rays.directions[v] @ pose.rotation.T)
+        wrong[v] = image.labels[v] != hits.label
+        beyond[v] = np.abs(image.depth[v] - hits.distance) > image["depth_error"][v] + 1e-6
+    marked = image["label_edge"] | image["unsure"]
+    assert (wrong & ~marked).mean() <= 0.0005
+    assert beyond.mean() <= 0.0005
+    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+
+
+def test_a_read_out_of_no_time_is_a_global_shutter_to_the_bit(tmp_path):
+    rolling = on_the_way(tmp_path, "times: poses", readout=0)
+    still = replace(rolling, cameras={"pano": rolling.cameras["pano"].base}, rig=None)
+    layers, wanted = image_of(rolling, 1)[2].layers, image_of(still, 1)[2].layers
+    assert list(layers) == list(wanted)
+    assert_same(layers, wanted)
+
+
+def test_what_moves_a_camera_twice_or_cannot_be_told_is_refused(tmp_path):
+    twice = ROLLING.format(0.05).replace("readout", "velocity: [1, 0, 0], readout")
+    with pytest.raises(ArgumentError, match="pano: expected no velocity or path, as the camera moves"):
+        job_of(tmp_path, "", twice, f"[{WAY}]")
+    with pytest.raises(ArgumentError, match=r"exposure\.seconds: expected several timed poses.* got one"):
+        job_of(tmp_path, "exposure: {seconds: 0.1}", poses="[{position: [0, 0, 1.2], time: 0}]")
+    job = on_the_way(tmp_path, "times: poses")
+    assert "1 of 4 are left out: their images, of 0.05 s, would begin" in job.assumed
+    run(replace(job, record=tmp_path / "yard.sqlite", exposure=Exposure(instants=3)))
+    auto = replace(job, source=str(tmp_path / "yard.sqlite"), exposure=Exposure(instants="auto"))
+    with pytest.raises(ArgumentError, match="instants: expected a number, or a source that tells"):
+        run(auto)
 
 
 def test_a_plan_counts_every_instant(tmp_path):

@@ -149,6 +149,10 @@ class MujocoSource(Source):
             names = {*model.movable(), *self._moved} if objects is None else objects
             return {name: model.pose(name) for name in sorted(names) if name in model.handles}
 
+    def own_poses(self, time_s: float) -> Mapping[str, Pose]:
+        with self.at(Instant(time=time_s)) as there:
+            return there.poses()
+
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         model = self._shared.model
         if kind == "objects":

@@ -271,6 +271,9 @@ class RecordedSource(Source):
         """Of objects that move, as recorded with the state's first capture."""
         return self._world_state.object_poses() if objects is None else {}
 
+    def own_poses(self, time_s: float) -> Mapping[str, Pose] | None:
+        return None if any(self._store.states()) else {}
+
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """What was varied when it was recorded."""
         instants = (state.instant for state in self._store.states().values() if state.instant)
