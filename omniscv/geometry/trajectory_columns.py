@@ -67,6 +67,32 @@ _AXES: dict[str, tuple[Array, Array, tuple[int, int, int]]] = {
 """By frame W and C of ``R_w_c = W R C``: from the file's world to ours, from our camera to the file's; and
 the signs of pitch, yaw and roll against Unreal's: nose up +, turning right +, right side down +."""
 FRAMES = tuple(name for name in _AXES if name not in ("object", "povray"))
+_SIGNED = re.compile(r"([+-][xyz]) ([+-][xyz]) ([+-][xyz])")
+
+
+def axes_of(frame: str) -> tuple[Array, Array]:
+    """Return W and C of ``R_w_c = W R C``: from the file's world to ours, from our camera to the file's.
+
+    Args:
+        frame: one of :data:`FRAMES`, or where right, down and ahead point: ``+x -y -z`` is ``opengl``.
+    """
+    if frame in _AXES:
+        return _AXES[frame][:2]
+    if not (signed := _SIGNED.fullmatch(frame)):
+        expected = "expected where right, down and ahead point, such as +x -y -z"
+        raise ArgumentError(f"axes: {expected}, got {shown(frame)}")
+    C = np.stack([float(word[0] + "1") * np.eye(3)["xyz".index(word[1])] for word in signed.groups()], axis=1)
+    if round(abs(np.linalg.det(C))) != 1:
+        raise ArgumentError(f"axes: expected x, y and z once each, got {shown(frame)}")
+    return (_I, C) if np.linalg.det(C) > 0 else (_MIRROR, C)
+
+
+def frame_of_axes(C: Array) -> str:
+    """Return the name of axes by their C: one of a frame, or where right, down and ahead point."""
+    if name := next((name for name, axes in _AXES.items() if np.array_equal(axes[1], C)), ""):
+        return name
+    at = np.abs(C).argmax(axis=0)
+    return " ".join(f"{'+-'[int(C[row, i] < 0)]}{'xyz'[row]}" for i, row in enumerate(at.tolist()))
 
 
 def length_unit(name: str, value: object) -> str | float | None:
@@ -199,7 +225,7 @@ class Rows:
         """
         self.check()
         mounted, axes = isinstance(frame, Pose), frame if isinstance(frame, str) else "body"
-        W, C, _ = _AXES[axes]
+        W, C = axes_of(axes)
         if mounted:
             W, C = np.eye(3), frame.rotation  # type: ignore[union-attr]
         elif not {"m0", "qw"} & self.columns.keys():
@@ -241,6 +267,8 @@ class Rows:
             return R
         if "qw" in self.columns:
             return np.asarray(Rotation.from_quat(self._stack(QUATERNION)).as_matrix())
+        if axes not in _AXES:
+            raise ArgumentError(f"axes: expected the name of a frame for angles, got {shown(axes)}")
         W, _, signs = _AXES[axes]
         rotators = np.zeros((len(self), 3))
         for i, (name, sign) in enumerate(zip(("pitch", "yaw", "roll"), signs, strict=True)):

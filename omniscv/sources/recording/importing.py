@@ -20,6 +20,7 @@ from omniscv.pictures import foreign
 from omniscv.sources.base import Capture, ObjectTable, View
 from omniscv.sources.pictures import DepthForm, Picture
 from omniscv.sources.recording import sequences
+from omniscv.sources.recording.asking import taken
 from omniscv.sources.recording.folders import add_captures
 from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
 from omniscv.sources.recording.posed_frames import (
@@ -78,7 +79,9 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         layout = _environment(pictures) if layout == "auto" and pictures.suffix == ".exr" else layout
         captures: Callable[[], Iterable[Capture]]
         if sequence := sequences.find_sequence(pictures, layout, options):
-            lines, captures, modes = sequence.lines(), sequence.captures, {*sequence.modes}
+            sequence, asked = taken(sequence, options.trust_words)
+            lines, modes = (*sequence.lines(), *asked), {*sequence.modes}
+            captures = sequence.captures
         else:
             faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
             faces, found = faces_in(pictures, layout, options)
@@ -101,6 +104,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
             "poses": options.poses and not sequence,
             "intrinsics": options.intrinsics and not sequence,
             "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
+            "trust_words": options.trust_words and not (sequence and "depth" in modes),
             "frame or unit": (options.frame or options.unit) and not options.poses,
         }
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:

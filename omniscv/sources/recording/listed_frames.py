@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ import numpy as np
 from omniscv.arguments import number, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.trajectory_columns import Rows
-from omniscv.geometry.trajectory_files import read_poses, read_trajectory
+from omniscv.geometry.trajectory_columns import PER_M, Rows
+from omniscv.geometry.trajectory_files import read_poses, read_rows, read_trajectory
 from omniscv.pictures import foreign
+from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
 from omniscv.sources.recording.posed_frames import (
     Files,
@@ -50,6 +51,16 @@ def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
     """Return the width and height of a picture."""
     height, width = foreign.read(picture, mode)[0].shape[:2]
     return width, height
+
+
+def words_of(
+    columns: Collection[str], axes: str, unit: str | float | None = None, inverse: bool = False
+) -> Words:
+    """Return what is said of poses in columns."""
+    is_angles = not {"m0", "qw"} & {*columns}
+    length = unit if unit is not None else "cm" if axes == "unreal" else "m"
+    metres = 1 / PER_M[length] if isinstance(length, str) else length
+    return Words("body" if is_angles else axes, inverse, metres, quaternions="qw" in columns)
 
 
 @cache
@@ -106,7 +117,7 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     masked = sum(frame.mask is not None for frame in frames)
     says = [f"{masked} frames are black, without label or surface, where masks are 0"] if masked else []
     says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in documents[0]]
-    return Sequence(frames, says=tuple(says))
+    return Sequence(frames, says=tuple(says), words=Words("opengl"))
 
 
 def _depth_unit(values: Mapping[str, Any]) -> str:
@@ -142,7 +153,7 @@ def tum(folder: Path, options: Options) -> Sequence:
     says = [] if options.intrinsics else [f"lens of {word}"]
     if late := len(colors) - len(frames):
         says.append(f"{late} pictures left out: no pose within {_LATEST_S} s")
-    return Sequence(frames, says=tuple(says))
+    return Sequence(frames, says=tuple(says), words=Words(quaternions=True))
 
 
 def _stamped(file: Path) -> tuple[Array, list[str]]:
@@ -191,4 +202,8 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = () if lens else ("resampled to six faces",)
-    return Sequence(frames, says=says, of_openexr=of_openexr)
+    poses = Words()
+    if options.poses and options.poses.suffix.lower() != ".json":
+        columns = read_rows(options.poses, keyed=True)[1].columns
+        poses = words_of(columns, options.frame or "camera", options.unit)
+    return Sequence(frames, says=says, of_openexr=of_openexr, words=poses)

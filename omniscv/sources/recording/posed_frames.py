@@ -23,6 +23,7 @@ from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
+from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
@@ -72,6 +73,7 @@ class Options:
         frame, unit: the axes and the unit of ``poses``, as of a job's.
         mirrored: whether all pictures show left and right exchanged.
         clip: take negative and NaN light as 0.
+        trust_words: take poses and depth as said, whatever pictures show.
         clipped: by mode and file, the number of values taken as another.
     """
 
@@ -86,6 +88,7 @@ class Options:
     unit: str | float | None = checked(length_unit, default=None)
     mirrored: bool = False
     clip: bool = False
+    trust_words: bool = False
     clipped: dict[tuple[str, str], int] = field(default_factory=dict)
 
     @property
@@ -143,6 +146,7 @@ class Sequence:
         says: lines for people.
         of_openexr: as :func:`to_faces`.
         layout: its name.
+        words: of its poses; depth is as :meth:`form`.
         options: of the user.
     """
 
@@ -151,6 +155,7 @@ class Sequence:
     says: tuple[str, ...] = ()
     of_openexr: int = 0
     layout: str = ""
+    words: Words = field(default_factory=Words)
     options: Options = field(default_factory=Options)
 
     @property
@@ -170,17 +175,25 @@ class Sequence:
         """Yield the captures; ArgumentError names the picture that cannot be read."""
         for frame in self.frames:
             for mode, file in frame.files.items():
-                if not file.exists():
-                    raise ArgumentError(f"{file.name}: expected a picture, got no file")
-                holds = frame.holds.get(mode, Files())
-                form = self.options.depth or holds.form
-                picture = read_as(file, mode, self.options, form)
+                picture = self.picture(frame, mode)
                 with within(file.name):
-                    picture = _of_ids(picture, holds) if mode == "object_mask" else picture
-                    picture = _masked(picture, mode, frame.mask) if frame.mask else picture
                     provenance = {"server": "imported", "file": file.name, "layout": self.layout}
                     for view, part in self._views(picture, mode, frame.pose, frame.lens):
-                        yield capture_of(part, mode, view, provenance, form.ray)
+                        yield capture_of(part, mode, view, provenance, self.form(frame).ray)
+
+    def form(self, frame: Frame) -> DepthForm:
+        """Return what the numbers of a frame's depth are."""
+        return self.options.depth or frame.holds.get("depth", Files()).form
+
+    def picture(self, frame: Frame, mode: str) -> Picture:
+        """Return a picture of a frame as it is said to be; ArgumentError if it cannot be read."""
+        file, holds = frame.files[mode], frame.holds.get(mode, Files())
+        if not file.exists():
+            raise ArgumentError(f"{file.name}: expected a picture, got no file")
+        picture = read_as(file, mode, self.options, self.form(frame))
+        with within(file.name):
+            picture = _of_ids(picture, holds) if mode == "object_mask" else picture
+            return _masked(picture, mode, frame.mask) if frame.mask else picture
 
     def _views(
         self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | Wide | None

@@ -24,10 +24,12 @@ from omniscv.arguments import flag, number, numbers, one_of, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
-from omniscv.geometry.trajectory_columns import FRAMES, Rows, length_unit
+from omniscv.geometry.trajectory_columns import FRAMES, Rows, axes_of, length_unit
+from omniscv.geometry.trajectory_files import read_rows
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording import lenses
+from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.recording.lenses import Pinhole, Wide
 from omniscv.sources.recording.listed_frames import (
@@ -39,6 +41,7 @@ from omniscv.sources.recording.listed_frames import (
     poses_in,
     size_of,
     tum,
+    words_of,
 )
 from omniscv.sources.recording.posed_frames import (
     Files,
@@ -70,6 +73,14 @@ def _files(name: str, value: Any, keys: tuple[str, ...] = ()) -> Any:
     return given if isinstance(given, Files) else read(Files, mapping(name, given, ("file", *keys)), name)
 
 
+def _axes(name: str, value: Any) -> str:
+    if set(axes := text(name, value)) & {*"+-"}:
+        axes_of(axes)
+    else:
+        one_of(name, axes, (*FRAMES, "povray"))
+    return axes
+
+
 @record
 class _Poses:
     """Where poses are: texts of numbers or JSON by frame, or a text with a row of each, by number or name."""
@@ -79,7 +90,7 @@ class _Poses:
     position: str = checked(text, default="")
     rotation: str = checked(text, default="")
     matrix: str = checked(text, default="")
-    axes: str = checked(one_of, words=(*FRAMES, "povray"), default="camera")
+    axes: str = checked(_axes, default="camera")
     inverse: bool = checked(flag, default=False)
     unit: str | float | None = checked(length_unit, default=None)
     yaw_deg: float = checked(number, default=0.0)
@@ -103,6 +114,7 @@ class Layout:
     says: str = checked(text, default="")
     level: str = checked(text, default="")
     unused: str = checked(text, default="")
+    asks: bool = checked(flag, default=False)
 
 
 @cache
@@ -220,7 +232,20 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     above = (folder, *folder.absolute().parents[:2])
     near = [at / listed for place in above for at in (place, place / "assets")] if listed else []
     table = next((objects_of(file) for file in near if file.exists()), ObjectTable({}))
-    return Sequence([*frames.values()], table, tuple(says))
+    words = _words(folder, layout, pattern, names)
+    return Sequence([*frames.values()], table, tuple(says), words=words)
+
+
+def _words(folder: Path, layout: Layout, pattern: str, names: list[str]) -> Words:
+    """Return what a layout says of its poses."""
+    poses, columns = layout.poses, {"m0"}
+    if poses is None or layout.pictures == "faces":
+        return Words(fixed=True)
+    if not poses.position:
+        match = next(filter(None, map(re.compile(pattern).fullmatch, names)))
+        keyed = not ("{" in poses.file or poses.row)
+        columns = {*read_rows(_filled(folder, poses.file, match), keyed, not (keyed or poses.row))[1].columns}
+    return replace(words_of(columns, poses.axes, poses.unit, poses.inverse), asks=layout.asks)
 
 
 def _check_time(pattern: str, names: list[str]) -> None:

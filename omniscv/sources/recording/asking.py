@@ -1,0 +1,124 @@
+"""Frames of folders ask their pictures for the convention of their poses before they are taken."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from omniscv.errors import ArgumentError, OmniscvError
+from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry.trajectory_columns import axes_of, frame_of_axes
+from omniscv.sources.pictures import DepthForm
+from omniscv.sources.recording.conventions import PAIRS, WIDTH, Convention, Verdict, Words, ask, poses_by
+from omniscv.sources.recording.overlap import PosedPictures, Shot
+from omniscv.sources.recording.posed_frames import Frame, Sequence
+
+
+def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
+    """Return a sequence as its pictures say that it is to be read, and a line about it, for people.
+
+    Raises:
+        ArgumentError: pictures clearly contradict the words, which are no guess and not trusted.
+    """
+    if (verdict := verdict_on(sequence)) is None:
+        return sequence, ()
+    if not verdict.contradicts:
+        return sequence, (verdict.line(),)
+    if trust_words:
+        return sequence, (f"{verdict.line()}; taken as said",)
+    if verdict.words.asks and (right := put_right(sequence, verdict)) is not None:
+        return right, (f"{verdict.line()}; taken as pictures show",)
+    said = verdict.described(verdict.words.convention)
+    raise ArgumentError(
+        f"expected pictures that overlap as said ({said}), got {verdict.line()}; write {verdict.advice()}, "
+        f"or --trust-words to take them as said"
+    )
+
+
+def verdict_on(sequence: Sequence) -> Verdict | None:
+    """Return what the pictures of a sequence say; None of frames without depth, or of one frame."""
+    frames = ordered(sequence)
+    words = words_of(sequence)
+    if len(frames) < 2 or words is None:
+        return None
+    pictures = read_pictures(sequence, PAIRS, WIDTH)
+    if pictures is None:
+        return Verdict(words, why="no two frames with depth can be compared")
+    return ask(pictures, words)
+
+
+def words_of(sequence: Sequence) -> Words | None:
+    """Return what is said of the poses and the depth of a sequence; None where there is no depth."""
+    frames = ordered(sequence)
+    if not frames:
+        return None
+    form, words = sequence.form(frames[0]), sequence.words
+    return replace(words, along=form.ray, per_m=form.per_m or 1.0)
+
+
+def ordered(sequence: Sequence) -> list[Frame]:
+    """Return the frames with depth, in the order of the numbers in their names."""
+
+    def key(frame: Frame) -> list[tuple[int, str]]:
+        words = re.split(r"(\d+)", str(frame.files["depth"]))
+        return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
+
+    return sorted((frame for frame in sequence.frames if "depth" in frame.files), key=key)
+
+
+def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures | None:
+    """Return pictures of pairs of frames, without those that cannot be read: the import says so."""
+    frames = ordered(sequence)
+
+    def shot(i: int, most: int) -> Shot | None:
+        frame = frames[i]
+        with suppress(OmniscvError):
+            depth = sequence.picture(frame, "depth").pixels
+            lit = sequence.picture(frame, "lit").pixels if "lit" in frame.files else None
+            lens = frame.lens.scaled(*depth.shape[1::-1]) if frame.lens else None
+            if lens is not None and lens.is_bent:
+                if lit is not None:
+                    lit = lens.scaled(*lit.shape[1::-1]).straight(lit, True)[0]
+                depth, lens = lens.straight(depth, False)
+            return Shot.of(depth, lit, lens, most)
+        return None
+
+    if (first := next((read for i in range(len(frames)) if (read := shot(i, width))), None)) is None:
+        return None
+    fov = 2 * np.pi
+    if first.lens is not None:
+        fov = np.radians(pinhole.fov_deg(first.depth.shape[1], first.lens[0]))
+    R, t = poses_of(frames)
+    return PosedPictures.read(R, t, shot, fov, pairs, width)
+
+
+def poses_of(frames: list[Frame]) -> tuple[Array, Array]:
+    """Return the rotations and positions of frames."""
+    poses = [frame.pose for frame in frames]
+    return np.stack([pose.R_w_c for pose in poses]), np.stack([pose.position for pose in poses])
+
+
+def put_right(sequence: Sequence, verdict: Verdict) -> Sequence | None:
+    """Return a sequence by another convention than its words; None where poses belong to other frames."""
+    assert verdict.best is not None
+    convention: Convention = verdict.best.convention
+    metres, per_m = verdict.units(convention)
+    depths = [frame.holds["depth"] for frame in sequence.frames if "depth" in frame.holds]
+    packed = any(files.form.encoding for files in depths)
+    if convention.shift or convention.quaternion or packed or sequence.options.depth:
+        return None
+    file = verdict.words.written(*poses_of(sequence.frames))
+    R, t = poses_by(convention._replace(ratio=verdict.words.metres / metres), *file)
+    W, _ = axes_of(frame_of_axes(np.reshape(convention.axes, (3, 3))))
+    form = DepthForm(convention.along, per_m)
+    frames = []
+    for frame, rotation, position in zip(sequence.frames, W @ R, t @ W.T, strict=True):
+        holds = dict(frame.holds)
+        if "depth" in holds:
+            unit = f"1/{per_m!r}" if per_m != 1 else ""
+            holds["depth"] = replace(holds["depth"], kind="ray" if form.ray else "planar", unit=unit)
+        frames.append(replace(frame, pose=Pose(position, rotation), holds=holds))
+    return replace(sequence, frames=frames)
