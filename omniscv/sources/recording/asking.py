@@ -31,10 +31,14 @@ def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, .
         return sequence, (f"{verdict.line()}; taken as said",)
     if verdict.words.asks and (right := put_right(sequence, verdict)) is not None:
         return right, (f"{verdict.line()}; taken as pictures show",)
-    said = verdict.described(verdict.words.convention)
+    by = {"nerfstudio": "format", "tum": "format", "latlong": "options", "pinhole": "options"}
+    said, words = (
+        verdict.described(verdict.words.convention),
+        verdict.advice(by.get(sequence.layout, "layout")),
+    )
+    expected = f"expected pictures that overlap as said, {said}"
     raise ArgumentError(
-        f"expected pictures that overlap as said ({said}), got {verdict.line()}; write {verdict.advice()}, "
-        f"or --trust-words to take them as said"
+        f"{expected}; got {verdict.line()}; write {words}; or --trust-words takes them as said"
     )
 
 

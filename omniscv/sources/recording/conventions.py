@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omniscv.geometry import Array
-from omniscv.geometry.trajectory_columns import axes_of, frame_of_axes
+from omniscv.geometry.trajectory_columns import FRAMES, axes_of, frame_of_axes
 from omniscv.sources.recording.overlap import PosedPictures, agreement, moves
 
 LEAST = 0.35
@@ -28,9 +28,10 @@ _LEAST_SHIFTED = 9  # frames
 PAIRS, WIDTH = 20, 640
 """Pairs of frames that are asked, and px of their width, at most."""
 _SKIM, _FEW, _MANY = 60, 140, 900  # points of a pair
-_COARSE, _FINE = 0.07, (0.03, 0.015, 0.008)  # tolerances of log depth
+_COARSE, _FINE = {_SKIM: 0.1, _FEW: 0.07}, (0.03, 0.015, 0.008)  # tolerances of log depth
 _SKIMMED, _KEPT, _SHIFTED, _FINAL = 600, 70, 6, 60  # hypotheses
 _BEARS = 0.8  # of its agreement, which the best keeps at a finer tolerance
+_SPREAD = 0.03  # of agreements of pairs, at least
 _TIED, _TIED_SIGMA, _NEAR_SIGMA, _NEAR = 0.01, 2.0, 3.0, 0.15
 _CLEAR = 0.75  # words that reach less of the best agreement are wrong
 _QUATERNIONS = {"": (0, 1, 2, 3), "w first": (1, 2, 3, 0), "w last": (3, 0, 1, 2)}
@@ -191,30 +192,40 @@ class Verdict:
             return self.words.metres, per_m
         return self.words.metres / convention.ratio, self.words.per_m
 
-    def advice(self) -> str:
-        """Return the words to write in place of those that pictures contradict."""
+    def advice(self, by: str) -> str:
+        """Return the words to write in place of those that pictures contradict.
+
+        Args:
+            by: what says how poses are: a ``layout`` of the user's own, ``options``, or a fixed ``format``.
+        """
         assert self.best is not None
         right, said = self.best.convention, self.words.convention
         metres, per_m = self.units(right)
-        poses, depth, others = list[str](), list[str](), list[str]()
-        if right.axes != said.axes:
-            poses.append(f"axes: {frame_of_axes(np.reshape(right.axes, (3, 3)))}")
-        if right.inverse != said.inverse:
-            poses.append(f"inverse: {str(right.inverse).lower()}")
-        poses += [f"unit: {_unit(metres)}"] if metres != self.words.metres else []
+        axes = frame_of_axes(np.reshape(right.axes, (3, 3)))
+        order = "qw qx qy qz" if right.quaternion == "w first" else "qx qy qz qw"
+        keys = {"axes": axes} if right.axes != said.axes else {}
+        keys |= {"inverse": str(right.inverse).lower()} if right.inverse != said.inverse else {}
+        keys |= {"unit": _unit(metres).removesuffix(" m")} if metres != self.words.metres else {}
+        later = f"{abs(right.shift)} frames {'later' if right.shift > 0 else 'earlier'}"
+        converted = {
+            f"names of the columns, x y z {order}, above the poses": right.quaternion,
+            "poses with their rotations transposed": right.transposed,
+            f"each pose at the picture {later}": right.shift,
+        }
+        words = [word for word, due in converted.items() if due]
+        if keys and by == "layout":
+            words.append(
+                f"poses: {{{', '.join(f'{key}: {value}' for key, value in keys.items())}}} in a layout"
+            )
+        elif keys and by == "options" and "inverse" not in keys and keys.get("axes", "ned") in FRAMES:
+            keys = {"frame" if key == "axes" else key: value for key, value in keys.items()}
+            words += [f"--{key} {value}" for key, value in keys.items()]
+        elif keys:
+            words.append(f"poses that are {self.described(said)}: convert them")
         if (right.along, per_m) != (said.along, self.words.per_m):
-            kind = "ray" if right.along else "planar"
-            unit = "mm" if per_m == 1000 else f"1/{per_m:g}" if per_m != 1 else "m"
-            depth.append(f"--depth {kind}-{unit}")
-        if right.quaternion:
-            order = "qw qx qy qz" if right.quaternion == "w first" else "qx qy qz qw"
-            others.append(f"a first line of poses that names the columns, x y z {order}")
-        others += ["rotations that are transposed"] * right.transposed
-        others += [f"poses of {abs(right.shift)} frames {'later' if right.shift > 0 else 'earlier'}"] * bool(
-            right.shift
-        )
-        layout = [f"--layout my.yaml with poses: {{{', '.join(poses)}}}"] if poses else []
-        return " and ".join([*layout, *depth, *others])
+            unit = "m" if per_m == 1 else "mm" if per_m == 1000 else f"1/{per_m:g}"
+            words.append(f"--depth {'ray' if right.along else 'planar'}-{unit}")
+        return " and ".join(words)
 
 
 def _unit(metres: float) -> str:
@@ -304,15 +315,14 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
     if not len(surfaces):
         return Verdict(words, why="depth shows no surface")
     said = words.convention
-    kept = [*search.hypotheses()]
-    for count, most in ((_SKIM, _SKIMMED), (_FEW, _KEPT)):
-        coarse = _scored(search, kept, count, _COARSE)
-        kept = list(dict.fromkeys([said, *(score.convention for score in coarse[:most])]))
+    kept = _best(search, [*search.hypotheses()], _SKIM, _SKIMMED)
     kinds = (True,) if pictures.panorama else (False, True)
-    kept = list(dict.fromkeys(one._replace(along=along) for one in kept for along in kinds))
+    kept = _best(search, [one._replace(along=along) for one in kept for along in kinds], _FEW, _KEPT)
+    kept += [said._replace(along=along) for along in kinds if said._replace(along=along) not in kept]
     scores = _scored(search, kept, _MANY, _FINE[0])
     if len(pictures.R) >= _LEAST_SHIFTED:
-        shifted = [s.convention._replace(shift=by) for s in scores[:_SHIFTED] for by in _SHIFTS]
+        likely = dict.fromkeys([said, *(score.convention for score in scores[:_SHIFTED])])
+        shifted = [one._replace(shift=by) for one in likely for by in _SHIFTS]
         scores += _scored(search, shifted, _MANY, _FINE[0])
         scores.sort(key=lambda score: -score.mean)
     first, kept = scores[0].mean, [score.convention for score in scores[:_FINAL]]
@@ -333,6 +343,10 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
     return result
 
 
+def _best(search: _Search, conventions: Sequence[Convention], count: int, most: int) -> list[Convention]:
+    return [score.convention for score in _scored(search, conventions, count, _COARSE[count])[:most]]
+
+
 def _scored(search: _Search, conventions: Sequence[Convention], count: int, tolerance: float) -> list[Score]:
     scores = [search.score(one, count, tolerance) for one in conventions]
     return sorted(scores, key=lambda score: -score.mean)
@@ -343,6 +357,6 @@ def _is_tied(best: Score, other: Score) -> bool:
     if other is best:
         return True
     difference = best.pairs - other.pairs
-    margin, sigma = difference.mean(), difference.std() / np.sqrt(len(difference)) + 1e-6
+    margin, sigma = difference.mean(), np.hypot(difference.std(), _SPREAD) / np.sqrt(len(difference))
     z = margin / sigma
     return bool(margin < _TIED or z < _TIED_SIGMA or (z < _NEAR_SIGMA and margin < _NEAR * best.mean))

@@ -18,6 +18,7 @@ from omniscv.geometry import Array
 Indices = NDArray[np.int64]
 
 _BINS = 96  # of log depth, for the agreement that chance gives
+_FEW = 6  # pairs that are looked at both ways
 _GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # frames between those of a pair
 _OVERLAPS, _TURNED = 0.45, 0.25  # shares of the field of view: the most that a pair turns, and enough
 _MOST_FOV = 2.0  # radians; of a wider picture, no more counts
@@ -72,6 +73,7 @@ class PosedPictures:
         held = [[at[a], at[b]] for a, b in chosen.tolist() if a in at and b in at]
         if not held:
             return None
+        held += [pair[::-1] for pair in held] if len(held) < _FEW else []
         of = [shots[frame] for frame in frames]
         greys = [shot.grey for shot in of if shot.grey is not None]
         grey = np.stack(greys) if len(greys) == len(of) else None

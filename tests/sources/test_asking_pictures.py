@@ -1,0 +1,141 @@
+"""Folders of posed pictures whose words are wrong, and what their pictures say: rooms drawn by formulas."""
+
+from contextlib import closing
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.overlapping import MISDESCRIBED, asked, convention, noisy, room, written
+
+from omniscv import cli
+from omniscv.errors import ArgumentError
+from omniscv.sources.recording.conventions import Words
+from omniscv.sources.recording.importing import import_pictures
+from omniscv.sources.recording.replay import RecordedSource
+from omniscv.sources.recording.store import Store
+
+SOME = ("unreal, cm", "world to camera, along the ray", "w first", "late", "world to camera, transposed")
+
+
+@pytest.fixture(scope="module")
+def shots():
+    """Ten frames of a room."""
+    return room(1, count=10)
+
+
+def verdict_of(shots, name):
+    """The verdict on shots that are misdescribed, and the convention that they have."""
+    told, right = MISDESCRIBED[name]
+    pictures = {key: told[key] for key in ("depth", "ray") if key in told}
+    R, t = written(shots, **{key: value for key, value in told.items() if key not in pictures})
+    words = Words(quaternions="order" in told)
+    return asked(shots, words, R, t, **pictures), convention(**right)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_pictures_tell_the_convention_of_poses(shots, name):
+    verdict, right = verdict_of(shots, name)
+    assert verdict.best.convention == right
+    assert verdict.contradicts
+    assert verdict.best.mean > 0.5 > 2 * verdict.said.mean
+
+
+def test_sound_words_are_confirmed_and_what_pictures_cannot_tell_is_said():
+    sound = noisy(room(2, count=6), 2, much=2.5, moving=0.06)
+    line = asked(sound, Words()).line()
+    assert line.startswith("pictures: as said, camera-to-world, axes camera, planar depth: agreement 0.")
+    assert "cannot tell" not in line
+    turned = asked(room(3, count=6, still=True), Words())
+    assert not turned.contradicts
+    assert "cannot tell" in turned.line()
+    assert "units" in turned.line()
+    nothing = room(4, count=6)
+    nothing.depth[:] = np.random.default_rng(0).uniform(1, 4, nothing.depth.shape)
+    random = asked(nothing, Words())
+    assert not random.contradicts
+    assert random.line().startswith("pictures cannot tell their convention: they agree by 0.")
+
+
+LAYOUT = """
+pictures: pinhole
+place: 'color/(?P<i>\\d+)\\.png'
+lit: 'color/{i}.png'
+depth: {file: 'depth/{i}.png', kind: planar, unit: mm}
+poses: {file: poses.txt, row: i%s}
+intrinsics: {fx: %g, fy: %g, cx: %g, cy: %g}
+%s
+"""
+
+
+@pytest.fixture
+def folder(shots, tmp_path):
+    """Writes a folder whose poses are OpenGL's from the world to the camera, with depth of 1/5000 m."""
+    for name in ("color", "depth"):
+        (tmp_path / name).mkdir()
+    R, t = written(shots, axes="opengl", inverse=True)
+    rows = np.column_stack([t, Rotation.from_matrix(R).as_quat()])
+    (tmp_path / "poses.txt").write_text("\n".join(" ".join(f"{v:.8f}" for v in row) for row in rows))
+    for i in range(len(R)):  # not in the order of their names as texts
+        cv2.imwrite(str(tmp_path / f"color/{i}.png"), shots.lit[i][..., ::-1])
+        cv2.imwrite(str(tmp_path / f"depth/{i}.png"), np.uint16(np.round(5000 * shots.depth[i])))
+
+    def layout(poses="", more=""):
+        (tmp_path / "my.yaml").write_text(LAYOUT % (poses, *shots.lens, more))
+        return tmp_path, tmp_path / "a.sqlite", str(tmp_path / "my.yaml")
+
+    return layout
+
+
+def test_words_that_pictures_contradict_are_refused_with_those_to_write(folder, shots, capsys):
+    with pytest.raises(ArgumentError) as refused:
+        import_pictures(*folder(), depth="planar-mm")
+    said, words = str(refused.value).split("; write ")
+    assert "world-to-camera, axes opengl, planar depth of 1/5000 m: agreement 0.8" in said
+    assert words.startswith("poses: {axes: opengl, inverse: true} in a layout and --depth planar-1/5000; or")
+    assert not folder()[1].exists()
+    path, file, layout = folder(", axes: opengl, inverse: true")
+    right = import_pictures(path, file, layout, depth="planar-1/5000")
+    assert right.lines[1].startswith("pictures: as said, world-to-camera, axes opengl")
+    args = ["recording", "import", str(path), str(path / "b.sqlite"), "--layout", folder()[2]]
+    assert cli.run([*args, "--trust-words"]) == 0
+    assert "; taken as said" in capsys.readouterr().out
+    assert cli.run(args) == 2
+    assert "write poses: {axes: opengl, inverse: true}" in capsys.readouterr().err
+
+
+def test_a_layout_that_asks_comes_in_by_its_pictures(folder, shots):
+    path, file, layout = folder(more="asks: true")
+    taken = import_pictures(path, file, layout)
+    assert taken.lines[1].endswith("; taken as pictures show")
+    right = path / "right.sqlite"
+    import_pictures(path, right, folder(", axes: opengl, inverse: true")[2], depth="planar-1/5000")
+    with closing(Store(file)) as asked_, closing(Store(right)) as named:
+        assert [row.payload for row in asked_.rows()] == [row.payload for row in named.rows()]
+    with RecordedSource(file) as source:
+        views = source.recorded_views()
+    relative = [views[0].pose.R_w_c.T @ view.pose.R_w_c for view in views]
+    np.testing.assert_allclose(relative, shots.R[0].T @ shots.R, atol=1e-6)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", MISDESCRIBED)
+@pytest.mark.parametrize("spoil", [(0, 0), (1, 0), (2.5, 0.06)])
+def test_every_misdescription_is_told(name, spoil):
+    for seed in range(30, 34):
+        verdict, right = verdict_of(noisy(room(seed, count=10), seed, *spoil), name)
+        assert verdict.contradicts
+        assert right in (verdict.best.convention, *verdict.tied)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(13))
+def test_sound_folders_are_never_refused(seed):
+    sound = {
+        "noisy": room(seed, count=10), "plain": room(seed, boxes=0, plain=True, count=10),
+        "line": room(seed, count=12, straight=True), "turns": room(seed, count=10, still=True),
+        "two": room(seed, count=2), "far": room(seed, count=6, step_deg=35.0),
+    }  # fmt: skip
+    for shots in (*sound.values(), *(noisy(each, seed, 2.5, 0.06) for each in sound.values())):
+        for quaternions in (False, True):
+            assert not asked(shots, Words(quaternions=quaternions)).contradicts
