@@ -321,6 +321,13 @@ def dso(content: Content) -> dict[str, Any]:
     return {"cam0": {"model": match[1], "numbers": values, "size": size}}
 
 
+def write_dso(values: Mapping[str, Any]) -> str:
+    """Return the four lines of a camera; pictures are cropped where the lens bends them."""
+    size, model = " ".join(map(str, values["size"])), values["model"]
+    numbers = " ".join(f"{value:.17g}" for value in values["numbers"])
+    return f"{model} {numbers}\n{size}\n{'none' if model == 'Pinhole' else 'crop'}\n{size}\n"
+
+
 _ZED_SIZES = {
     "2K": [2208, 1242], "FHD": [1920, 1080], "FHD1200": [1920, 1200], "HD": [1280, 720],
     "HD1200": [1920, 1200], "SVGA": [960, 600], "VGA": [672, 376], "4K": [3840, 2160],

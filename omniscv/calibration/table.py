@@ -206,12 +206,12 @@ OPENICC = Form("openicc", "OpenImuCameraCalibrator",
 
 DSO = Form("dso", "DSO, LSD-SLAM, TUM monoVO: camera.txt",
     "model numbers size", """
-    < Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
-    < FOV|ATAN|none field-of-view numbers=fx,fy,cx,cy,omega
-    < RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
-    < EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
+    Pinhole|FOV|ATAN|none pinhole numbers=fx,fy,cx,cy;0
+    FOV|ATAN|none field-of-view numbers=fx,fy,cx,cy,omega
+    RadTan|none pinhole numbers=fx,fy,cx,cy,k1,k2,p1,p2
+    EquiDistant|KannalaBrandt kannala-brandt numbers=fx,fy,cx,cy,k1,k2,k3,k4
     """,
-    word="model", size="size", split=parts.dso)
+    word="model", size="size", split=parts.dso, dump=parts.write_dso)
 
 ZED = Form("zed", "ZED: SN.conf",
     "LEFT_CAM_HD", "< - pinhole fx fy cx cy k1 k2 p1? p2? k3? k4? k5? k6?",

@@ -179,7 +179,8 @@ def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
     """Return the points of several images, one in each cube of a grid: the one nearest to its optical centre.
 
     Clouds are merged as they come, so memory holds about twice the result. Of equally near points, the first
-    stays. Layers that only some clouds have are left out.
+    stays. Layers that only some clouds have are left out. The grid is counted from the first point, so clouds
+    may lie anywhere, as in UTM.
 
     Args:
         clouds: at least one.
@@ -191,13 +192,16 @@ def merged(clouds: Iterable[Points], voxel_m: float) -> Points:
     """
     voxel_m = number("voxel", voxel_m, above=0)
     pending: list[Points] = []
+    origin: Array | None = None  # the cube of the first point
     for cloud in clouds:
-        pending.append(_thin(cloud, voxel_m))
-        if sum(map(len, pending[1:])) > len(pending[0]):
-            pending = [_thin(_join(pending), voxel_m)]
+        if origin is None and len(cloud):
+            origin = _cells(cloud.positions_w[0], voxel_m)
+        pending.append(cloud if origin is None else _thin(cloud, voxel_m, origin))
+        if origin is not None and sum(map(len, pending[1:])) > len(pending[0]):
+            pending = [_thin(_join(pending), voxel_m, origin)]
     if not pending:
         raise ArgumentError("clouds: expected at least one, got none")
-    return pending[0] if len(pending) == 1 else _thin(_join(pending), voxel_m)
+    return pending[0] if origin is None else _thin(_join(pending), voxel_m, origin)
 
 
 def _join(clouds: Sequence[Points]) -> Points:
@@ -209,13 +213,20 @@ def _join(clouds: Sequence[Points]) -> Points:
     )
 
 
-def _thin(cloud: Points, voxel_m: float) -> Points:
-    """The nearest point of each cube, in the order of the cloud."""
-    cells = np.floor(cloud.positions_w / voxel_m + 0.5)  # walls at round coordinates lie inside cubes
+def _cells(positions_w: Array, voxel_m: float) -> Array:
+    """Return the cubes (..., 3) of positions; walls at round coordinates lie inside cubes."""
+    return np.asarray(np.floor(positions_w / voxel_m + 0.5))
+
+
+def _thin(cloud: Points, voxel_m: float, origin: Array) -> Points:
+    """The nearest point of each cube, in the order of the cloud; cubes are counted from that of an origin."""
+    cells = _cells(cloud.positions_w, voxel_m) - origin
     limit = 1 << (_CELL_BITS - 1)
     if len(cells) and not np.abs(cells).max() < limit:
-        far = np.abs(cloud.positions_w).max()
-        raise ArgumentError(f"voxel: expected at least {far / (limit - 1):.3g} m for points {far:.3g} m away")
+        far = np.abs(cells).max() * voxel_m
+        raise ArgumentError(
+            f"voxel: expected at least {far / (limit - 1):.3g} m for points {far:.3g} m apart"
+        )
     x, y, z = (cells.astype(np.int64) + limit).T
     cell = (x << 2 * _CELL_BITS) | (y << _CELL_BITS) | z
     order = np.lexsort((cloud.distances, cell))

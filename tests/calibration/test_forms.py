@@ -469,10 +469,11 @@ def test_keys_that_act() -> None:
     np.testing.assert_allclose(rectified[seen], theirs[seen], atol=1e-9)
     np.testing.assert_allclose(lenses["cam0-rectified"].pose.rotation, turned.T, atol=1e-12)
     delayed = CASES["openvins"][0].replace("  resolution", "  line_delay_nanoseconds: 30000\n  resolution")
+    in_seconds = delayed.replace("line_delay_nanoseconds: 30000", "line_delay: 3.0e-05")
     shutter = calibration.loads(delayed)["cam0"]
     assert (shutter.name, shutter.readout) == ("rolling-shutter", pytest.approx(480 * 30e-6))
     again = calibration.loads(calibration.dumps({"cam0": shutter}, "kalibr"), "kalibr")["cam0"]
-    assert again == shutter
+    assert again == shutter == calibration.loads(in_seconds)["cam0"]
     vins = CASES["camodocal-pinhole"][0] + "rolling_shutter: {}\nrolling_shutter_tr: 0.03\n"
     assert [calibration.loads(vins.format(on))["cam0"].name for on in (0, 1)] == [
         "pinhole",

@@ -1,5 +1,7 @@
 """PLY, and a job's dataset in all formats of geometry at once: poses, cameras, depth, points, flow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plyfile import PlyData
@@ -137,6 +139,20 @@ def test_each_camera_has_a_trajectory_in_the_order_of_times(exports):
     chain = calibration.load(exports / "kalibr/camchain.yaml")
     ray = frames[0].camera.unproject([10.0, 20.0]).directions
     np.testing.assert_allclose(chain["cam0"].project(ray)[0], [10, 20], atol=1e-9)
+
+
+def test_coordinates_of_the_real_world_keep_their_digits(tmp_path):
+    """In UTM float32 has steps of 0.5 m."""
+    frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[0])
+    moved = replace(frame, pose=Pose(np.add(POSES[0].position, (5e5, 5e6, 0)), POSES[0].rotation))
+    near, far = (
+        [PlyData.read(path)["vertex"].data for path in get("ply").export([each], tmp_path / name, {})]
+        for name, each in (("near", frame), ("far", moved))
+    )
+    for here, there in zip(near, far, strict=True):
+        assert (here["x"].dtype, there["x"].dtype) == ("<f4", "<f8")
+        away = columns(there, "xyz") - (5e5, 5e6, 0)
+        np.testing.assert_allclose(away[: len(here)], columns(here, "xyz")[: len(away)], atol=1e-6)
 
 
 def test_the_cloud_has_classes_and_their_names(exports):

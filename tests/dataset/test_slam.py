@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import yaml
+from evo.core import sync
 from evo.tools import file_interface
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -12,6 +13,7 @@ from mock_server import load_scene
 from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Pose
+from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job import load
 from omniscv.job.file import EPOCH_NS
 from omniscv.make import make
@@ -217,7 +219,14 @@ def test_pcd(folder, frames):
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_bags(folder, frames, storage, tmp_path):
     """rosbags, and of MCAP mcap, read the messages back: images, clouds, IMU, poses."""
-    dataset.export(folder, "rosbag2", tmp_path, storage=storage)
+    dataset.export(
+        folder,
+        "rosbag2",
+        tmp_path,
+        storage=storage,
+        depth="16UC1" if storage == "mcap" else "32FC1",
+        labels=True,
+    )
     with highlevel.AnyReader([tmp_path / "bag"]) as reader:
         messages = {}
         for connection, stamp, data in reader.messages():
@@ -226,7 +235,8 @@ def test_bags(folder, frames, storage, tmp_path):
     samples, scans = frames[0].imu.samples(), of(frames, "scan")
     assert {topic: len(found) for topic, found in messages.items()} == {
         "/tf_static": 1, "/left/image/compressed": 3, "/left/camera_info": 3, "/right/image/compressed": 3,
-        "/right/camera_info": 3, "/scan/points": 3, "/imu": 51, "/odom": 51, "/tf": 51,
+        "/right/camera_info": 3, "/scan/points": 3, "/imu": 51, "/ground_truth/odometry": 51,
+        "/left/range/image": 3, "/right/depth/image": 3, "/left/labels/image": 3, "/right/labels/image": 3,
     }  # fmt: skip
     assert messages["/left/camera_info"][0][1].distortion_model == "equidistant"
     assert messages["/right/camera_info"][0][1].distortion_model == "plumb_bob"
@@ -235,22 +245,26 @@ def test_bags(folder, frames, storage, tmp_path):
     assert image.data.tobytes() == of(frames, "right")[1].files["lit"].read_bytes()
     imu = messages["/imu"][7][1]
     assert imu.linear_acceleration.z == samples.specific_force[7, 2]
-    odometry = messages["/odom"][7][1]
+    assert imu.orientation_covariance[0] == -1
+    np.testing.assert_allclose(imu.angular_velocity_covariance, np.diag([1e-4] * 3).ravel())
+    shown = messages["/right/depth/image"][1][1]
+    seen, ahead = of(frames, "right")[1].layer("depth"), of(frames, "right")[1].camera.unproject()
+    wanted = seen * ahead.directions[..., 2] * (1000 if storage == "mcap" else 1)
+    pixels = shown.data.view({"16UC1": "<u2", "32FC1": "<f4"}[shown.encoding]).reshape(40, 48)
+    np.testing.assert_allclose(pixels, wanted, rtol=1e-6, atol=0.5 if storage == "mcap" else 0)
+    odometry = messages["/ground_truth/odometry"][7][1]
     assert odometry.twist.twist.angular.x == pytest.approx(samples.angular_velocity[7, 0], abs=0.05)
     static = {t.child_frame_id: t.transform for t in messages["/tf_static"][0][1].transforms}
     cloud = messages["/scan/points"][2][1]
     names = [field.name for field in cloud.fields]
     assert names == ["x", "y", "z", "ring", "time", "label", "class", "doubt"]
     points = points_of(cloud)
-    on_body, at = static["scan"], messages["/tf"][35][1].transforms[0].transform
+    on_body, at = static["scan"], messages["/ground_truth/odometry"][35][1].pose.pose
     poses = [
         Pose.from_quaternion(
-            *(
-                ([getattr(v, axis) for axis in axes])
-                for v, axes in ((t.translation, "xyz"), (t.rotation, "xyzw"))
-            )
+            *(([getattr(v, axis) for axis in axes]) for v, axes in ((t[0], "xyz"), (t[1], "xyzw")))
         )
-        for t in (at, on_body)
+        for t in ((at.position, at.orientation), (on_body.translation, on_body.rotation))
     ]
     world = (poses[0] @ poses[1]).to_world(np.stack([points[axis] for axis in "xyz"], axis=-1))
     wanted = T_world_scan(scans[2]).to_world(np.stack([points[axis] for axis in "xyz"], axis=-1))
@@ -263,6 +277,55 @@ def test_bags(folder, frames, storage, tmp_path):
             found = [decoded for *_, decoded in messages]
         assert len(found) == 51
         assert found[7].linear_acceleration.z == imu.linear_acceleration.z
+
+
+def test_kalibr(folder, frames, tmp_path):
+    """One chain of both cameras, though one is late: their poses on the IMU."""
+    dataset.export(folder, "kalibr", tmp_path, cameras=["left", "right"])
+    chain = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
+    for number, name in enumerate(("left", "right")):
+        frame, entry = of(frames, name)[1], chain[f"cam{number}"]
+        T_cam_imu = np.array(entry["T_cam_imu"])
+        body = frames[0].imu.path.at(frame.time_ns) @ frames[0].imu.imu.pose
+        found = Pose(T_cam_imu[:3, 3], T_cam_imu[:3, :3])
+        np.testing.assert_allclose((body @ found.inverse()).position, frame.pose.position, atol=1e-9)
+        assert entry["timeshift_cam_imu"] == 0
+    T_1_0 = np.array(chain["cam1"]["T_cam_imu"]) @ np.linalg.inv(chain["cam0"]["T_cam_imu"])
+    np.testing.assert_allclose(chain["cam1"]["T_cn_cnm1"], T_1_0, atol=1e-12)
+
+
+def test_stamps_come_out_as_they_came_in(tmp_path):
+    """Ten of EuRoC's, of odd nanoseconds, which no float64 of seconds holds; and the IMU's equal steps."""
+    stamps = [1403715274302142976 + 5_000_000 * k + 37 * k % 512 for k in range(10)]
+    rows = [f"{stamp},{0.01 * k},0,1.5,0.5,-0.5,0.5,-0.5" for k, stamp in enumerate(stamps)]
+    (tmp_path / "data.csv").write_text("\n".join(rows) + "\n")
+    lens = {"model": "pinhole", "width": 8, "height": 6, "fov_deg": 90}
+    job = load({"source": "scene://four-wall", "cameras": {"cam": lens}, "imu": {}, "modes": ["lit"],
+                "poses": {"file": str(tmp_path / "data.csv"), "frame": "camera"}, "face_size": 8,
+                "out": str(tmp_path / "out"), "export": ["euroc", "poses", "rosbag2"]})  # fmt: skip
+    make(job)
+    assert [frame.time_ns for frame in dataset.open(job.out)] == stamps
+    exports = job.out / "exports"
+    for path in (exports / "euroc/mav0/cam0/data.csv", exports / "poses/cam.euroc"):
+        assert [int(line.split(",")[0]) for line in path.read_text().splitlines()[1:]] == stamps
+    names = sorted(path.stem for path in (exports / "euroc/mav0/cam0/data").iterdir())
+    assert names == list(map(str, stamps))
+    decimals = [f"{stamp // 10**9}.{stamp % 10**9:09d}".rstrip("0") for stamp in stamps]
+    assert [line.split()[0] for line in (exports / "poses/cam.tum").read_text().splitlines()[1:]] == decimals
+    assert (exports / "poses/cam.times").read_text().split() == decimals
+    imu = [line.split(",")[0] for line in (exports / "euroc/mav0/imu0/data.csv").read_text().splitlines()[1:]]
+    assert set(np.diff(list(map(int, imu))).tolist()) == {5_000_000}
+    with highlevel.AnyReader([exports / "rosbag2/bag"]) as reader:
+        stamped = [
+            stamp for connection, stamp, _ in reader.messages() if connection.topic.endswith("pressed")
+        ]
+    assert stamped == stamps
+    for name, read in (("tum", file_interface.read_tum_trajectory_file), ("kitti", None)):
+        copied = read_trajectory(exports / f"poses/cam.{name}")
+        assert copied.times_ns == tuple(stamps)
+        if read is not None:
+            truth = file_interface.read_euroc_csv_trajectory(str(exports / "poses/cam.euroc"))
+            assert sync.associate_trajectories(truth, read(str(exports / "poses/cam.tum")))[0].num_poses == 10
 
 
 def test_tables_beside_a_job(tmp_path):

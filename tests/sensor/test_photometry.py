@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from omniscv import light
+from omniscv import calibration, light
 from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.job.file import load
@@ -37,7 +37,8 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     job = load(
         {
             "source": "scene://four-wall",
-            "cameras": {"eye": {"model": "fisheye-stereographic", "width": 32, "height": 32, "fov_deg": 170}},
+            "cameras": {"eye": {"model": "fisheye-stereographic", "width": 32, "height": 32, "fov_deg": 170},
+                        "flat": {"model": "pinhole", "width": 32, "height": 24, "fov_deg": 80}},
             "poses": [{"position": [0, 0, 1.2], "yaw_deg": yaw, "time": 3 + yaw} for yaw in (0, 0.5)],
             "sensor": keys, "export": ["tum_mono"], "face_size": 32, "out": str(tmp_path),
         }
@@ -45,6 +46,9 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     make(job)
     folder = tmp_path / "exports" / "tum_mono" / "eye"
     assert (folder / "times.txt").read_text() == "00000 3 20\n00001 3.5 20\n"
+    assert not (folder / "camera.txt").exists()  # DSO has no such lens
+    flat = calibration.load(folder.with_name("flat") / "camera.txt")
+    assert list(flat.values()) == [job.cameras["flat"]]
     inverse, vignette = (
         np.loadtxt(folder / "pcalib.txt"),
         optics.read_vignette(folder / "vignette.png"),

@@ -89,8 +89,10 @@ def test_wrong_arguments_are_refused():
     camera = CAMERAS["pinhole-0"]
     with pytest.raises(ArgumentError, match="rays: expected the size of depth"):
         truth.points(np.ones((2, 2)), camera.unproject(), POSE)
-    far = Points(np.full((1, 3), 2000.0), np.ones(1))
+    far = Points(np.array([[0.0] * 3, [2000.0] * 3]), np.ones(2))
     with pytest.raises(ArgumentError, match=r"voxel: expected at least 0\.0019"):
         truth.merged([far], 1e-3)
+    utm = Points(far.positions_w / 1000 + (5e5, 5e6, 0), np.ones(2))  # the grid is counted from there
+    np.testing.assert_array_equal(truth.merged([utm], 1e-3).positions_w, utm.positions_w)
     with pytest.raises(ArgumentError, match="at least one"):
         truth.merged([], 0.1)

@@ -6,12 +6,17 @@
     ``CameraInfo``, where ROS has the model: plumb_bob, rational_polynomial, equidistant.
 ``/CAMERA/points``
     ``PointCloud2`` of each frame of a ``lidar``, its returns only.
+``/CAMERA/depth/image``, ``/CAMERA/range/image``
+    With ``depth: 32FC1`` (metres, +inf without a surface) or ``16UC1`` (millimetres, 0 without): along z of
+    cameras that look ahead from one centre; of others along the rays.
+``/CAMERA/labels/image``
+    With ``labels: true``: ``16UC1``, the instances' ids.
 ``/imu``
-    ``Imu`` in the frame ``body``, with the true orientation.
-``/odom``
+    ``Imu`` in the frame ``body``: no orientation, covariances of its noise.
+``/ground_truth/odometry``
     ``Odometry``, the true state of ``body`` in ``world``.
-``/tf``, ``/tf_static``
-    The same poses, and where the sensors are on the body.
+``/tf_static``
+    Where the sensors are on the body.
 
 The frame of a camera is ``CAMERA`` (x right, y down, z forward), that of a LiDAR X ahead, Y left, Z up. Types
 are those of ROS 2 Humble. Messages are in the order of their times.
@@ -22,11 +27,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from omniscv.arguments import one_of
+from omniscv.arguments import flag
 from omniscv.calibration.opencv import to_opencv, to_opencv_fisheye
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, RollingShutter
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.formats.euroc import track_of
 from omniscv.dataset.formats.lidar import LidarOptions
@@ -35,11 +41,12 @@ from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL, Array
-from omniscv.records import checked, record
+from omniscv.records import checked, record, word
 from omniscv.sensor.imu import ImuTrack
 from omniscv.truth.point_cloud import lidar_of, sweep
 
 Storage = Literal["mcap", "sqlite3"]
+Depth = Literal["none", "32FC1", "16UC1"]
 _DATATYPES = {"<f4": 7, "<u2": 4, "|u1": 2}  # of PointField
 Message = tuple[int, str, str, dict[str, Any]]
 """Nanoseconds, topic, type and fields; fields that are not given are 0 or empty."""
@@ -49,7 +56,9 @@ Message = tuple[int, str, str, dict[str, Any]]
 class BagOptions(LidarOptions):
     """Options of the format."""
 
-    storage: Storage = checked(one_of, words=("mcap", "sqlite3"), default="mcap", help="mcap or sqlite3")
+    storage: Storage = word(Storage, default="mcap", help="mcap or sqlite3")
+    depth: Depth = word(Depth, default="none", help="depth images of cameras: none, 32FC1 or 16UC1")
+    labels: bool = checked(flag, default=False, help="images of labels")
 
 
 @register
@@ -61,7 +70,13 @@ class Rosbag2(Format):
 
     def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
         scans = [lidar_of(camera) is not None for camera in cameras.values()]
-        return ["imu", *(["depth"] if any(scans) else []), *([] if all(scans) else ["lit"])]
+        depth = any(scans) or options.depth != "none"
+        return [
+            "imu",
+            *(["depth"] if depth else []),
+            *([] if all(scans) else ["lit"]),
+            *(["labels"] if options.labels else []),
+        ]
 
     def refuses(self, camera: Camera) -> str | None:
         _rosbags()
@@ -127,7 +142,9 @@ def _transform(stamp: int, parent: str, child: str, position: Array, rotation: A
 def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: BagOptions) -> Iterator[Message]:
     static = []
     for name, mine in by_camera(frames).items():
-        pose, info = track.on_body(mine[0]), _camera_info(mine[0].camera)
+        camera = mine[0].camera
+        lens = camera.base if isinstance(camera, RollingShutter) else camera
+        pose, info = track.on_body(mine[0]), _camera_info(lens)
         lidar = lidar_of(mine[0].camera) is not None
         turn = pose.rotation @ R_LEVEL.T if lidar else pose.rotation
         static.append(_transform(mine[0].time_ns or 0, "body", name, pose.position, turn))
@@ -143,8 +160,32 @@ def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: Bag
             yield stamp, f"/{name}/image/compressed", "sensor_msgs/CompressedImage", header | image
             if info:
                 yield stamp, f"/{name}/camera_info", "sensor_msgs/CameraInfo", header | info
+            for topic, pixels in _pixels(frame, lens, options):
+                yield stamp, f"/{name}/{topic}/image", "sensor_msgs/Image", header | _image(pixels)
     first = min(frame.time_ns or 0 for frame in frames)
     yield first, "/tf_static", "tf2_msgs/TFMessage", {"transforms": static}
+
+
+def _pixels(frame: Frame, lens: Camera, options: BagOptions) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the topics of further images, and their pixels."""
+    if options.labels:
+        yield "labels", frame.layer("labels")
+    if options.depth == "none":
+        return
+    depth, ahead = frame.layer("depth"), lens.unproject().directions[..., 2]
+    planar = lens.central and bool((ahead[lens.valid()] > 0).all())
+    metres = np.where(depth > 0, depth * np.where(planar, ahead, 1.0), np.nan).astype(np.float32)
+    if options.depth == "16UC1":
+        mm = np.rint(1000 * metres)
+        metres = np.where((mm > 0) & (mm < 1 << 16), mm, 0).astype(np.uint16)
+    yield "depth" if planar else "range", metres
+
+
+def _image(pixels: NDArray[Any]) -> dict[str, Any]:
+    height, width = pixels.shape
+    encoding = "32FC1" if pixels.dtype == np.float32 else "16UC1"
+    size = {"height": height, "width": width, "step": width * pixels.itemsize}
+    return {**size, "encoding": encoding, "data": np.frombuffer(pixels.tobytes(), np.uint8)}
 
 
 def _camera_info(camera: Camera) -> dict[str, Any]:
@@ -177,15 +218,23 @@ def _cloud(table: Any) -> dict[str, Any]:
 def _of_imu(track: ImuTrack) -> Iterator[Message]:
     samples = track.samples()
     rates = track.path.motions(samples.times_ns).rates @ track.imu.pose.rotation
+    noises = {"angular_velocity": track.imu.gyroscope, "linear_acceleration": track.imu.accelerometer}
+    covariances = {
+        f"{name}_covariance": np.diag(np.square(of.noise_density) * track.imu.rate)
+        for name, of in noises.items()
+    }
+    covariances["orientation_covariance"] = np.array([-1.0] + [0.0] * 8)  # there is none
     for i, stamp in enumerate(samples.times_ns.tolist()):
         R, position = samples.rotations[i], samples.positions_w[i]
         force = _xyz(samples.specific_force[i])
         measured = {"angular_velocity": _xyz(samples.angular_velocity[i]), "linear_acceleration": force}
-        header = {"header": _header(stamp, "body"), "orientation": _turn(R)}
-        yield stamp, "/imu", "sensor_msgs/Imu", header | measured
+        yield stamp, "/imu", "sensor_msgs/Imu", {"header": _header(stamp, "body"), **measured, **covariances}
         pose = {"pose": {"position": _xyz(position), "orientation": _turn(R)}}
         moves = {"linear": _xyz(R.T @ samples.velocities_w[i]), "angular": _xyz(rates[i])}  # of the child
         state = {"child_frame_id": "body", "pose": pose, "twist": {"twist": moves}}
-        yield stamp, "/odom", "nav_msgs/Odometry", {"header": _header(stamp, "world"), **state}
-        moved = _transform(stamp, "world", "body", position, R)
-        yield stamp, "/tf", "tf2_msgs/TFMessage", {"transforms": [moved]}
+        yield (
+            stamp,
+            "/ground_truth/odometry",
+            "nav_msgs/Odometry",
+            {"header": _header(stamp, "world"), **state},
+        )

@@ -6,25 +6,30 @@ Each camera has a folder of its pictures behind the sensor, in the order of thei
     CAMERA/times.txt              a line for each picture: number, seconds, milliseconds of exposure
     CAMERA/pcalib.txt             light, 0 to 255, of each code: the inverse of sRGB
     CAMERA/vignette.png           16 bits: the sensor's shading, or white
+    CAMERA/camera.txt             the lens, where DSO has its model
 
 :mod:`omniscv.sensor.optics` reads and writes these files.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omniscv.cameras import Camera
+from omniscv.calibration.table import DSO
+from omniscv.cameras import Camera, RollingShutter
+from omniscv.cameras.rig import RigCamera
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import write_pixels
+from omniscv.dataset.pictures import without_limit, write_pixels
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry.clock import NS
 from omniscv.records import checked, mapping, optional, record
 from omniscv.sensor import Sensor, optics
+from omniscv.storage.local import write_text
 
 
 @record
@@ -67,6 +72,9 @@ class TumMono(Format):
             shares = np.ones((camera.height, camera.width))
             if sensor.shading is not None:
                 shares = np.asarray(optics.shading(camera, sensor.shading), np.float64)
+            lens = without_limit(camera.base if isinstance(camera, RollingShutter) else camera)
+            with suppress(ArgumentError):  # DSO has no such model
+                written.append(write_text(folder / "camera.txt", DSO.write({name: RigCamera(lens)})))
             written += [
                 optics.write_times(folder / optics.TIMES, times),
                 optics.write_response(folder / optics.RESPONSE, "srgb"),
