@@ -138,7 +138,7 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")
 
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slurm-array.sh"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "cluster" / "slurm-array.sh"
 
 
 def test_the_array_s_script_makes_a_part_in_each_task(tmp_path, monkeypatch):

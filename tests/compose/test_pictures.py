@@ -85,7 +85,7 @@ def test_one_line_says_what_it_is(image, tmp_path):
         writer.add("a", image, split="train")
     (frame,) = omniscv.dataset.open(tmp_path / "own")
     assert repr(frame).startswith("<Frame a: fisheye-equidistant, train: depth, depth_error, ")
-    job = load(ROOT / "examples/kitchen.yaml")
+    job = load(ROOT / "examples/kitchen/kitchen.yaml")
     assert repr(job).startswith(
         "<Job panorama, fisheye, ball at sampled poses, lit object_mask depth normals"
     )

@@ -16,7 +16,9 @@ from omniscv.cli.images import RECORD
 from omniscv.job import keys, load
 from omniscv.make import check_dataset, make
 
-JOBS = sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.name != "classes.yaml")
+JOBS = sorted(
+    path for path in (ROOT / "examples").rglob("*.yaml") if path.name not in ("classes.yaml", "camchain.yaml")
+)
 UNUSED = set()
 """Keys that nobody has a reason to use, and that stay: at most ten."""
 
@@ -58,22 +60,38 @@ def test_the_jobs_of_examples_are_whole(path):
 def test_the_moving_world_is_the_one_that_its_document_runs():
     """``docs/moving-worlds.md`` is executed; the example is the same script."""
     document = (ROOT / "docs" / "moving-worlds.md").read_text(encoding="utf-8")
-    _, script = (ROOT / "examples" / "moving.py").read_text(encoding="utf-8").split("\n\n", maxsplit=1)
+    _, script = (
+        (ROOT / "examples" / "moving" / "moving.py").read_text(encoding="utf-8").split("\n\n", maxsplit=1)
+    )
     assert script in document
 
 
 def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
-    folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    folder = shutil.copytree(ROOT / "examples" / "kitchen", tmp_path / "kitchen")
     text = (folder / "kitchen.yaml").read_text()
     smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 8}", text)
     (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 1"))
     make(load(folder / "kitchen.yaml"))
-    assert dataset.check(folder / "kitchen", deep=True) == []
-    monkeypatch.setattr(sys, "argv", ["explore.py", str(folder / "kitchen")])
+    assert dataset.check(folder / "out", deep=True) == []
+    monkeypatch.setattr(sys, "argv", ["explore.py", str(folder / "out")])
     runpy.run_path(str(folder / "explore.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert printed.startswith("3 frames; splits {")
     assert "floor corners at" in printed
+
+
+def test_the_pages_of_cameras_are_as_made():
+    """By ``scripts/draw-cameras pages``, of docstrings and of what files hold."""
+    for name, text in runpy.run_path(str(ROOT / "scripts/draw-cameras"))["pages"]().items():
+        assert (ROOT / f"docs/cameras/{name}.md").read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("folder", sorted((ROOT / "examples").iterdir()), ids=lambda path: path.name)
+def test_an_example_has_a_page_with_a_command(folder):
+    page = (folder / "README.md").read_text(encoding="utf-8")
+    assert len(page.splitlines()) <= 20
+    assert re.search(r"```(sh|text)\n\S", page)
+    assert all((folder / path).exists() for path in re.findall(r"\]\(([^)#]+)", page))
 
 
 def test_the_page_of_commands_is_as_made():

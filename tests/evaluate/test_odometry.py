@@ -159,7 +159,7 @@ poses: {file: flight.tum}
 modes: [lit]
 out: slam
 export: [euroc]
-"""  # the rig of examples/slam.yaml; its own path has places that COLMAP takes for each other
+"""  # the rig of examples/slam/slam.yaml; its own path has places that COLMAP takes for each other
 
 
 @pytest.mark.soak

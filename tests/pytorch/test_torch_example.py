@@ -8,7 +8,7 @@ from support.command_line import ROOT
 
 
 def test_batches_are_fed(recording):
-    script = ROOT / "examples" / "torch_batches.py"
+    script = ROOT / "examples" / "training" / "torch_batches.py"
     command = [sys.executable, str(script), str(recording), "--workers", "1", "--batch", "2", "--count", "2"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, sys.path)])}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
