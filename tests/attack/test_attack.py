@@ -5,8 +5,8 @@ import pytest
 from attack.runner import ROUND, Tally, Worker, run
 
 SHORT = {
-    **{"texts": 15, "recordings": 8, "servers": 2, "folders": 3},
-    **{"datasets": 2, "records": 2, "names": 3, "shards": 5, "stores": 2},
+    **{"texts": 8, "recordings": 4, "servers": 2, "folders": 2},
+    **{"datasets": 2, "records": 2, "names": 2, "shards": 3, "stores": 2},
 }
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
 which ``tests/cli/test_signals.py`` tests in the suite."""

@@ -226,7 +226,10 @@ class Inexact(SourceWrapper):
     [("fisheye-equidistant", False), ("noncentral-panorama", True), ("noncentral-spherical-mirror", True)],
 )
 def test_depth_of_a_source_that_is_not_exact_is_bounded(tmp_path, name, whole):
-    camera = SMALL.get(name) or create(name, 96, 96, fov_deg=170)
+    camera = {
+        "fisheye-equidistant": create("fisheye-equidistant", 96, 96, fov_deg=170),
+        "noncentral-panorama": create("noncentral-panorama", 48, 24, radius=1.0),
+    }.get(name) or SMALL[name]
     pose = Pose.from_angles((0.31237, -0.41713, 1.41391), 33.7, 25, 14)
     path = tmp_path / "room"
     with (

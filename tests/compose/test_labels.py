@@ -25,7 +25,8 @@ FILTERED = [
 @pytest.mark.parametrize(("name", "filter"), FILTERED)
 def test_every_output_colour_is_an_input_colour_and_has_its_label(name, filter):
     camera = SMALL[name]
-    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), filter=filter, face_size=96)
+    aim = {} if camera.central else {"accuracy": 0.1}
+    image = omniscv.render(camera, POSE, SOURCE, ("object_mask",), filter=filter, face_size=96, **aim)
     shown = set(map(tuple, image.object_mask[image.valid].tolist()))
     known = {color: SOURCE.objects().label(name) for name, color in SOURCE.objects().colors.items()}
     assert shown <= set(known) | {(0, 0, 0)}

@@ -19,7 +19,7 @@ CAMERAS = {
     "ring": lambda s: create("noncentral-panorama", 64, 32, radius=0.5 * s),
     "panorama": lambda s: create("equirectangular", 128, 64),
 }
-CASES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 8}), ("panorama", {})]
+CASES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 8, "accuracy": 0.1}), ("panorama", {})]
 POSE = Pose.from_angles((0.1, 0.2, 1.5), yaw_deg=10, pitch_deg=5, roll_deg=-7)
 
 

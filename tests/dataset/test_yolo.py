@@ -81,7 +81,12 @@ def test_a_pose_is_the_box_in_space(tmp_path):
     """The corners again by hand, and what a tracer sees of their places."""
     camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
     job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": [{"position": [0, 0, 1.5]}]}
-    job |= {"modes": ["lit", "object_mask", "depth"], "truth": {"boxes3d": True}, "out": str(tmp_path / "d")}
+    job |= {
+        "modes": ["lit", "object_mask", "depth"],
+        "face_size": 101,
+        "truth": {"boxes3d": True},
+        "out": str(tmp_path / "d"),
+    }
     make(load(job))
     export(job["out"], "yolo", str(tmp_path / "pose"), task="pose")
     data = yaml.safe_load((tmp_path / "pose" / "data.yaml").read_text())
