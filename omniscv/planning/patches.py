@@ -243,7 +243,13 @@ def _inside(directions: Array, axes: Array, start: float, height: float, span: f
     return np.asarray(along & (np.abs(off) <= np.sin(height) + 1e-12))
 
 
+@njit(cache=True, nogil=True)
 def held(directions: Array, R_w_c: Array, half: Array) -> Mask:
     """Return (N,) whether a view holds rays within tangents of its axis."""
-    x, y, z = (directions @ R_w_c).T
-    return np.asarray((z > 0) & (np.abs(x) <= half[0] * z) & (np.abs(y) <= half[1] * z))
+    found, R = np.empty(len(directions), np.bool_), R_w_c
+    for i in range(len(directions)):
+        a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
+        x, y = a * R[0, 0] + b * R[1, 0] + c * R[2, 0], a * R[0, 1] + b * R[1, 1] + c * R[2, 1]
+        z = a * R[0, 2] + b * R[1, 2] + c * R[2, 2]
+        found[i] = (z > 0.0) & (abs(x) <= half[0] * z) & (abs(y) <= half[1] * z)
+    return found  # type: ignore[return-value]
