@@ -252,4 +252,4 @@ def held(directions: Array, R_w_c: Array, half: Array) -> Mask:
         x, y = a * R[0, 0] + b * R[1, 0] + c * R[2, 0], a * R[0, 1] + b * R[1, 1] + c * R[2, 1]
         z = a * R[0, 2] + b * R[1, 2] + c * R[2, 2]
         found[i] = (z > 0.0) & (abs(x) <= half[0] * z) & (abs(y) <= half[1] * z)
-    return found  # type: ignore[return-value]
+    return found
