@@ -9,6 +9,7 @@ import yaml
 from support.command_line import ROOT
 
 import omniscv
+from omniscv import calibration, cameras
 from omniscv.cli import COMMANDS
 from omniscv.cli.images import RECORD, key_rows
 from omniscv.cli.options import IMAGES
@@ -62,6 +63,21 @@ def test_links_lead_somewhere(page):
         assert there.exists(), link
         assert page.parent == ROOT or there.is_relative_to(DOCS), f"{link}: not in the site"
         assert not anchor or anchor in anchors(there), link
+
+
+COUNTS = {
+    r"(\d+) \[?camera models|has a page[^.]*?(\d+) models": lambda: len(cameras.names()),
+    r"(\d+) (?:formats|\[?lens files)": lambda: len(calibration.formats()),
+}
+
+
+def test_numbers_of_several_pages_are_those_of_the_code():
+    pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *PAGES, *(ROOT / "examples").glob("*/README.md")]
+    said = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    for pattern, count in COUNTS.items():
+        found = [int(next(filter(None, match.groups()))) for match in re.finditer(pattern, said)]
+        assert found, pattern
+        assert set(found) == {count()}, pattern
 
 
 def test_a_broken_anchor_would_be_found():
