@@ -233,7 +233,7 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
         values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
-    given = read_fields(Job, values)
+    given = _one_exposure(read_fields(Job, values), values.get("sensor"))
     imu, poses, times = given.pop("imu", None), given.pop("poses"), given.pop("times_ns", None)
     curve: Curve = "linear" if imu is None else "spline"
     posed = at_times(poses, times, curve)
@@ -255,6 +255,17 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     track = None if imu is None or path is None else ImuTrack(imu, path)
     given |= {"path": path, "imu": track, "clock": times is not None}
     return within_path(Job(**given, options=options, recipe=recipe, world=world))
+
+
+def _one_exposure(given: dict[str, Any], sensor: object) -> dict[str, Any]:
+    """Return fields in which the sensor is exposed as long as the shutter is open; refuse two times."""
+    seconds = given["exposure"].seconds if "exposure" in given else 0.0
+    if not seconds or given.get("sensor") is None:
+        return given
+    if isinstance(sensor, Mapping) and sensor.get("exposure_s") not in (None, seconds):
+        wanted = "expected none beside exposure.seconds, which is the sensor's, too"
+        raise ArgumentError(f"sensor.exposure_s: {wanted}, got {shown(sensor['exposure_s'])}")
+    return {**given, "sensor": replace(given["sensor"], exposure_s=seconds)}
 
 
 def _path(given: Posed, times_ns: tuple[int, ...] | None, curve: Curve, wanted: bool) -> Trajectory | None:

@@ -277,6 +277,10 @@ def test_what_moves_a_camera_twice_or_cannot_be_told_is_refused(tmp_path):
         job_of(tmp_path, "", twice, f"[{WAY}]")
     with pytest.raises(ArgumentError, match=r"exposure\.seconds: expected several timed poses.* got one"):
         job_of(tmp_path, "exposure: {seconds: 0.1}", poses="[{position: [0, 0, 1.2], time: 0}]")
+    blurred = "exposure: {seconds: 0.1}\nsensor: {exposure_s: 0.2}"
+    with pytest.raises(ArgumentError, match=r"sensor\.exposure_s: expected none beside exposure\.seconds"):
+        job_of(tmp_path, blurred, poses=f"[{WAY}]")
+    assert job_of(tmp_path, blurred.replace("0.2", "0.1"), poses=f"[{WAY}]").sensor.exposure_s == 0.1
     job = on_the_way(tmp_path, "times: poses")
     assert "1 of 4 are left out: their images, of 0.05 s, would begin" in job.assumed
     run(replace(job, record=tmp_path / "yard.sqlite", exposure=Exposure(instants=3)))
