@@ -364,7 +364,19 @@ def _read(path: Path) -> Scene:
         )
     except ValueError as cause:
         raise ValueError(f"scene: {path}: {cause}") from cause
-    return Scene(path.stem, description)
+    return Scene(path.stem, _located(description, path.parent))
+
+
+def _located(value: Any, folder: Path) -> Any:
+    """Return a description in which the files of pictures are relative to the current folder."""
+    if isinstance(value, list):
+        return [_located(item, folder) for item in value]
+    if not isinstance(value, dict):
+        return value
+    located = {key: _located(item, folder) for key, item in value.items()}
+    if value.get("kind") == "image" and isinstance(value.get("file"), str):
+        located["file"] = str(folder / value["file"])
+    return located
 
 
 _packaged = cache(_read)  # files of this package do not change

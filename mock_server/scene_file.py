@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mock_server.solids import BOX, COLUMNS, CYLINDER, RECTANGLE, SPHERE
-from mock_server.textures import KINDS, Texture, direction_pattern, waves
+from mock_server.textures import KINDS, Noise, Picture, Texture, direction_pattern, read_picture, waves
 from mock_server.yaml_text import shown
 
 Array = NDArray[np.float64]
@@ -91,6 +91,7 @@ _SHAPES: Mapping[str, tuple[int, int, Callable[..., tuple[float, ...]]]] = {
 }
 """Kind for the kernel, how many numbers are the size, and the half sizes for the kernel."""
 
+_MOST_OCTAVES = 12
 _GOLDEN = 1.1347241384015194  # the root of x^6 = x + 1
 _STILL = (0.0, 0.0, 0.0)
 _MARGIN = 1 + 1e-9  # of bounding spheres, against rounding
@@ -203,17 +204,30 @@ def _list(value: object, least: int, where: str) -> list[object]:
 
 
 def _texture(value: object, where: str) -> Texture:
-    data = _mapping(value, where, "kind", "colors", "scale", "angle_deg")
-    kind = data.get("kind", "plain")
+    kind = _mapping(value, where).get("kind", "plain")
     if kind not in KINDS:
         raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}; got {shown(kind)}")
+    own = {"noise": ("seed", "octaves"), "image": ("file",)}.get(str(kind), ())
+    data = _mapping(value, where, "kind", "colors", "scale", "angle_deg", *own)
     listed = _list(data.get("colors", [[0.7] * 3]), 1, f"{where}: colors")
     if len(listed) > 2:
         raise ValueError(f"{where}: colors: expected one or two, got {len(listed)}")
     colors = [_numbers(color, 3, f"{where}: colors", "from 0 to 1") for color in listed]
     (scale,) = _numbers(data.get("scale", 1.0), 1, f"{where}: scale", "from 1e-9 to 1e9")
     (angle,) = _numbers(data.get("angle_deg", 0.0), 1, f"{where}: angle_deg")
-    return Texture(kind, colors[0], colors[-1], scale, math.radians(angle))
+    texture = str(kind), colors[0], colors[-1], scale, math.radians(angle)
+    if kind == "noise":
+        seed, octaves = (
+            int(_numbers(data.get(key, default), 1, f"{where}: {key}", "from 1 to 10000")[0])
+            for key, default in (("seed", 1), ("octaves", 5))
+        )
+        return Noise(*texture, seed, min(octaves, _MOST_OCTAVES))
+    if kind == "image":
+        try:
+            return Picture(*texture, *read_picture(str(data.get("file"))))
+        except ValueError as cause:
+            raise ValueError(f"{where}: file: {cause}") from cause
+    return Texture(*texture)
 
 
 def _moving(value: object, where: str) -> Moving:

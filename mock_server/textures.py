@@ -8,16 +8,22 @@ A texture is a kind, two colours and two numbers; ``kind`` is one of:
     tiles     the first, with lines of the second, ``scale`` metres apart
     wood      waves of the two along rings of ``scale`` metres about the X axis
     gradient  from the first at height 0 to the second at height ``scale``
+    noise     mixtures of the two that repeat nowhere: octaves from ``scale`` metres down, by a seed
+    image     a picture, repeated: on walls upright, on level surfaces with X up
 """
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mock_server.compiled import njit
+
 Array = NDArray[np.float64]
 
-KINDS = ("plain", "checker", "stripes", "tiles", "wood", "gradient")
+KINDS = ("plain", "checker", "stripes", "tiles", "wood", "gradient", "noise", "image")
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,24 @@ class Texture:
     angle: float
 
 
+@dataclass(frozen=True)
+class Noise(Texture):
+    """Of a number of octaves, each half as large as the one before."""
+
+    seed: int
+    octaves: int
+
+
+@dataclass(frozen=True)
+class Picture(Texture):
+    """A picture of ``scale`` metres across; equal pictures have one digest."""
+
+    digest: str
+    pixels: NDArray[np.uint8] = field(repr=False, compare=False)
+
+
 _LIGHT = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
+_MOST_BYTES = 1 << 26
 _NUDGE = 1e-6  # metres: a wall on a boundary of the pattern shows one colour, not rounding
 _LINE = 0.04  # a tile's joint, part of its edge
 
@@ -52,12 +75,85 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
     if texture.kind == "wood":
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
         color = _between(colors, 0.5 + 0.5 * np.sin(2 * np.pi * ring))
+    elif isinstance(texture, Noise):
+        color = _between(colors, _noise(p / scale, texture.seed, texture.octaves))
+    elif isinstance(texture, Picture):
+        color = _pictured(texture.pixels, p / scale, normals)
     elif texture.kind == "gradient":
         color = _between(colors, np.clip(p[:, 2] / scale, 0.0, 1.0))
     else:
         color = colors.take(_second(texture, p, normals), axis=0)
     color *= shade
     return color
+
+
+@njit(cache=True, nogil=True)
+def _noise(points, seed, octaves):  # type: ignore[no-untyped-def]
+    """Return (N,) 0..1: values at the corners of a grid, drawn by a hash, and smoothly between them."""
+    result = np.empty(len(points))
+    for n in range(len(points)):
+        total, most, size = 0.0, 0.0, 1.0
+        for octave in range(octaves):
+            lows = np.empty(3, np.int64)
+            parts = np.empty(3)
+            for k in range(3):
+                at = points[n, k] * size + 0.37 * octave
+                lows[k] = int(np.floor(at))
+                part = at - lows[k]
+                parts[k] = part * part * (3 - 2 * part)
+            value = 0.0
+            for corner in range(8):
+                hashed, weight = np.uint64(seed * 1000 + octave + 1), 1.0
+                for k in range(3):
+                    high = corner >> k & 1
+                    hashed = (hashed ^ np.uint64(lows[k] + high)) * np.uint64(0x9E3779B97F4A7C15)
+                    hashed ^= hashed >> np.uint64(29)
+                    weight *= parts[k] if high else 1 - parts[k]
+                hashed *= np.uint64(0xBF58476D1CE4E5B9)
+                value += weight * (hashed >> np.uint64(40)) / 16777216.0
+            strength = 0.7**octave
+            total, most, size = total + strength * value, most + strength, 2 * size
+        # Sums of octaves lie near their middle: stretched, the colours are used up.
+        result[n] = min(max(0.5 + 2.0 * (total / most - 0.5), 0.0), 1.0)
+    return result
+
+
+def _pictured(pixels: NDArray[np.uint8], p: Array, normals: Array) -> Array:
+    """Return (N, 3) colours of a picture as wide as 1 in p, upright on walls and not mirrored."""
+    height, width = pixels.shape[:2]
+    level = np.abs(normals[:, 2]) > 0.7071
+    x, y, z = p.T
+    right = np.where(level, -y * np.sign(normals[:, 2]), p[:, 0] * -normals[:, 1] + y * normals[:, 0])
+    up = np.where(level, x, z) * width / height
+    u, v = right % 1.0 * width - 0.5, -up % 1.0 * height - 0.5
+    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    a, b = (u - i)[:, None], (v - j)[:, None]
+
+    def pixel(j: NDArray[np.intp], i: NDArray[np.intp]) -> Array:
+        return np.asarray(pixels[j % height, i % width] / 255.0)
+
+    upper = (1 - a) * pixel(j, i) + a * pixel(j, i + 1)
+    return np.asarray((1 - b) * upper + b * ((1 - a) * pixel(j + 1, i) + a * pixel(j + 1, i + 1)))
+
+
+@lru_cache(32)
+def read_picture(path: str) -> tuple[str, NDArray[np.uint8]]:
+    """Return the digest and the pixels (H, W, 3) of a picture file.
+
+    Raises:
+        ValueError: no picture, or one of more than 64 MB.
+    """
+    import cv2
+
+    try:
+        with open(path, "rb") as file:
+            content = file.read(_MOST_BYTES)
+    except OSError as cause:
+        raise ValueError(f"expected the file of a picture, got {path!r}: {cause.strerror}") from cause
+    pixels = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR_RGB) if content else None
+    if pixels is None:
+        raise ValueError(f"expected the file of a picture, PNG or JPEG, got {path!r}")
+    return hashlib.sha256(pixels.tobytes()).hexdigest(), np.asarray(pixels, np.uint8)
 
 
 def _between(colors: Array, weight: Array) -> Array:

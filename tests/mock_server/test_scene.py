@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import mock_server
-from mock_server import solids
+from mock_server import solids, textures
 from mock_server.pixels import pinhole_rays
 from mock_server.scene import Scene
 
@@ -272,3 +273,48 @@ def test_waves_repeat_after_their_period():
     blue, again = scene.trace((0, 0, 0), rays).color[:, 2], scene.trace((0, 0, 0), shifted).color[:, 2]
     np.testing.assert_allclose(blue, again, atol=1e-12)
     assert blue.max() - blue.min() > 0.9
+
+
+def colors_of(texture, points, normal=(0, 0, 1)):
+    """Colours without the shade of the surface's direction."""
+    normals = np.tile(np.array(normal, float), (len(points), 1))
+    dark = textures.paint(
+        textures.Texture("plain", (1.0,) * 3, (1.0,) * 3, 1.0, 0.0), points, normals, normals
+    )
+    return textures.paint(texture, points, normals, normals) / dark
+
+
+def test_noise_repeats_nowhere():
+    """Its autocorrelation over 200 m has no second peak; it has no steps, both colours, and a seed."""
+    noise = textures.Noise("noise", (0.0,) * 3, (1.0,) * 3, 0.5, 0.0, 3, 5)
+    points = np.tile([0.3, 0.7, 0.1], (1 << 15, 1))
+    points[:, 0] += np.arange(1 << 15) * 200 / (1 << 15)
+    along = colors_of(noise, points)[:, 0]
+    assert np.abs(np.diff(along)).max() < 0.25
+    assert along.min() < 0.1 < 0.9 < along.max()
+    centred = along - along.mean()
+    spectrum = np.abs(np.fft.rfft(centred, 1 << 16)) ** 2
+    correlation = np.fft.irfft(spectrum)[: 1 << 14] / (centred @ centred)
+    assert correlation[200] < 0.35
+    assert np.abs(correlation[400:]).max() < 0.35  # from 2.4 m on; a period would give about 1
+    other = textures.Noise("noise", (0.0,) * 3, (1.0,) * 3, 0.5, 0.0, 4, 5)
+    assert abs(np.corrcoef(along, colors_of(other, points)[:, 0])[0, 1]) < 0.2
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 90, 180, -90])
+def test_a_picture_hangs_upright_and_is_not_mirrored(tmp_path, yaw_deg):
+    """Seen from inside a room of pictures, each wall shows the file as it is, as wide as it says."""
+    picture = np.random.default_rng(1).integers(0, 255, (30, 40, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "wall.png"), picture[..., ::-1])
+    walls = "{kind: image, file: wall.png, scale: 4}"
+    room = f"room: {{floor: [[-2, -2], [2, -2], [2, 2], [-2, 2]], height: 3, walls: [{walls}]}}"
+    (tmp_path / "room.yaml").write_text(room)
+    a = np.radians(yaw_deg)
+    ahead, right = np.array([np.cos(a), np.sin(a), 0]), np.array([np.sin(a), -np.cos(a), 0])
+    x, z = np.meshgrid((np.arange(40) + 0.5) / 10 - 2, 3 - (np.arange(30) + 0.5) / 10)
+    directions = 2 * ahead + x[..., None] * right + (z[..., None] - 1.5) * (0, 0, 1)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    hits = mock_server.load_scene(tmp_path / "room.yaml").trace((0, 0, 1.5), directions)
+    picture = np.roll(picture, 20, axis=1)  # its lower left corner is at the origin, below the wall's middle
+    shade = (hits.color / (picture / 255.0 + 1e-9))[picture > 50]
+    np.testing.assert_allclose(shade, np.median(shade), rtol=1e-6)

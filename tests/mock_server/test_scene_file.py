@@ -60,6 +60,21 @@ TEXTURE = ("objects", "It", "texture")
         ((*SOLID, "sphere"), None, "It: expected one of box, sphere, cylinder; got none"),
         ((*SOLID, "box"), [1, 1, 1], "It: expected one of box, sphere, cylinder; got box, sphere"),
         ((*TEXTURE, "kind"), "marble", "It: texture: kind: expected one of plain, checker"),
+        (
+            (*TEXTURE, "seed"),
+            2,
+            "It: texture: unknown key 'seed'; known keys: angle_deg, colors, kind, scale",
+        ),
+        (
+            TEXTURE,
+            {"kind": "noise", "octaves": 0},
+            "It: texture: octaves: expected 1 number (from 1 to 10000)",
+        ),
+        (
+            TEXTURE,
+            {"kind": "image", "file": "none.png"},
+            "It: texture: file: expected the file of a picture, got",
+        ),
         ((*TEXTURE, "colors"), [[0, 0, 0]] * 3, "It: texture: colors: expected one or two, got 3"),
         (("room", "floor"), SQUARE[::-1], "room: floor: expected corners counter-clockwise, of edges"),
         (("room", "floor"), CROSSED, "room: floor: expected corners counter-clockwise, of edges"),
