@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.calibration_files import LENS, MEI, PINHOLE, SAVED, SIZE, TEXTS
+from support.calibration_files import LENS, PINHOLE, SAVED, SIZE
 from support.same_rays import DIRECTION_TOLERANCE, assert_same_rays
 
 from omniscv import calibration, cameras
@@ -26,17 +26,6 @@ def assert_clear(error: pytest.ExceptionInfo[ArgumentError] | ArgumentError) -> 
     assert "expected" in message or "missing key" in message
     assert "\n" not in message
     assert len(message) < 600
-
-
-@pytest.mark.parametrize(("newline", "mark"), [("\n", ""), ("\r\n", "\ufeff")])
-@pytest.mark.parametrize("format", SAVED)
-def test_formats_are_recognised_by_content(format: str, newline: str, mark: str, tmp_path: Path) -> None:
-    path = tmp_path / "whatever"
-    path.write_bytes((mark + TEXTS[format].replace("\n", newline)).encode())
-    read = calibration.load(path)
-    assert list(read) == list(SAVED[format])
-    for name, camera in SAVED[format].items():
-        assert_same_rays(camera, read[name])
 
 
 @pytest.mark.parametrize("text", ["", "hello", "{}", "camera_model: x"])
@@ -175,15 +164,6 @@ def test_a_lens_goes_through_every_pair_of_forms() -> None:
 def test_forms_that_are_only_read_say_so(format: str) -> None:
     with pytest.raises(ArgumentError, match=f"expected one that is written; {format} is only read"):
         calibration.dumps({"cam0": LENS}, format)
-
-
-def test_undistorted_unified_is_written_as_extended_unified() -> None:
-    plain = cameras.create("unified", **SIZE, fx=30.0, fy=31.0, cx=19.0, cy=15.5, xi=1.2)
-    read = calibration.loads(calibration.dumps({"1": plain}, "colmap"), "colmap")["1"]
-    assert read.name == "extended-unified"
-    assert_same_rays(plain, read)
-    with pytest.raises(ArgumentError, match=r"1: colmap: .*got unified"):
-        calibration.dumps({"1": MEI}, "colmap")
 
 
 @pytest.mark.parametrize("format", SAVED)

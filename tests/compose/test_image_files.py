@@ -160,12 +160,6 @@ def test_objects_name_the_labels_and_the_colours_of_masks(image, folder):
         assert np.all(mask[untouched] == objects[str(label)]["mask_color"])
 
 
-@pytest.mark.parametrize("image_format", ["png", "jpg"])
-def test_the_same_image_makes_the_same_bytes(image, tmp_path, image_format):
-    first, second = (image.save(tmp_path / each, "a", image_format) for each in ("1", "2"))
-    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
-
-
 def test_no_file_holds_the_time_of_writing(folder):
     assert not any("capDate" in with_openexr(path)[1] for path in folder.glob("*.exr"))
     with Image.open(folder / "pano-0.lit.jpg") as opened:

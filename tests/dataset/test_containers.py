@@ -2,10 +2,7 @@
 
 import json
 import tarfile
-import threading
 import warnings
-from concurrent.futures import ThreadPoolExecutor
-from itertools import chain
 
 import numpy as np
 import pytest
@@ -106,30 +103,3 @@ def with_boxes(out):
         box = {"instance_id": 4, "name": name, "class": "chair", "bbox": [1, 2, 3, 4]}
         (out / f"{frame.key}.truth.json").write_text(json.dumps({"boxes": [box]}), encoding="utf-8")
         enter(out, frame.key, "truth", f"{frame.key}.truth.json")
-
-
-@pytest.mark.parametrize("out", [None, "beside"])
-def test_two_exports_into_one_place_spare_each_other(out, copied, tmp_path):
-    """Both are in the middle of writing at one time; each export that comes out is whole."""
-    both = threading.Barrier(2, timeout=60)
-
-    class Slow(dataset.Format):
-        name = "slow"
-
-        def write(self, frames, out, options):
-            files = [out / "first.txt", out / "second.txt"]
-            files[0].write_text("first")
-            both.wait()
-            files[1].write_text("second")
-            both.wait()
-            return files
-
-    dataset.register(Slow())
-    to = None if out is None else tmp_path / out
-    with ThreadPoolExecutor(2) as threads:
-        written = [
-            each.result() for each in [threads.submit(dataset.export, copied, "slow", to) for _ in range(2)]
-        ]
-    for path in chain(*written):
-        assert path.read_text() == path.stem
-    assert not [path for path in written[0][0].parent.parent.iterdir() if path.name.startswith(".")]

@@ -10,7 +10,6 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 from support.cases import cases
 
-from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.job.recipe import Split, read_split
@@ -56,16 +55,6 @@ def test_shares_are_kept_and_another_seed_shares_otherwise():
     assert found == [SPLIT.of(place) for place in places]
     assert found != [Split(SPLIT.shares, seed=1).of(place) for place in places]
     assert {Split({"a": 0.0, "b": 1.0}).of(place) for place in places} == {"b"}
-
-
-def test_frames_of_a_place_are_in_one_split(whole):
-    frames = dataset.open(whole / "dataset")
-    split_of = {}
-    for frame in frames:
-        assert split_of.setdefault(frame.place, frame.split) == frame.split
-    assert set(split_of) == {"middle", "corner"}
-    assert set(split_of.values()) == {"train", "val"}
-    assert [frame.time for frame in frames] == [0, 0.5, 1] * 2
 
 
 def test_a_split_without_frames_gives_a_warning(tmp_path):

@@ -287,15 +287,3 @@ def test_vignette_and_exposure_are_fixed_on_request(truth):
 def test_an_object_that_was_spawned_late_is_measured_all_the_same(truth):
     with mock_server.serve("four-wall", faults=["object-missing=Table"]) as server, live(server) as source:
         assert payloads(source, REQUESTS) == truth
-
-
-def test_a_sky_dome_is_an_object_far_away():
-    requests = face_requests(size=16, modes=("depth", "object_mask"))
-    with mock_server.serve("direction", faults=["sky-dome=300"]) as server, live(server) as source:
-        captures = list(source.capture(requests))
-        color = source.objects().colors["SkyDome"]
-    for capture in captures[:6]:
-        distance = capture.pixels * capture.view.ray_lengths()
-        assert np.abs(distance - 300).max() < 0.16 * np.sqrt(3)  # half floats: 32 cm steps, planar
-    for capture in captures[6:]:
-        assert (capture.pixels == color).all()
