@@ -1,0 +1,86 @@
+"""The reference set by formulas of others: lenses by pycolmap, poses and depth by nerfstudio and gsplat."""
+
+import json
+import runpy
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+from support.command_line import ROOT
+
+import mock_server
+from omniscv import dataset
+from omniscv.job import read
+from omniscv.make import make
+
+LENSES = ("pinhole", "kannala-brandt")
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """An eighth of the size, two poses, the two lenses that other programs hold."""
+    script, folder = (
+        runpy.run_path(str(ROOT / "scripts/make-reference")),
+        tmp_path_factory.mktemp("reference"),
+    )
+    job = script["described"](8)
+    job |= {"cameras": {name: job["cameras"][name] for name in LENSES}, "poses": job["poses"][:2]}
+    make(read(job, folder))
+    (folder / "lenses").mkdir()
+    for frame in dataset.open(folder / "set"):
+        script["write_lenses"](folder / "lenses", frame.camera_name, frame.camera)
+    return folder
+
+
+def rays_by_gsplat(lens, pixels):
+    """(H, W, 3) unit rays of pixels, camera frame, by the formulas that gsplat and nerfstudio publish."""
+    x, y = ((pixels[..., i] - lens[f"c{a}"]) / lens[f"fl_{a}"] for i, a in enumerate("xy"))
+    if lens["camera_model"] == "PINHOLE":
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    else:
+        r = np.hypot(x, y)
+        theta = np.linspace(0, 2.1, 200_000)  # looked up, where they iterate
+        powers = sum(lens.get(f"k{i}", 0.0) * theta ** (2 * i + 1) for i in (1, 2, 3, 4))
+        theta = np.interp(r, theta + powers, theta)
+        scale = np.sin(theta) / np.maximum(r, 1e-12)
+        rays = np.stack([x * scale, y * scale, np.cos(theta)], axis=-1)
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_poses_depth_and_lens_meet_the_surfaces(name, reference):
+    """Depth of a pinhole is planar, of others along the ray, as trainers of splats take it: in whole mm."""
+    folder, scene = reference / "set/exports/nerfstudio" / name, mock_server.load_scene("four-wall")
+    lens = json.loads((folder / "transforms.json").read_text())
+    pixels = np.stack(np.meshgrid(np.arange(lens["w"]) + 0.5, np.arange(lens["h"]) + 0.5), axis=-1)
+    rays = rays_by_gsplat(lens, pixels)
+    for frame in lens["frames"]:
+        pose = np.array(frame["transform_matrix"])
+        depth_m = np.asarray(Image.open(folder / frame["depth_file_path"])) / 1000
+        distance_m = depth_m / rays[..., 2] if name == "pinhole" else depth_m
+        directions = rays * (1, -1, -1) @ pose[:3, :3].T  # OpenGL's axes
+        true_m = scene.trace(np.broadcast_to(pose[:3, 3], directions.shape), directions).distance
+        known = depth_m > 0
+        assert known.mean() > 0.7
+        assert (
+            np.abs(distance_m - true_m)[known].max() < 0.02
+        )  # whole mm; depth of faces of 60 px, inexact left out
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_lens_files_are_pycolmaps(name, reference):
+    camera = read_colmap(reference / f"lenses/{name}.colmap.txt")
+    frame = next(each for each in dataset.open(reference / "set") if each.camera_name == name)
+    rays = frame.camera.unproject()
+    points = rays.directions[rays.valid & (rays.directions[..., 2] > 0.1)]
+    pixels = frame.camera.pixels()[rays.valid & (rays.directions[..., 2] > 0.1)]
+    np.testing.assert_allclose(camera.img_from_cam(points), pixels, atol=1e-6)
+
+
+def read_colmap(path):
+    """The camera of a line of cameras.txt."""
+    words = next(line for line in path.read_text().splitlines() if not line.startswith("#")).split()
+    return pycolmap.Camera(
+        model=words[1], width=int(words[2]), height=int(words[3]), params=[*map(float, words[4:])]
+    )
