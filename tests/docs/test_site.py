@@ -45,7 +45,7 @@ def site():
 
 
 def test_the_navigation_names_every_page_once():
-    assert sorted(leaves(site()["nav"])) == [str(page.relative_to(DOCS)) for page in PAGES]
+    assert sorted(leaves(site()["nav"])) == sorted(str(page.relative_to(DOCS)) for page in PAGES)
 
 
 def test_the_site_loads_nothing_from_elsewhere():
