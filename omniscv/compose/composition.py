@@ -11,18 +11,18 @@ from omniscv.compose.beat import compare
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
-from omniscv.compose.layers import Canvas, derived_layers, mark_beyond_reach
+from omniscv.compose.layers import Canvas, derived_layers, inexact, mark_beyond_reach
 from omniscv.compose.light_checks import BITS
 from omniscv.compose.nearest import boundaries
 from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
-from omniscv.compose.seen_points import SeenPoints
+from omniscv.compose.seen_points import SeenPoints, Surfaces
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
-from omniscv.planning.relief import depth_relief, planar_errors
+from omniscv.planning.relief import depth_relief, lone_labels, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
@@ -199,12 +199,12 @@ class _Composing:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
         self._put_known(viewpoint, offsets_w)
-        known, seen = viewpoint.known_depth, None
-        # (N,) radians, how far from its ray a pixel's surface may show, before its depth is sampled.
+        known = viewpoint.known_depth
         parallax = None if known is None else known.direction_error
         if parallax is None and offsets_w is not None:
             near_m = self._source.capabilities.near_m
             parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / near_m, np.float32)
+        surfaces = Surfaces(parallax)  # before depth is sampled
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)
@@ -213,11 +213,11 @@ class _Composing:
                 continue
             sampler = self._checked_sampler(row.name, viewpoint, of_mode)
             if is_surface:
-                parallax, seen = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
+                surfaces = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
                 self._put_marks(row, viewpoint, sampler, of_mode)
                 faces = self._faces(viewpoint, of_mode)
-                self._put_values(row, viewpoint, sampler, of_mode, faces, parallax, seen)
+                self._put_values(row, viewpoint, sampler, of_mode, faces, surfaces)
             self._provenance = of_mode[0].provenance
 
     def _put_marks(
@@ -250,13 +250,15 @@ class _Composing:
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
-    ) -> tuple[Floats | None, SeenPoints | None]:
-        """Sample depth. Return its parallax, and the points that rays meet if the plan asks to find them.
+    ) -> Surfaces:
+        """Sample depth, and return what it says to other modalities.
 
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
         faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
-        precision, rays, seen = codecs.precision(captures[0]), len(viewpoint.pixels), None
+        precision, rays = codecs.precision(captures[0]), len(viewpoint.pixels)
+        seen: SeenPoints | None = None
+        doubtful: Mask | None = None
 
         def pictures_of() -> DepthPictures:
             return DepthPictures.of(faces, views, precision, rays, planar_errors(captures))
@@ -267,6 +269,7 @@ class _Composing:
             relief = self._once("relief", captures, lambda: depth_relief(captures))
             if relief.size:
                 off = sampler.sample("nearest", relief)
+                doubtful = inexact(depth.distance, off)
                 beside = 0 if offsets_w is None else depth.error  # the ray meets another part of the relief
                 depth = depth._replace(error=np.maximum(depth.error, off + beside))
         else:
@@ -278,7 +281,7 @@ class _Composing:
             self.canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
         self.canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
         self.canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
-        return depth.parallax, seen
+        return Surfaces(depth.parallax, seen, doubtful)
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
         """Return the pixels of a viewpoint's captures: as one array where values are read in place of
@@ -295,8 +298,7 @@ class _Composing:
         sampler: Sampler,
         captures: Sequence[Capture],
         faces: Faces,
-        parallax: Floats | None,
-        seen: SeenPoints | None,
+        surfaces: Surfaces,
     ) -> None:
         """Sample another modality, and mark where its values may be a neighbour's."""
         sample, transfer = SAMPLE[row.interpolation], self._source.capabilities.transfer
@@ -316,9 +318,9 @@ class _Composing:
             )
         if not row.marked_by:
             return
-        changes = self._once("boundaries", captures, lambda: boundaries(faces))
+        changes, seen = self._once("boundaries", captures, lambda: boundaries(faces)), surfaces.seen
         if seen is None:
-            edges = sampler.label_edges(changes, parallax)
+            edges = sampler.label_edges(changes, surfaces.parallax)
         else:
             blocks = self._plan.rays.blocks(viewpoint.pixels, seen.toward_w)
             views = tuple(capture.view for capture in captures)
@@ -326,6 +328,9 @@ class _Composing:
             edges = seen.label_edges(there, faces, changes, values)
         if viewpoint.known_depth is not None:
             edges |= viewpoint.known_depth.grazes
+        if surfaces.relief is not None:
+            lone = self._once("lone labels", captures, lambda: lone_labels(faces))
+            edges |= surfaces.relief & sampler.sample("nearest", lone)
         self.canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:

@@ -28,9 +28,13 @@ def doubt_of(layers: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Mask
     for name in MARKS:
         doubt |= layers.get(name, np.False_)
     if "depth" in layers and "depth_error" in layers:
-        error = layers["depth_error"]
-        doubt |= ~np.isfinite(error) | (error > _DOUBTFUL * layers["depth"])
+        doubt |= inexact(layers["depth"], layers["depth_error"])
     return doubt
+
+
+def inexact(depth: NDArray[Any], error: NDArray[Any]) -> Mask:
+    """Return where depth may be off by more than 1 %, or is not bounded."""
+    return np.asarray(~np.isfinite(error) | (error > _DOUBTFUL * depth))
 
 
 class Canvas:

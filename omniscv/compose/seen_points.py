@@ -86,3 +86,18 @@ class SeenPoints(NamedTuple):
         differs = (there != values).reshape(len(values), -1).any(axis=1)
         at_edge = toward.label_edges(boundaries, self.known.direction_error)
         return np.asarray(differs | ~seen | at_edge | self.known.grazes | ~self.visible)
+
+
+class Surfaces(NamedTuple):
+    """What depth says of N pixels to other modalities.
+
+    Attributes:
+        parallax: (N,) radians, how far from its ray a pixel's surface may show; None for rays from their own
+            origins.
+        seen: the points that rays meet, if the plan asks to find them.
+        relief: (N,) whether relief makes depth doubtful; None: nowhere.
+    """
+
+    parallax: Floats | None
+    seen: SeenPoints | None = None
+    relief: Mask | None = None

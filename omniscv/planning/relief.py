@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
-from omniscv.geometry.arrays import Floats, Mask
+from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels
 from omniscv.geometry.precision import COMPUTED, FLOAT32, LEAST_M, Precision, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
@@ -46,6 +46,8 @@ _GROWN_PX, _BEAT_PX = 3, 48
 there a beat hides them in turn."""
 _EVERY = 200
 """Changes of labels in a box of 16 x 16 px, from which on every pixel turns."""
+_LABELS_PX, _LONE_LABELS = 24, 48
+"""A box's side, and so many labels in it that stand alone from their row or column: two thin lines."""
 _FEW_DIGITS, _SWINGS, _SWING_PX, _SWING_STEPS = 11, 3, 48, 8.0
 """Depth of so few significant digits, as in half floats, is relief if it turns back so often within so many
 px, by less than so many rounding steps: a rounded surface goes one way, or turns back once. More steps are an
@@ -54,6 +56,8 @@ _NEAR_PX = 8
 """On every side, the neighbourhood that bounds depth."""
 
 _BESIDE = np.ones((3, 3), np.uint8)
+_BESIDES = (np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])
+"""Pixels, and their neighbours across and down."""
 
 Marks = NDArray[np.uint8]
 
@@ -87,6 +91,26 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
     if not fired.any():
         return None
     return _grown(fired, _GROWN_PX) | (_grown(beats, _BEAT_PX) if beats.any() else np.False_)
+
+
+def lone_labels(faces: Faces) -> Mask:
+    """Return (V, h, w) where many labels of V masks differ from those on both sides, near a change of labels.
+
+    That alone is no sign of relief; where depth is, the label may be another one, too.
+    """
+    return np.stack(side_by_side(_lone_labels, list(faces)))
+
+
+def _lone_labels(face: Pixels) -> Mask:
+    values = face.reshape(*face.shape[:2], -1)
+    across, down = ((values[a] != values[b]).any(axis=2) for a, b in _BESIDES)
+    lone, changes = np.zeros((2, *face.shape[:2]), np.uint8)
+    lone[:, 1:-1] |= across[:, 1:] & across[:, :-1]
+    lone[1:-1] |= down[1:] & down[:-1]
+    changes[:, 1:] |= across
+    changes[1:] |= down
+    dense = _windows(lone, (_LABELS_PX, _LABELS_PX), _LONE_LABELS)
+    return (dense > 0) & _grown(changes, _NEAR_PX)
 
 
 def planar_errors(captures: Sequence[Capture]) -> list[Floats]:
@@ -151,7 +175,7 @@ def _windows(marks: Marks, length: tuple[int, int], least: int) -> Marks:
     """Return the pixels of all windows that hold so many marks or more."""
     if not marks.any():  # or none at all, between the pixels of one row
         return marks
-    counts = cv2.boxFilter(marks, cv2.CV_8U, length, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    counts = cv2.boxFilter(marks, cv2.CV_16U, length, normalize=False, borderType=cv2.BORDER_CONSTANT)
     full = (counts >= least).view(np.uint8)
     if not full.any():
         return np.asarray(full)

@@ -294,12 +294,12 @@ KINDS: dict[str, Callable[..., list]] = {
 }  # fmt: skip
 
 
-def world(kind, px, seed, turn_deg=12.0):
-    """Return a structure whose features are ``px`` captured pixels large at its middle."""
+def world(kind, px, seed, turn_deg=12.0, objects=200):
+    """Return a structure of many objects whose features are ``px`` captured pixels large at its middle."""
     rng = np.random.default_rng([seed, *kind.encode()])
     parts = _turned(rng, KINDS[kind](rng, px * AWAY / (EDGE_PX / 2)), turn_deg)
     wall = quad((-9, -9, BEHIND), (18, 0, 0), (0, 18, 0))
-    every = [(*wall, 1), *((*part, 2 + k % 200) for k, part in enumerate(parts))]
+    every = [(*wall, 1), *((*part, 2 + k % objects) for k, part in enumerate(parts))]
     of = {
         name: [(part, label) for each, part, label in every if each == name]
         for name in ("quad", "ball", "rod")
@@ -364,9 +364,9 @@ class Judged(NamedTuple):
     bound: float
 
 
-def judge(kind, px, seed, encoding=FLOATS, camera_px=300, **options):
+def judge(kind, px, seed, encoding=FLOATS, camera_px=300, objects=200, **options):
     """Return how an image of a structure errs without saying so."""
-    scene = world(kind, px, seed)
+    scene = world(kind, px, seed, objects=objects)
     camera = omniscv.cameras.create("fisheye-equidistant", camera_px, camera_px, fov_deg=70)
     turn = Pose.from_angles((0, 0, 0), yaw_deg=0.7, pitch_deg=0.4, roll_deg=11.3)
     pose = Pose(np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ turn.R_w_c)
