@@ -12,10 +12,6 @@ from omniscv.geometry import Pose
 MODES = ("object_mask", "depth")
 UNMARKED = 0.0005  # of the valid pixels of an image
 ALONG = create("push-broom", width=101, height=79, travel=(3, 0, 0), fov_deg=95)
-FAST = create(
-    "rolling-shutter", width=32, height=28, base={"model": "pinhole", "fov_deg": 100},
-    readout=0.1, velocity=(20, 0, 0),
-)  # fmt: skip
 BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
 EXACT, CUBE = {"strategy": "exact"}, {"strategy": "cube"}
 CASES = {
@@ -24,11 +20,6 @@ CASES = {
         create("noncentral-panorama", width=96, height=80, radius=1.33),
         Pose.from_angles((1.264, 2.319, 1.984), 37.9, 56.7, 151.8),
         CUBE | {"viewpoints": 6, "face_size": 128},
-    ),
-    "rolling-shutter": (
-        FAST,
-        Pose.from_angles((0.4, 2.013, 1.4), yaw_deg=180),
-        {"face_size": 192},
     ),
 }
 

@@ -33,9 +33,9 @@ def plan(camera, pose=POSE, capabilities=ANY, **options):
 
 
 def some(cases):
-    """Return cases (name, strategy): every third of central cameras, and all others; all with ``--soak``."""
+    """Return cases (name, strategy): every sixth of central cameras, and all others; all with ``--soak``."""
     return [
-        pytest.param(*case, marks=[pytest.mark.soak] * (CAMERAS[case[0]].central and i % 3 > 0))
+        pytest.param(*case, marks=[pytest.mark.soak] * (CAMERAS[case[0]].central and i % 6 > 0))
         for i, case in enumerate(cases)
     ]
 
@@ -180,7 +180,10 @@ def test_a_radius_beyond_the_walls_is_told(strategy):
     They show what a camera there would see: nothing is invented.
     """
     camera = create("noncentral-panorama", width=32, height=16, radius=2.7)
-    image = omniscv.render(camera, LEVEL, float_source(ROOM), ("depth",), strategy=strategy, face_size=64)
+    aim = {"accuracy": 0.1} if strategy == "auto" else {}
+    image = omniscv.render(
+        camera, LEVEL, float_source(ROOM), ("depth",), strategy=strategy, face_size=64, **aim
+    )
     centers_w = LEVEL.to_world(camera.viewpoints().centers)
     outside = np.abs(centers_w[:, 1]) > 2.5
     assert outside.any()
