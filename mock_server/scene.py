@@ -289,8 +289,7 @@ class Scene:
 
         _by_chunks(chunk, count)
         outer = shape[:-1]
-        starts = np.broadcast_to(np.asarray(origins, dtype=np.float64), shape).reshape(-1, 3)
-        paint = partial(self._paint, shape, starts, d, distance, row, normal)
+        paint = partial(self._paint, shape, o, d, distance, row, normal)
         labels = self._labels[row + 1].reshape(outer)
         return Hits(labels, distance.reshape(outer), normal.reshape(shape), paint)
 
