@@ -120,11 +120,13 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unre
             record = None if world.record is None else target_of(world.record)
             if record is not None and os.path.isfile(record) and os.path.getsize(record):
                 Store(record).close()  # refuses what is no recording
+            if record is not None and (os.path.isdir(record) or str(record) == os.path.abspath(job.out)):
+                raise ArgumentError(f"record: expected a file such as room.sqlite, got a folder: {record}")
             for game in (address for address in world.sources if scheme_of(address) == "launch"):
                 if not os.path.isfile(path := game.partition(":")[2].removeprefix("//").partition("?")[0]):
                     raise ArgumentError(f"source: expected the file of a game, got none at {path}")
     check_keys(job)
-    if not is_url(job.out) and os.path.isfile(job.out):
+    if not is_url(job.out) and os.path.exists(job.out) and not os.path.isdir(job.out):
         raise ArgumentError(f"out: expected a folder or a free name, got a file: {job.out}")
     worlds, planned = list(job.each), list[SharedFrames]()
     for at, world in enumerate(job.each):
@@ -180,6 +182,8 @@ def check_source(job: Job, contents: Contents, source: Source, planned: Sequence
             with within(f"truth.{name}"):
                 truth.check(source, geometry, modes, truth.read_options(options))
     check_face_size(job, source)
+    for camera in list(job.cameras.values())[:1] if job.poses else ():
+        _ = Renderer(source).plan(camera, job.poses[0], job.options).aim  # refuses an accuracy of no use
     if source.recorded_views() is not None:
         _check_recorded(job, Renderer(source), planned)
 

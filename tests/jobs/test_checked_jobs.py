@@ -64,7 +64,6 @@ NOWHERE = {"source": "scene://seven-wall"}
         (NOWHERE, "source: 'scene://seven-wall': scene: expected one of"),
         ({"source": "nowhere.sqlite"}, "nowhere.sqlite"),
         ({"source": "launch:game.sh"}, "source: expected the file of a game, got none at"),
-        ({"record": "."}, "record: expected a file or a free name, got a folder"),
         ({"times": [1, 2, 3]}, "times: expected one for each of 9 poses, got 3"),
         ({"poses": FREE, "times": [1, 2]}, "times: expected one for each of 3 poses, got 2"),
         (
@@ -101,6 +100,8 @@ def test_every_command_refuses_what_one_world_lacks(omniscv, tmp_path):
     ("keys", "says"),
     [
         ({"out": "other.txt"}, "out: expected a folder or a free name, got a file: other.txt"),
+        ({"record": "out", "out": "out"}, "record: expected a file such as room.sqlite, got a folder"),
+        ({"strategy": "cube", "accuracy": 0.01}, "accuracy: expected none, or strategy 'auto'"),
         ({"record": "other.txt"}, "other.txt: expected a recording, got a file that is not a database"),
         ({"source": "room.sqlite"}, "the nearest recorded view differs in position by 0.4 m"),
     ],
