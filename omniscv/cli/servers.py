@@ -110,9 +110,7 @@ def send(
 def doctor(
     uri: Annotated[
         str | None,
-        Argument(
-            help="unreal://host:port, mock://SCENE, blender://FILE; a recording, or a folder of captures."
-        ),
+        Argument(help="unreal://host:port, mock://SCENE, blender://FILE; a recording; captures or frames."),
     ] = None,
     self: Annotated[bool, Option("--self", help="Check this installation, in place of a server.")] = False,
     quick: Annotated[
@@ -126,6 +124,9 @@ def doctor(
         Path | None,
         Option(help="ZIP to write for those who cannot reach it: replies, timings, captures."),
     ] = None,
+    layout: Annotated[str, Option(help="Of a folder of frames with poses, as of an import.")] = "auto",
+    depth: Annotated[str | None, Option(help="Its depth, as of an import: planar-mm and so on.")] = None,
+    intrinsics: Annotated[Path | None, Option(help="Its lens, a lens file of any form.")] = None,
     as_json: options.AsJson = False,
     *,
     waiting: options.Waiting,
@@ -150,8 +151,10 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
+        given = {"depth": depth, "intrinsics": intrinsics}
+        said = {name: value for name, value in given.items() if value is not None}
         deadlines = waiting.deadlines()
-        findings = examine_address(uri, where, quick, picture=picture, **deadlines)
+        findings = examine_address(uri, where, quick, picture=picture, layout=layout, said=said, **deadlines)
         if report is not None:
             from omniscv.diagnostics.report import write_report
 

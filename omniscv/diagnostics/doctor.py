@@ -1,10 +1,11 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from omniscv.arguments import shown
 from omniscv.diagnostics import Finding, agreement
 from omniscv.diagnostics.blender_scene import examine_blender
 from omniscv.diagnostics.moving import MovingWorld
+from omniscv.diagnostics.posed_pictures import examine_folder
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
 from omniscv.diagnostics.server import (
@@ -29,7 +31,7 @@ from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array, Pose
 from omniscv.sources.base import Color
 from omniscv.sources.codecs import UNREAL_SKY, show_light
-from omniscv.sources.recording.folders import import_folder
+from omniscv.sources.recording.folders import INDEX, import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import exposure, protocol
 from omniscv.sources.unreal.client import Connection
@@ -58,6 +60,8 @@ def examine_address(
     quick: bool = False,
     *,
     picture: Path | None = None,
+    layout: str = "auto",
+    said: Mapping[str, Any] | None = None,
     **deadlines: Unpack[Deadlines],
 ) -> list[Finding]:
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
@@ -66,10 +70,12 @@ def examine_address(
         address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``;
             ``blender://SCENE.blend``, for :func:`omniscv.diagnostics.blender_scene.examine_blender`; or a
             recording, or a folder of captures, for
-            :func:`omniscv.diagnostics.recorded_faces.examine_recording`.
+            :func:`omniscv.diagnostics.recorded_faces.examine_recording`; or a folder of frames with poses,
+            for :func:`omniscv.diagnostics.posed_pictures.examine_folder`.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         quick: leave out the unit of depth, what captures say of each other, and what moves.
         picture: PNG to write, of a recording's worst edge.
+        layout, said: of a folder of frames, as of an import.
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
@@ -77,7 +83,9 @@ def examine_address(
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
     if scheme_of(address) in (None, *storage.SCHEMES):
-        return _examine_file(address, picture)
+        return _examine_file(address, picture, layout, said or {})
+    if layout != "auto" or said:
+        raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(address)}")
     if picture is not None:
         raise ArgumentError(f"picture: expected a recording or a folder of captures, got {shown(address)}")
     if scheme_of(address) == "blender":
@@ -119,9 +127,13 @@ def examine_address(
             return [*findings, *motion]
 
 
-def _examine_file(path: str, picture: Path | None) -> list[Finding]:
-    """Examine a recording, or a folder of captures by way of one."""
+def _examine_file(path: str, picture: Path | None, layout: str, said: Mapping[str, Any]) -> list[Finding]:
+    """Examine a recording, a folder of captures by way of one, or frames with poses."""
     with TemporaryDirectory() as temporary:
+        if Path(path).is_dir() and not (Path(path) / INDEX).exists():
+            return examine_folder(Path(path), layout, **said)
+        if layout != "auto" or said:
+            raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(path)}")
         if Path(path).is_dir():
             imported = Path(temporary) / "captures.sqlite"
             import_folder(Path(path), imported)

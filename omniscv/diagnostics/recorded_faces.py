@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from omniscv.diagnostics import Finding
+from omniscv.diagnostics.posed_pictures import examine_views
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Array, cube_rotations
 from omniscv.pictures import png
@@ -49,11 +50,13 @@ class Place(NamedTuple):
 def examine_recording(source: Source, picture: Path | None = None) -> list[Finding]:
     """Return findings about seams, exposure, vignette and slips of a recording's cubes in colour.
 
+    Views with depth from several centres are asked for faults of poses and depth, too.
+
     Args:
         source: of the recording.
         picture: PNG that is written: the worst edge, between the two faces that meet there.
     """
-    places, masks = list(measure_places(source)), list(_masks(source))
+    places, masks = list(measure_places(source)), [*_masks(source), *examine_views(source)]
     if not places:
         return [Finding("seams", "no cube of six faces in colour"), *masks]
     steps = np.concatenate([place.steps for place in places])

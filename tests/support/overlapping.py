@@ -33,26 +33,29 @@ class Shots:
     R: np.ndarray
     t: np.ndarray
     lens: tuple[float, float, float, float]
-    ray: bool = False
 
-    def rays(self):
+    def rays(self, k1=0.0):
         """Rays (H, W, 3) through the pixels' centres, one ahead."""
         height, width = self.depth.shape[1:]
         fx, fy, cx, cy = self.lens
         v, u = np.mgrid[:height, :width] + 0.5
-        return np.stack([(u - cx) / fx, (v - cy) / fy, np.ones_like(u)], axis=-1)
+        x0, y0 = (u - cx) / fx, (v - cy) / fy
+        x, y = x0, y0
+        for _ in range(20):
+            x, y = x0 / (1 + k1 * (x * x + y * y)), y0 / (1 + k1 * (x * x + y * y))
+        return np.stack([x, y, np.ones_like(u)], axis=-1)
 
 
-def walk(count, seed=0, step_deg=9.0, straight=False, still=False):
-    """Poses along a circle in the room, looking outwards and about; or a straight line; or from one place."""
+def walk(at, seed=0, step_deg=9.0, straight=False, still=False):
+    """Poses at times along a circle in the room, looking about; or a straight line; or from one place."""
     random = np.random.default_rng(seed)
-    phases = random.uniform(0, 2 * np.pi, 5)
-    s = np.arange(count) * np.radians(step_deg)
+    phases, count = random.uniform(0, 2 * np.pi, 5), len(at)
+    s = at * np.radians(step_deg)
     yaw = s + 0.3 * np.sin(2 * s + phases[0])
     angles = [yaw, 0.12 * np.sin(3 * s + phases[1]), 0.1 * np.sin(2.3 * s + phases[2])]
     t = np.stack([0.9 * np.cos(s), 0.8 * np.sin(s), 1.4 + 0.25 * np.sin(1.7 * s + phases[3])], axis=1)
     if straight:
-        t = np.array([-1.0, -0.2, 1.4]) + np.outer(np.arange(count), [0.08, 0.02, 0.0])
+        t = np.array([-1.0, -0.2, 1.4]) + np.outer(at, [0.08, 0.02, 0.0])
         angles = [np.full(count, 0.4), np.full(count, 0.05), np.zeros(count)]
     if still:
         t = np.tile([0.2, -0.1, 1.4], (count, 1))
@@ -60,11 +63,15 @@ def walk(count, seed=0, step_deg=9.0, straight=False, still=False):
     return Rotation.from_euler("zyx", np.stack(angles, axis=1)).as_matrix() @ level, t
 
 
-def room(seed=0, boxes=9, width=96, height=72, plain=False, **path):
-    """Shots of a room of 6 x 5 x 3 m with boxes; ``plain``: bare walls of one colour each."""
+def room(seed=0, boxes=9, width=96, height=72, plain=False, k1=0.0, late=0.0, rolling=0.0, **path):
+    """Shots of a room of 6 x 5 x 3 m with boxes; ``plain``: bare walls of one colour each.
+
+    Pictures have a distortion ``k1`` that their lens lacks, are taken ``late`` frames after their poses, and
+    their rows within ``rolling`` frames.
+    """
     random = np.random.default_rng(seed)
     count = path.pop("count", 8)
-    R, t = walk(count, seed, **path)
+    R, t = walk(np.arange(count), seed, **path)
     low = [[-3.0, -2.5, 0.0]] + [
         [*random.uniform(-2.6, 2.2, 2), random.uniform(0, 1.6)] for _ in range(boxes)
     ]
@@ -75,21 +82,23 @@ def room(seed=0, boxes=9, width=96, height=72, plain=False, **path):
     away = (np.abs((low + high) / 2)[:, :2] + 0.0).max(axis=1) > 1.75  # of the walk
     away[0] = True
     low, high = low[away], high[away]
-    waves = random.normal(0, 7.0, (len(low), 6, 3)) * np.array([1, 1, 1])
+    waves = random.normal(0, 1.0, (len(low), 6, 3)) * np.array([4, 7, 12, 18, 25, 35])[:, None]
     phases, tones = random.uniform(0, 6.3, (len(low), 6)), random.uniform(60, 190, (len(low), 6, 3))
     focal = 0.85 * width
     shots = Shots(np.zeros((count, height, width)), None, R, t, (focal, focal, width / 2, height / 2))
     lit = np.zeros((count, height, width, 3))
     for i in range(count):
-        d = shots.rays() @ R[i].T
+        rows = i + late + rolling * ((np.arange(height) + 0.5) / height - 0.5)
+        turns, places = walk(rows, seed, **path)
+        d, origin = np.einsum("hij,hwj->hwi", turns, shots.rays(k1)), places[:, None]
         nearest = np.full(d.shape[:2], np.inf)
         for k, (a, b) in enumerate(zip(low, high, strict=True)):
-            ends = np.stack([(a - t[i]) / d, (b - t[i]) / d])
+            ends = np.stack([(a - origin) / d, (b - origin) / d])
             enter, leave = ends.min(axis=0), ends.max(axis=0)
             axis = leave.argmin(axis=-1) if k == 0 else enter.argmax(axis=-1)
             hit = leave.min(axis=-1) if k == 0 else enter.max(axis=-1)
             met = (hit > 0) & (hit < nearest) & ((k == 0) | (enter.max(axis=-1) < leave.min(axis=-1)))
-            p = t[i] + d * hit[..., None]
+            p = origin + d * hit[..., None]
             face = 2 * axis + (np.take_along_axis(d, axis[..., None], -1)[..., 0] > 0)
             texture = np.sin(p @ waves[k].T + phases[k]).sum(axis=-1) * (0 if plain else 18)
             color = np.clip(tones[k][face] + texture[..., None], 0, 255)

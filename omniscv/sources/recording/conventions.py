@@ -268,6 +268,13 @@ def turned(R: Array, quaternion: str) -> Array:
     return np.asarray(Rotation.from_quat(numbers).as_matrix())
 
 
+def placed(convention: Convention, words: Words, pictures: PosedPictures) -> tuple[Array, Array]:
+    """Return rotations and positions of all frames by a hypothesis, in the unit of depth."""
+    R, t = words.written(pictures.R, pictures.t)
+    at = np.clip(np.arange(len(R)) + convention.shift, 0, len(R) - 1)
+    return poses_by(convention, turned(R, convention.quaternion)[at], t[at])
+
+
 class _Search:
     """Scores hypotheses on pairs of frames."""
 

@@ -91,9 +91,9 @@ class PosedPictures:
         at = first[:, None], v, u
         grey = np.zeros(shape) if self.grey is None else self.grey[at]
         values = np.stack([self.depth[at], grey], axis=-1)
-        return np.concatenate([self._rays(first, u + 0.5, v + 0.5), values], axis=-1)
+        return np.concatenate([self.rays(first, u + 0.5, v + 0.5), values], axis=-1)
 
-    def _rays(self, pictures: Indices, u: NDArray[Any], v: NDArray[Any]) -> Array:
+    def rays(self, pictures: Indices, u: NDArray[Any], v: NDArray[Any]) -> Array:
         """Return unit rays of pixels (P, n) of pictures (P,), camera frame."""
         height, width = self.depth.shape[1:]
         if self.panorama:
