@@ -50,25 +50,25 @@ PARAMETERS = (
     Parameter("rolling shutter, top to bottom", 0.05, 0.1, 0.5, "frames"),
     Parameter("offset of depth", 2e-3, 2e-3, 0.1, "of its median"),
     Parameter("focal length of colours", 4e-3, 4e-3, 0.1, "%", 100),
-    Parameter("colours, x", 0.25, 0.25, 4, "px"),
-    Parameter("colours, y", 0.25, 0.25, 4, "px"),
+    Parameter("colours, x", 0.25, 1.0, 4, "px"),
+    Parameter("colours, y", 0.25, 1.0, 4, "px"),
 )
 SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET, COLOR, COLOR_X, COLOR_Y = range(13)
-_OF_COLOR = (COLOR, COLOR_X, COLOR_Y)
-_OF_PANORAMA = (SCALE, TIME, OFFSET, COLOR_X, COLOR_Y)
+OF_COLOR = (COLOR, COLOR_X, COLOR_Y)
+OF_PANORAMA = (SCALE, TIME, OFFSET, COLOR_X, COLOR_Y)
 _TURN, _MOVE = 1e-3, 1e-3  # of poses, for derivatives: radians, and a share of the median depth
 
 _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
 _FAR_OFF = 0.2  # log depth of another surface
 _TUKEY, _SIGMA = 4.7, 5.0
+_BLOCKS = (16, 8, 4)  # of time, over which errors of pairs are alike
 _RELATED = 4.0  # points of a pair count as a quarter of independent ones
 _MOST_FAULTS, _ROUNDS, _LEAST_POINTS, _LEAST_OF_PAIR = 5, 6, 200, 30
 _INEXACT, _INEXACT_COLOR, _OF_MATTERS = 0.02, 0.1, 0.05  # shares of sizes that the fit's model is off by
-_CLEARER = 0.95  # of the differences of colours, which remain if they are put right
+_PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
-_POSE_RADIANS = (1e-5, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.02)
-_POSE_SHARES = (*_POSE_RADIANS, 0.05)
+_POSE_NOISE = (1e-5, 1e-4, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.02)  # radians, and shares of the median depth
 _MOST_TURN = np.radians(25)  # from frame to frame, of a video
 
 
@@ -90,17 +90,26 @@ class Normal:
     pose: Array
     depth: Array
 
-    def solve(self, chosen: list[int], blocks: NDArray[np.int64]) -> tuple[Array, Array, float]:
-        """Return the step, its standard deviations, robust over blocks of time, and the gain."""
+    def solve(self, chosen: list[int], at: Array) -> tuple[Array, Array, float]:
+        """Return the step, its standard deviations, robust over blocks of time, and the gain.
+
+        ``at`` is (P,) where in time pairs are, 0 to 1.
+        """
         H, g = self.matrix[:, chosen][:, :, chosen], self.right[:, chosen]
         inverse = np.linalg.pinv(H.sum(axis=0), rcond=1e-12)
         total = g.sum(axis=0)
         step = -inverse @ total
         scores = g + H @ step
-        of_block = np.stack([scores[blocks == block].sum(axis=0) for block in np.unique(blocks)])
-        more = len(of_block) / max(1, len(of_block) - 1 - len(chosen) / 2)
-        covariance = inverse @ (more * of_block.T @ of_block) @ inverse + _RELATED * inverse
-        return step, np.sqrt(np.maximum(np.diag(covariance), 1e-18)), float(total @ inverse @ total)
+        variance = _RELATED * np.diag(inverse)
+        for count in _BLOCKS:  # of several lengths: the drift of poses lasts longer than some
+            block = (at * count).astype(int)
+            of_block = np.stack([scores[block == i].sum(axis=0) for i in np.unique(block)])
+            more = len(of_block) / max(1, len(of_block) - 1)
+            robust = np.diag(inverse @ (more * of_block.T @ of_block) @ inverse)
+            variance = np.maximum(variance, robust + _RELATED * np.diag(inverse))
+        halves = [np.linalg.pinv(H[half].sum(axis=0)) @ g[half].sum(axis=0) for half in (at < 0.5, at >= 0.5)]
+        variance = np.maximum(variance, ((halves[0] - halves[1]) / 2) ** 2)
+        return step, np.sqrt(np.maximum(variance, 1e-18)), float(total @ inverse @ total)
 
 
 class Fit:
@@ -136,8 +145,7 @@ class Fit:
         steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
         self.is_video = bool(np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN)
         self.turns, self.steps = turns[frames], steps[frames]
-        most = max(2, min(16, len(R) if len(R) < 24 else 16))
-        self.blocks = frames[self.pairs[:, 0]] * most // len(R)
+        self.at = frames[self.pairs[:, 0]] / len(R)
 
     def residuals(self, theta: Array, pose: Array | None = None, grey: bool = True) -> tuple[Array, Array]:
         """Return (P, n) log of observed over expected depth, and the difference of grey; NaN where none."""
@@ -284,14 +292,13 @@ class Fit:
         pose = slice(count, None)
         Hq, gq = H[:, pose, pose] / _RELATED, g[:, pose] / _RELATED
         best, sigma = -np.inf, np.ones(6)
-        for radians in _POSE_RADIANS:  # the noise of poses that is most likely
-            for share in _POSE_SHARES:
-                trial = np.array([radians] * 3 + [share * self.median] * 3)
-                A = Hq + np.diag(trial**-2)
-                fit = (gq * np.linalg.solve(A, gq[..., None])[..., 0]).sum()
-                likely = fit - np.linalg.slogdet(A)[1].sum() - 2 * len(Hq) * np.log(trial).sum()
-                if likely > best:
-                    best, sigma = likely, trial
+        for share in _POSE_NOISE:  # the noise of poses that is most likely
+            trial = share * np.array([1.0] * 3 + [self.median] * 3)
+            A = Hq + np.diag(trial**-2)
+            fit = (gq * np.linalg.solve(A, gq[..., None])[..., 0]).sum()
+            likely = fit - np.linalg.slogdet(A)[1].sum() - 2 * len(Hq) * np.log(trial).sum()
+            if likely > best:
+                best, sigma = likely, trial
         right = np.concatenate([H[:, pose, :count], g[:, pose, None]], axis=-1)
         X = np.linalg.solve(H[:, pose, pose] + np.diag(_RELATED * sigma**-2), right)
         matrix, total = np.zeros((len(enough), count, count)), np.zeros((len(enough), count))
@@ -317,7 +324,7 @@ class Fit:
             for _ in range(_ROUNDS):
                 if (normal := self.normal(theta, trial, use_depth, use_grey)) is None:
                     return False
-                step, sigma, _ = normal.solve([*range(len(trial))], self.blocks)
+                step, sigma, _ = normal.solve([*range(len(trial))], self.at)
                 most = np.array([PARAMETERS[i].most for i in trial])
                 theta[trial] += np.clip(step, -most, most)
                 if (np.abs(step) < 0.1 * sigma).all():
@@ -330,10 +337,10 @@ class Fit:
             at = [candidates.index(c) for c in chosen]
             gains = []
             for c in (c for c in candidates if c not in chosen and c not in refused):
-                step, sigma, gain = normal.solve([*at, candidates.index(c)], self.blocks)
+                step, sigma, gain = normal.solve([*at, candidates.index(c)], self.at)
                 matters = abs(step[-1]) > 0.5 * PARAMETERS[c].matters
                 if matters and abs(step[-1]) > 0.6 * _SIGMA * sigma[-1]:
-                    gains.append((gain - (normal.solve(at, self.blocks)[2] if at else 0), c))
+                    gains.append((gain - (normal.solve(at, self.at)[2] if at else 0), c))
             if not gains:
                 break
             most, c = max(gains)
@@ -346,10 +353,10 @@ class Fit:
                 refused.add(c)
         if not chosen or normal is None:
             return [], theta, normal
-        faults = []
-        sigmas = normal.solve([candidates.index(c) for c in chosen], self.blocks)[1]
+        faults, noise = [], 1.4826 * float(np.nanmedian(np.abs(normal.depth)))
+        sigmas = normal.solve([candidates.index(c) for c in chosen], self.at)[1]
         for c, sigma in zip(chosen, sigmas.tolist(), strict=True):
-            model = (_INEXACT_COLOR if c in _OF_COLOR else _INEXACT) * theta[c]
+            model = (_INEXACT_COLOR if c in OF_COLOR else _INEXACT + _PER_NOISE * noise) * theta[c]
             doubt = float(np.hypot(np.hypot(sigma, model), _OF_MATTERS * PARAMETERS[c].matters))
             faults.append(Fault(c, float(theta[c]), doubt, others.get(c, ())))
         return faults, theta, normal
@@ -363,36 +370,6 @@ class Fit:
     @staticmethod
     def _is_firm(size: float, sigma: float, parameter: int) -> bool:
         return abs(size) > max(_SIGMA * sigma, PARAMETERS[parameter].matters)
-
-
-def find(fit: Fit) -> tuple[list[Fault], Normal | None]:
-    """Return the faults of pictures: of depth and poses, then of colours."""
-    possible = [*_OF_PANORAMA] if fit.pictures.panorama else [*range(13)]
-    possible = [i for i in possible if fit.is_video or i not in (TIME, ROLLING)]
-    of_depth, of_color = [i for i in possible if i not in _OF_COLOR], [i for i in possible if i in _OF_COLOR]
-    found, theta, normal = fit.faults(np.zeros(13), of_depth, True, False)
-    if fit.pictures.grey is None or normal is None:
-        return found, normal
-    before = fit.color_cost(theta)
-    colors, theta, _ = fit.faults(_near_colors(fit, theta, of_color), of_color, False, True)
-    if colors and fit.color_cost(theta) < _CLEARER * before:
-        return [*found, *colors], normal
-    both, _, of_both = fit.faults(np.zeros(13), of_depth, True, True)
-    return (both, of_both) if of_both is not None else (found, normal)
-
-
-def _near_colors(fit: Fit, theta: Array, candidates: list[int]) -> Array:
-    """Return parameters near which colours fit: they may lie far beside depth."""
-    start = best = fit.color_cost(theta)
-    result = theta
-    for share in (1.0, 0.4):
-        for c, reach, count in ((COLOR, 0.14, 15), (COLOR_X, 6, 9), (COLOR_Y, 6, 9)):
-            for by in share * np.linspace(-reach, reach, count) if c in candidates else ():
-                trial = result.copy()
-                trial[c] += by
-                if (value := fit.color_cost(trial)) < best - 0.002:
-                    best, result = value, trial
-    return result if best <= _CLEARER * start else theta
 
 
 def _smooth(inverse: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,22 @@ from typing import Any
 import numpy as np
 
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.posed_faults import LEAST_FRAMES, PAIRS, PARAMETERS, WIDTH, Fit, Normal, find
+from omniscv.diagnostics.posed_faults import (
+    COLOR,
+    COLOR_X,
+    COLOR_Y,
+    LEAST_FRAMES,
+    OF_COLOR,
+    OF_PANORAMA,
+    PAIRS,
+    PARAMETERS,
+    ROLLING,
+    TIME,
+    WIDTH,
+    Fault,
+    Fit,
+    Normal,
+)
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.sources.base import Request, Source
@@ -25,6 +41,7 @@ _CLEAR, _CLEARER = 4.0, 0.05  # standard errors, and correlation, by which other
 _PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
 _STEPS, _COARSE = 0.2, 0.01  # distinct values of all; a step, as a share of depth
 _SAMPLE = 200_000
+_FEWER = 0.8  # of the differences of colours, which remain if they are put right
 _AT_SOURCE = "check the file of poses, and the lens, that belong to these pictures"
 
 
@@ -122,6 +139,34 @@ def _faults(fit: Fit) -> Iterator[Finding]:
     yield _moving(normal, float(noise))
 
 
+def find(fit: Fit) -> tuple[list[Fault], Normal | None]:
+    """Return the faults of pictures: of depth and poses, then of colours."""
+    possible = [*OF_PANORAMA] if fit.pictures.panorama else [*range(13)]
+    possible = [i for i in possible if fit.is_video or i not in (TIME, ROLLING)]
+    of_depth, of_color = [i for i in possible if i not in OF_COLOR], [i for i in possible if i in OF_COLOR]
+    found, theta, normal = fit.faults(np.zeros(13), of_depth, True, False)
+    if fit.pictures.grey is None or normal is None:
+        return found, normal
+    before = fit.color_cost(theta)
+    colors, theta, _ = fit.faults(_near_colors(fit, theta, of_color), of_color, False, True)
+    clearly = fit.color_cost(theta) < _FEWER * before
+    return [*found, *(colors if clearly else [])], normal
+
+
+def _near_colors(fit: Fit, theta: Array, candidates: list[int]) -> Array:
+    """Return parameters near which colours fit: they may lie far beside depth."""
+    start = best = fit.color_cost(theta)
+    result = theta
+    for share in (1.0, 0.4):
+        for c, reach, count in ((COLOR, 0.14, 15), (COLOR_X, 6, 9), (COLOR_Y, 6, 9)):
+            for by in share * np.linspace(-reach, reach, count) if c in candidates else ():
+                trial = result.copy()
+                trial[c] += by
+                if (value := fit.color_cost(trial)) < best - 0.002:
+                    best, result = value, trial
+    return result if best <= _FEWER * start else theta
+
+
 def _moving(normal: Normal, noise: float) -> Finding:
     off = normal.depth[np.isfinite(normal.depth)]
     share = float((off > max(_OF_SIGMA * noise, _LEAST_OFF)).mean())
@@ -159,8 +204,6 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
 
 
 def _correlation(pictures: PosedPictures, grey: Any, motion: Array, along: bool) -> Array:
-    from dataclasses import replace
-
     points = replace(pictures, grey=grey).points(_POINTS)
     second: Indices = pictures.pairs[:, 1].copy()
     how = (along, pictures.panorama, _TOLERANCE)
