@@ -28,6 +28,10 @@ def test_timing_of_velodyne():
     np.testing.assert_allclose(steps, -0.1990656, rtol=0, atol=1e-9)
     assert (azimuth[-1, 0] - azimuth[0, 0] + 180) % 360 - 180 == pytest.approx(0.1244, abs=1e-4)
     np.testing.assert_allclose(camera.seconds()[0] - camera.seconds()[-1], 15 * 2.304e-6, rtol=1e-9)
+    frozen = cameras.create("lidar", preset="vlp-16", frozen=True)
+    assert not frozen.seconds().any()
+    assert frozen.readout == 0 < camera.readout
+    assert cameras.from_dict(frozen.to_dict()) == frozen != camera
     assert camera.rings.tolist() == [*range(15, -1, -1)]
     assert cameras.create("lidar", preset="hdl-32e").width == 2170
     with pytest.raises(ArgumentError, match="width: expected at most 1808 firings"):

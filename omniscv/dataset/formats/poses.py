@@ -2,13 +2,14 @@
 
 The formats are those of :mod:`omniscv.geometry.trajectory_files`. Poses are in the order of their times, or
 of the frames' keys if a frame has no time; then they are numbered from 0. TUM and EuRoC hold poses in the
-world frame; KITTI's are relative to the first one. ``CAMERA.keys`` names the frame of every line.
+world frame; KITTI's are relative to the first one. Of a camera that moves while its lines are read, the pose
+is that of its time. ``CAMERA.keys`` names the frame of every line.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from omniscv.cameras import Camera
+from omniscv.cameras import Camera, Lidar, RollingShutter
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.frame import Frame
@@ -27,7 +28,7 @@ class Poses(Format):
     name = "poses"
 
     def refuses(self, camera: Camera) -> str | None:
-        if camera.central:
+        if camera.central or isinstance(camera, Lidar | RollingShutter):
             return None
         return f"expected a central camera, got {camera.name}, whose rays have several origins"
 
