@@ -125,6 +125,9 @@ def check(
     folder: Dataset,
     format: Annotated[str | None, Option(help="Check an export to a format too.")] = None,
     deep: Annotated[bool, Option("--deep", help="Read all layers, records and exports.")] = False,
+    pictures: Annotated[
+        bool, Option("--pictures", help="Ask images with depth whether poses, also of exports, are theirs.")
+    ] = False,
 ) -> None:
     """Check a dataset against its manifest: one line for each fault. Exit code 1 if there is any."""
     from omniscv.dataset import check, open
@@ -133,6 +136,12 @@ def check(
     faults = check(folder, deep=deep, format=format)
     for fault in faults:
         console.line(fault)
+    if pictures and not faults:
+        from omniscv.diagnostics.exported_poses import check_pictures
+
+        for line, is_wrong in check_pictures(folder, format):
+            console.line(line)
+            faults += [line] if is_wrong else []
     if not faults:
         console.line(f"{without_secrets(folder)}: {len(open(folder))} frames, no faults")
     raise Exit(1 if faults else 0)

@@ -40,6 +40,9 @@ _COMMON = (1, 100, 256, 1000, 4000, 5000, 6553.5, 65535)  # whole numbers of dep
 _PLAUSIBLE = (0.1, 150.0)  # median depth, metres
 
 
+_I = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
 class Convention(NamedTuple):
     """What the numbers of poses and depth mean.
 
@@ -55,7 +58,7 @@ class Convention(NamedTuple):
 
     inverse: bool = False
     transposed: bool = False
-    axes: tuple[float, ...] = (1.0, 0, 0, 0, 1, 0, 0, 0, 1)
+    axes: tuple[float, ...] = _I
     ratio: float = 1.0
     along: bool = False
     quaternion: str = ""
@@ -285,19 +288,29 @@ class _Search:
         self._R = {order: turned(R, order) for order in orders}
         self.grey = np.zeros_like(pictures.depth) if pictures.grey is None else pictures.grey
         self._second = pictures.pairs[:, 1].copy()
+        self._motions = dict[Convention, tuple[Array, Array]]()
         self._points = {count: pictures.points(count) for count in (_SKIM, _FEW, _MANY)}
 
     def score(self, convention: Convention, count: int, tolerance: float) -> Score:
         """Return the agreement of a hypothesis, by so many points of each pair."""
-        pictures, R = self.pictures, self._R[convention.quaternion]
-        at = np.clip(pictures.frames + convention.shift, 0, len(R) - 1)
-        motion = moves(*poses_by(convention, R[at], self._t[at]), pictures.pairs)
-        how = (convention.along, pictures.panorama, tolerance)
+        pictures, how = self.pictures, (convention.along, self.pictures.panorama, tolerance)
+        C = np.reshape(convention.axes, (3, 3))
+        turn, step = self._motion(convention._replace(axes=_I, ratio=1.0, along=False))
+        motion = np.concatenate([C.T @ turn @ C, C.T @ step / convention.ratio], axis=-1)
         points = self._points[count]
         found = agreement(points, motion, self._second, pictures.depth, self.grey, pictures.lenses, how)
         if pictures.grey is None:
             return Score(convention, found[:, 0])
         return Score(convention, 0.5 * (found[:, 0] + np.maximum(found[:, 1], 0)))
+
+    def _motion(self, convention: Convention) -> tuple[Array, Array]:
+        """Return rotations (P, 3, 3) and translations (P, 3, 1) of pairs, in the file's axes and unit."""
+        if convention not in self._motions:
+            R = self._R[convention.quaternion]
+            at = np.clip(self.pictures.frames + convention.shift, 0, len(R) - 1)
+            motion = moves(*poses_by(convention, R[at], self._t[at]), self.pictures.pairs)
+            self._motions[convention] = motion[..., :3], motion[..., 3:]
+        return self._motions[convention]
 
     def hypotheses(self) -> Iterator[Convention]:
         """Yield all, but for kinds of depth and shifts."""
