@@ -263,8 +263,8 @@ class JobArguments:
                 for described in keys.get("cameras", {}).values() if from_file else ():
                     described["file"] = str(Path.cwd() / described["file"])
             job = load(self.file, keys)
-        if job.assumed:
-            console.error(job.assumed)
+        for line in job.assumed.splitlines():
+            console.error(line)
         overriding = []
         for name in self._ordered(self.given) if self.file else ():
             values = self.options[name].keys(self.values[name])
