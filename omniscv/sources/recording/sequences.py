@@ -109,7 +109,7 @@ class Layout:
     poses: _Poses | None = checked(nested(_Poses), default=None)
     position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
     intrinsics: Any = None
-    faces: str = checked(one_of, words=("", *LAYOUTS), default="")
+    faces: str | None = checked(optional(partial(one_of, words=tuple(LAYOUTS))), default=None)
     found: str = checked(text, default="")
     says: str = checked(text, default="")
     level: str = checked(text, default="")
