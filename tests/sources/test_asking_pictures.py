@@ -1,5 +1,6 @@
 """Folders of posed pictures whose words are wrong, and what their pictures say: rooms drawn by formulas."""
 
+import json
 from contextlib import closing
 
 import cv2
@@ -10,6 +11,7 @@ from support.overlapping import MISDESCRIBED, asked, convention, noisy, room, wr
 
 from omniscv import cli
 from omniscv.errors import ArgumentError
+from omniscv.sources.base import Request
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.replay import RecordedSource
@@ -116,6 +118,51 @@ def test_a_layout_that_asks_comes_in_by_its_pictures(folder, shots):
         views = source.recorded_views()
     relative = [views[0].pose.R_w_c.T @ view.pose.R_w_c for view in views]
     np.testing.assert_allclose(relative, shots.R[0].T @ shots.R, atol=1e-6)
+
+
+def test_a_mirror_of_replica_in_other_axes_and_units_comes_in(shots, tmp_path):
+    (tmp_path / "results").mkdir()
+    R, t = written(shots, axes="opengl")
+    rows = np.concatenate([np.concatenate([R, t[..., None]], axis=-1), [[[0, 0, 0, 1]]] * len(R)], axis=1)
+    (tmp_path / "traj.txt").write_text("\n".join(" ".join(f"{v:.9f}" for v in row.ravel()) for row in rows))
+    for i in range(len(R)):
+        cv2.imwrite(str(tmp_path / f"results/frame{i:06}.png"), shots.lit[i][..., ::-1])
+        cv2.imwrite(str(tmp_path / f"results/depth{i:06}.png"), np.uint16(np.round(1000 * shots.depth[i])))
+    lens = dict(zip(("fx", "fy", "cx", "cy"), shots.lens, strict=True))
+    camera = {**lens, "cx": lens["cx"] - 0.5, "cy": lens["cy"] - 0.5, "w": 96, "h": 72, "scale": 6553.5}
+    (tmp_path / "cam_params.json").write_text(json.dumps({"camera": camera}))
+    taken = import_pictures(tmp_path, tmp_path / "a.sqlite")
+    assert "camera-to-world, axes opengl, planar depth of 1/1000 m" in taken.lines[1]
+    assert taken.lines[1].endswith("; taken as pictures show")
+    with RecordedSource(tmp_path / "a.sqlite") as source:
+        views = source.recorded_views()
+        (depth,) = source.capture([Request(views[0], "depth")])
+    np.testing.assert_allclose(depth.pixels, shots.depth[0], atol=1e-3)
+    np.testing.assert_allclose([view.pose.position for view in views], shots.t, atol=1e-6)
+
+
+def test_fisheye_frames_are_asked_by_their_lens_file(shots, tmp_path):
+    size, focal = 96, 40.0
+    v, u = np.mgrid[:size, :size] + 0.5 - size / 2
+    theta = np.hypot(u, v) / focal
+    side = np.tan(theta) / np.maximum(np.hypot(u, v), 1e-9)
+    maps = [np.float32(f * axis * side + c - 0.5) for f, axis, c in ((81.6, u, 48), (81.6, v, 36))]
+    along = shots.depth * np.linalg.norm(shots.rays(), axis=-1)
+    lens = {"camera_model": "OPENCV_FISHEYE", "fl_x": focal, "fl_y": focal, "cx": size / 2, "cy": size / 2}
+    lens |= {"w": size, "h": size, "k1": 0, "k2": 0, "k3": 0, "k4": 0, "frames": []}
+    (tmp_path / "lens.json").write_text(json.dumps(lens))
+    rows = []
+    for i, (R, t) in enumerate(zip(*written(shots, axes="opengl", per_m=100), strict=True)):
+        lit, depth = (cv2.remap(each[i], *maps, cv2.INTER_NEAREST) for each in (shots.lit, np.float32(along)))
+        cv2.imwrite(str(tmp_path / f"{i}_rgb.png"), lit[..., ::-1])
+        np.save(tmp_path / f"{i}_depth.npy", depth)
+        rows.append(" ".join([str(i), *(f"{x:.9f}" for x in (*t, *Rotation.from_matrix(R).as_quat()))]))
+    (tmp_path / "poses.txt").write_text("\n".join(rows))
+    said = {"poses": tmp_path / "poses.txt", "intrinsics": tmp_path / "lens.json", "depth": "ray-m"}
+    with pytest.raises(ArgumentError, match="write --frame opengl and --unit cm; or --trust-words"):
+        import_pictures(tmp_path, tmp_path / "a.sqlite", "pinhole", **said)
+    taken = import_pictures(tmp_path, tmp_path / "a.sqlite", "pinhole", frame="opengl", unit="cm", **said)
+    assert any(line.startswith("pictures: as said, camera-to-world, axes opengl") for line in taken.lines)
 
 
 @pytest.mark.soak

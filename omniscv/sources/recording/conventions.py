@@ -314,13 +314,15 @@ class _Search:
 
     def hypotheses(self) -> Iterator[Convention]:
         """Yield all, but for kinds of depth and shifts."""
-        said = self.words.convention
+        said, per_m = self.words.convention, self.words.per_m
+        known = [per_m / one for one in _COMMON if per_m in _COMMON and one > 1 != per_m]
+        ratios = dict.fromkeys(round(float(ratio), 9) for ratio in (*_RATIOS, *known))
         if self.words.fixed:
-            yield from (said._replace(ratio=float(ratio)) for ratio in _RATIOS)
+            yield from (said._replace(ratio=ratio) for ratio in ratios)
             return
         orders, both = [*_QUATERNIONS] if self.words.quaternions else [""], (False, True)
-        for order, inverse, transposed, C, ratio in product(orders, both, both, _all_axes(), _RATIOS):
-            yield Convention(inverse, transposed, C, float(ratio), said.along, order)
+        for order, inverse, transposed, C, ratio in product(orders, both, both, _all_axes(), ratios):
+            yield Convention(inverse, transposed, C, ratio, said.along, order)
 
 
 def ask(pictures: PosedPictures, words: Words) -> Verdict:

@@ -202,8 +202,8 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = () if lens else ("resampled to six faces",)
-    poses = Words()
+    columns: Collection[str] = ("m0",)
     if options.poses and options.poses.suffix.lower() != ".json":
         columns = read_rows(options.poses, keyed=True)[1].columns
-        poses = words_of(columns, options.frame or "camera", options.unit)
+    poses = words_of(columns, options.frame or "body", options.unit)
     return Sequence(frames, says=says, of_openexr=of_openexr, words=poses)
