@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from omniscv.arguments import one_of
 from omniscv.diagnostics import Finding
 from omniscv.diagnostics.posed_faults import (
     COLOR,
@@ -34,7 +35,7 @@ from omniscv.sources.recording.asking import read_pictures, words_of
 from omniscv.sources.recording.conventions import Verdict, Words, ask, placed
 from omniscv.sources.recording.overlap import Indices, PosedPictures, Shot, agreement, moves
 from omniscv.sources.recording.posed_frames import Options
-from omniscv.sources.recording.sequences import find_sequence
+from omniscv.sources.recording.sequences import find_sequence, sequences
 
 _POINTS, _TOLERANCE = 900, 0.03
 _CLEAR, _CLEARER = 4.0, 0.05  # standard errors, and correlation, by which other colours fit better
@@ -51,12 +52,13 @@ def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Findin
     Raises:
         ArgumentError: no such folder, or no depth in it.
     """
+    if not layout.endswith((".yaml", ".yml")):
+        one_of("layout", layout, ("auto", *sequences()))
     sequence = find_sequence(path, layout, Options(**said))
     words = words_of(sequence) if sequence else None
     if sequence is None or words is None:
-        raise ArgumentError(
-            f"{path}: expected a recording, captures, or frames with poses and depth, got others"
-        )
+        expected = "expected a recording, captures, or frames with poses and depth"
+        raise ArgumentError(f"{path}: {expected}, got others; --layout my.yaml describes a folder")
     pictures = read_pictures(sequence, PAIRS, WIDTH)
     return [Finding("frames", line) for line in sequence.lines()] + examine_pictures(pictures, words)
 
