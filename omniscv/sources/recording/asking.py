@@ -16,6 +16,8 @@ from omniscv.sources.recording.conventions import PAIRS, WIDTH, Convention, Verd
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 from omniscv.sources.recording.posed_frames import Frame, Sequence
 
+_LARGE = 1 << 21  # pixels
+
 
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
     """Return a sequence as its pictures say that it is to be read, and a line about it, for people.
@@ -75,12 +77,13 @@ def ordered(sequence: Sequence) -> list[Frame]:
 
 def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures | None:
     """Return pictures of pairs of frames, without those that cannot be read: the import says so."""
-    frames = ordered(sequence)
+    frames, pixels = ordered(sequence), list[int]()
 
     def shot(i: int, most: int) -> Shot | None:
         frame = frames[i]
         with suppress(OmniscvError):
             depth = sequence.picture(frame, "depth").pixels
+            pixels.append(depth.size)
             lit = sequence.picture(frame, "lit").pixels if "lit" in frame.files else None
             lens = frame.lens.scaled(*depth.shape[1::-1]) if frame.lens else None
             if lens is not None and lens.is_bent:
@@ -95,8 +98,8 @@ def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures |
     fov = 2 * np.pi
     if first.lens is not None:
         fov = np.radians(pinhole.fov_deg(first.depth.shape[1], first.lens[0]))
-    R, t = poses_of(frames)
-    return PosedPictures.read(R, t, shot, fov, pairs, width)
+    pairs = pairs if max(pixels) <= _LARGE else pairs // 3  # they take longer to read
+    return PosedPictures.read(*poses_of(frames), shot, fov, pairs, width)
 
 
 def poses_of(frames: list[Frame]) -> tuple[Array, Array]:
