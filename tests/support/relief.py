@@ -286,11 +286,79 @@ def rungs(rng, p):
     return [rod((-HALF_M, y, z), (HALF_M, y, z), p / 5) for z in (2.6, 3.1, 3.7) for y in across(p)]
 
 
+# Drawn when the rules were fixed.
+
+
+def around(pitch, most=24):
+    reach = min(HALF_M, most * pitch)
+    return np.arange(-reach, reach, pitch)
+
+
+def shingles(rng, p):
+    rows = enumerate(around(p))
+    at = [(x - k % 2 * 0.5 * p, y) for k, y in rows for x in around(p)]
+    lifted = rng.uniform(0.5, 1.5, len(at))
+    return [
+        quad((x, y, AWAY - 0.05 * p * up), (0.94 * p, 0, 0), (0, 1.25 * p, 0.35 * p))
+        for (x, y), up in zip(at, lifted, strict=True)
+    ]
+
+
+def half_open(rng, p):
+    """Slats of a louver that is half open and turned away by 22 degrees."""
+    return [quad((-2, y, AWAY + 0.8), (4, 0, -1.6), (0, 0.55 * p, 0.8 * p)) for y in across(p)]
+
+
+def perforated(rng, p):
+    """A sheet with square holes."""
+    sheet = [quad((-2, y, AWAY), (4, 0, 0), (0, 0.45 * p, 0)) for y in around(p)]
+    at = [(x, y + 0.45 * p) for y in around(p) for x in around(p)]
+    return sheet + [quad((x, y, AWAY), (0.45 * p, 0, 0), (0, 0.55 * p, 0)) for x, y in at]
+
+
+def chain_link(rng, p):
+    return [
+        rod((a - s * HALF_M, -HALF_M, AWAY + z), (a + s * HALF_M, HALF_M, AWAY + z), p / 9)
+        for a in np.arange(-2 * HALF_M, 2 * HALF_M, p)
+        for s, z in ((1, 0), (-1, p / 9))
+    ]
+
+
+def twigs(rng, p):
+    parts, spread = [], min(HALF_M, 18 * p)
+    for _ in range(500):
+        a, toward = [*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-0.4, 0.4)], rng.normal(size=3)
+        b = a + toward / np.linalg.norm(toward) * p * rng.uniform(3, 9)
+        parts.append(rod(a, b, p * rng.uniform(0.12, 0.4)))
+    return parts
+
+
+def cans(rng, p):
+    at = [(x + k % 2 * p / 2, y, AWAY + p * rng.uniform(-0.1, 0.1))
+          for k, y in enumerate(around(1.3 * p, 17)) for x in around(p)]  # fmt: skip
+    return [rod((x, y, z), (x, y + 1.28 * p, z), 0.49 * p) for x, y, z in at]
+
+
+def shell(rng, p):
+    """Large balls, of which each shows a rim."""
+    at = [(x, y) for x in around(p, 20) for y in around(1.7 * p, 12)]
+    return [ball((x, y + p * rng.uniform(-0.1, 0.1), AWAY + 2.4 * p + 0.25 * x), 2.5 * p) for x, y in at]
+
+
+def gratings(rng, p):
+    """Two gratings behind each other."""
+    tall = (0, 2 * HALF_M, 0)
+    front = [quad((x, -HALF_M, AWAY), (0.5 * p, 0, 0), tall) for x in across(p)]
+    return front + [quad((x, -HALF_M, AWAY + 0.45), (0.6 * p, 0.02, 0), tall) for x in across(1.13 * p)]
+
+
 KINDS: dict[str, Callable[..., list]] = {
     "logs": logs, "saw 45": saw(45), "saw 20": saw(20), "panels 3 mm": panels, "stairs": stairs,
     "stairs, grazing": grazing, "boards, grazing": boards, "books": books, "louver": louver, "balls": packed,
     "gravel": gravel, "bars": bars, "mesh": mesh, "leaves": leaves, "fence": fence, "cables": cables,
-    "bricks": bricks, "waves": waves, "rungs": rungs, "saw 70": saw(70),
+    "bricks": bricks, "waves": waves, "rungs": rungs, "saw 70": saw(70), "shingles": shingles,
+    "half-open louver": half_open, "perforated sheet": perforated, "chain link": chain_link, "twigs": twigs,
+    "cans": cans, "shell": shell, "two gratings": gratings,
 }  # fmt: skip
 
 
