@@ -368,10 +368,8 @@ def _read(path: Path) -> Scene:
 
 def _located(value: Any, folder: Path) -> Any:
     """Return a description in which the files of pictures are relative to the current folder."""
-    if isinstance(value, list):
-        return [_located(item, folder) for item in value]
     if not isinstance(value, dict):
-        return value
+        return [_located(item, folder) for item in value] if isinstance(value, list) else value
     located = {key: _located(item, folder) for key, item in value.items()}
     if value.get("kind") == "image" and isinstance(value.get("file"), str):
         located["file"] = str(folder / value["file"])

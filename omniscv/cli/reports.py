@@ -1,5 +1,7 @@
 """``omniscv demo``, ``look``, ``chart`` and ``evaluate``: sheets, pages and charts for people to look at."""
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,30 +67,40 @@ def look(
             console.error(f"expected a browser to show {page}, found none; open it yourself")
 
 
+@dataclass(frozen=True)
+class Own:
+    """Options of a camera of one's own, of the chart ``accuracy``; see :func:`options.with_blocks`."""
+
+    camera: Annotated[str | None, Option(help="accuracy: your camera, a model or a lens file.")] = None
+    source: Annotated[str | None, Option(help=f"accuracy: where it looks. {options.SOURCE_HELP}")] = None
+    size: Annotated[str | None, Option(help="accuracy: of the camera's image, px.")] = None
+    position: Annotated[str | None, Option(help="accuracy: X,Y,Z of the camera, metres.")] = None
+    set: Annotated[
+        list[str] | None, Option(help="accuracy: KEY=VALUE of a job, such as camera.fov_deg=185.")
+    ] = None
+
+
 @app.command(epilog="Example: omniscv chart central --quick --out charts")
+@options.with_blocks
 def chart(
     kind: Annotated[
         Literal["accuracy", "central", "failures", "stability", "sensor"], Argument(help="What is drawn.")
     ],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
-    camera: Annotated[str | None, Option(help="accuracy: your camera, a model or a lens file.")] = None,
-    source: Annotated[str | None, Option(help=f"accuracy: where it looks. {options.SOURCE_HELP}")] = None,
-    size: Annotated[str | None, Option(help="accuracy: of the camera's image, px.")] = None,
-    position: Annotated[str | None, Option(help="accuracy: X,Y,Z of the camera, metres.")] = None,
-    set: Annotated[list[str], Option(help="accuracy: KEY=VALUE of a job, such as camera.fov_deg=185.")] = [],  # noqa: B006
     progress: StyleOption = None,
+    *,
+    own: Own,
 ) -> None:
     """Draw cost against error; what makes images fail; models at their limits; noise of sensors."""
-    own = {"camera": camera, "source": source, "size": size, "position": position, "set": set}
-    given = frozenset(name for name, value in own.items() if value)
+    given = {name: value for name, value in asdict(own).items() if value}
     if given and (kind != "accuracy" or quick):
         raise ArgumentError(f"--{min(given)}: expected none, with --quick or a chart that is not 'accuracy'")
     _check_charts()
     module = import_module(f"omniscv.chart.{kind}")
     with display("rounds", progress) as shown:
         if given:
-            rows = _measured_own(given, own, shown.steps)
+            rows = _measured_own(given, shown.steps)
         else:
             rows = module.measure(**(module.QUICK if quick else {}), progress=shown.steps)
     for path in module.write(rows, out):
@@ -100,13 +112,13 @@ def _check_charts() -> None:
         raise OmniscvError("charts: expected the package matplotlib; pip install 'omniscv[charts]'")
 
 
-def _measured_own(given: frozenset[str], values: dict[str, Any], progress: Any) -> Any:
+def _measured_own(given: Mapping[str, Any], progress: Any) -> Any:
     from omniscv.chart.accuracy import measure_own
     from omniscv.sources.registry import open_sources
 
-    known = {name: options.VIEW[name] for name in values}
-    values = {name: values[name] if name in given else option.default for name, option in known.items()}
-    job = options.JobArguments(None, known, values, given).load()
+    known = {field.name: options.VIEW[field.name] for field in fields(Own)}
+    values = {name: given.get(name, option.default) for name, option in known.items()}
+    job = options.JobArguments(None, known, values, frozenset(given)).load()
     ((name, camera),) = job.cameras.items()
     with open_sources(job.sources, **job.source_options) as opened:
         return measure_own(name, camera, job.poses[0], opened, progress=progress)

@@ -1,6 +1,6 @@
 """``omniscv serve``, ``scenes``, ``send`` and ``doctor``: the mock server, and what any server answers."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -105,6 +105,27 @@ def send(
         console.document(reply)
 
 
+@dataclass(frozen=True)
+class Written:
+    """Options of the files that the doctor writes; see :func:`options.with_blocks`."""
+
+    picture: Annotated[
+        Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
+    ] = None
+    report: Annotated[
+        Path | None, Option(help="ZIP to write for those who cannot reach it: replies, timings, captures.")
+    ] = None
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Options of a folder of frames with poses; see :func:`options.with_blocks`."""
+
+    layout: Annotated[str, Option(help="Of a folder of frames with poses, as of an import.")] = "auto"
+    depth: Annotated[str | None, Option(help="Its depth, as of an import: planar-mm and so on.")] = None
+    intrinsics: Annotated[Path | None, Option(help="Its lens, a lens file of any form.")] = None
+
+
 @app.command(epilog="Example: omniscv doctor mock://four-wall\n\nExample: omniscv doctor --self")
 @options.with_blocks
 def doctor(
@@ -117,18 +138,10 @@ def doctor(
         bool, Option("--quick", help="Leave out the unit of depth, agreement of captures, and motion.")
     ] = False,
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
-    picture: Annotated[
-        Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
-    ] = None,
-    report: Annotated[
-        Path | None,
-        Option(help="ZIP to write for those who cannot reach it: replies, timings, captures."),
-    ] = None,
-    layout: Annotated[str, Option(help="Of a folder of frames with poses, as of an import.")] = "auto",
-    depth: Annotated[str | None, Option(help="Its depth, as of an import: planar-mm and so on.")] = None,
-    intrinsics: Annotated[Path | None, Option(help="Its lens, a lens file of any form.")] = None,
     as_json: options.AsJson = False,
     *,
+    written: Written,
+    frames: Frames,
     waiting: options.Waiting,
 ) -> None:
     """Measure what a server is, and what would spoil captures there; or check this installation.
@@ -139,7 +152,7 @@ def doctor(
         raise ArgumentError(
             "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
         )
-    if report is not None and not (uri or "").startswith(("unreal", "mock:")):
+    if written.report is not None and not (uri or "").startswith(("unreal", "mock:")):
         raise ArgumentError(f"--report: expected an address unreal:// or mock://, got {uri or 'none'}")
     if uri is None:
         from omniscv.diagnostics.installation import examine_installation
@@ -151,14 +164,15 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
-        given = {"depth": depth, "intrinsics": intrinsics}
-        said = {name: value for name, value in given.items() if value is not None}
-        deadlines = waiting.deadlines()
-        findings = examine_address(uri, where, quick, picture=picture, layout=layout, said=said, **deadlines)
-        if report is not None:
+        said = {name: value for name, value in asdict(frames).items() if value is not None}
+        layout, deadlines = said.pop("layout"), waiting.deadlines()
+        findings = examine_address(
+            uri, where, quick, picture=written.picture, layout=layout, said=said, **deadlines
+        )
+        if written.report is not None:
             from omniscv.diagnostics.report import write_report
 
-            write_report(uri, findings, report, where, **deadlines)
+            write_report(uri, findings, written.report, where, **deadlines)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:
