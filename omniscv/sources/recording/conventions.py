@@ -224,7 +224,8 @@ class Verdict:
             keys = {"frame" if key == "axes" else key: value for key, value in keys.items()}
             words += [f"--{key} {value}" for key, value in keys.items()]
         elif keys:
-            words.append(f"poses that are {self.described(said)}: convert them")
+            direction = "world-to-camera" if said.inverse else "camera-to-world"
+            words.append(f"poses converted to {direction}, axes {self.words.axes}, and metres")
         if (right.along, per_m) != (said.along, self.words.per_m):
             unit = "m" if per_m == 1 else "mm" if per_m == 1000 else f"1/{per_m:g}"
             words.append(f"--depth {'ray' if right.along else 'planar'}-{unit}")
