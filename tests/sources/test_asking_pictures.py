@@ -167,10 +167,11 @@ def test_fisheye_frames_are_asked_by_their_lens_file(shots, tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", MISDESCRIBED)
-@pytest.mark.parametrize("spoil", [(0, 0), (1, 0), (2.5, 0.06)])
+@pytest.mark.parametrize("spoil", [None, (1, 0), (2.5, 0.06)])
 def test_every_misdescription_is_told(name, spoil):
     for seed in range(30, 34):
-        verdict, right = verdict_of(noisy(room(seed, count=10), seed, *spoil), name)
+        shots = room(seed, count=10)
+        verdict, right = verdict_of(noisy(shots, seed, *spoil) if spoil else shots, name)
         assert verdict.contradicts
         assert right in (verdict.best.convention, *verdict.tied)
 

@@ -317,7 +317,7 @@ class _Search:
         """Yield all, but for kinds of depth and shifts."""
         said, per_m = self.words.convention, self.words.per_m
         known = [per_m / one for one in _COMMON if per_m in _COMMON and one > 1 != per_m]
-        ratios = dict.fromkeys(round(float(ratio), 9) for ratio in (*_RATIOS, *known))
+        ratios = dict.fromkeys(float(ratio) for ratio in (*_RATIOS, *known))
         if self.words.fixed:
             yield from (said._replace(ratio=ratio) for ratio in ratios)
             return
