@@ -76,7 +76,7 @@ def folder(shots, tmp_path):
     for name in ("color", "depth"):
         (tmp_path / name).mkdir()
     R, t = written(shots, axes="opengl", inverse=True)
-    rows = np.column_stack([t, Rotation.from_matrix(R).as_quat()])
+    rows = np.concatenate([R, t[..., None]], axis=-1).reshape(-1, 12)
     (tmp_path / "poses.txt").write_text("\n".join(" ".join(f"{v:.8f}" for v in row) for row in rows))
     for i in range(len(R)):  # not in the order of their names as texts
         cv2.imwrite(str(tmp_path / f"color/{i}.png"), shots.lit[i][..., ::-1])
