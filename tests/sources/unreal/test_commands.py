@@ -56,7 +56,7 @@ def test_recordings_with_the_remedies_have_a_tenth_of_the_error(uri, options, tr
 
 
 def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, monkeypatch):
-    def examine(uri, position, quick, picture, **deadlines):
+    def examine(uri, position, quick, picture, layout, said, **deadlines):
         assert (position.tolist(), deadlines) == ([0.5, 0, 1.4], {"timeout_s": 3.0})
         return [Finding.unless("vignette" not in uri, "vignette", uri, "bad", "vrun r.Tonemapper.Quality 1")]
 
