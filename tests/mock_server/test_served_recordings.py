@@ -1,5 +1,6 @@
 """A recording behind the UnrealCV socket: the official client gets the bytes that the server sent."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -7,12 +8,15 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from support.wire import old_client
 
 import mock_server
 import omniscv
 
 PROGRAM = "from omniscv.cli import main; main()"
 YAWS = (0, 90)
+OLD = os.environ.get("UNREALCV_0_3_10", "")
+"""Folder with the client of 2017, as in ``test_public_scripts``; without it, the new one alone is tested."""
 
 
 @pytest.fixture(params=["N3", "1.x", "0.3.10"])
@@ -65,3 +69,27 @@ def test_the_official_client_gets_the_bytes_of_the_server_that_was_recorded(serv
     refused = replies(recorded, [*move, "vget /camera/0/lit png"])[-1]
     assert refused.startswith("error ")
     assert "position by 0.01 m" in refused
+
+
+@pytest.mark.parametrize("client", ["1.3.2", "0.3.10"] if OLD else ["1.3.2"])
+def test_the_tutorial_of_unrealcv_runs_against_a_recording(served, connect, client):
+    """Its steps: status, pictures in every form, and the colour of each object's mask."""
+    with contextlib.ExitStack() as clients:
+
+        def request_of(port):
+            server = SimpleNamespace(host="127.0.0.1", port=port)
+            if client == "1.3.2":
+                return connect(server).request
+            return clients.enter_context(old_client(server, OLD))
+
+        live, recorded = map(request_of, served)
+        status = recorded("vget /unrealcv/status")
+        assert "Is Listening" in status or "Client Connected" in status
+        commands = ["vset /camera/0/location 50 -40 150", "vset /camera/0/rotation 0 0 0"]
+        commands += ["vget /camera/0/location"] * 4 + ["vget /camera/0/rotation", "vget /objects"]
+        commands += [
+            f"vget /camera/0/{form}" for form in ("lit png", "object_mask png", "normal png", "depth npy")
+        ]
+        commands += [f"vget /object/{name}/color" for name in live("vget /objects").split()]
+        for command in commands:
+            assert recorded(command) == live(command), command
