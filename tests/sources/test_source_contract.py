@@ -75,7 +75,7 @@ SOURCES = {
     "replay of 0.3.10": replayed(OLD),
     "pool": lambda path: open_sources(["mock://four-wall", "mock://four-wall"]),
 }
-if find_spec("mujoco"):
+if (mujoco := find_spec("mujoco")) and mujoco.origin:  # not the folder of its tests
     ROOM = Path(__file__).parent / "mujoco" / "four-wall.xml"
     SOURCES["mujoco"] = lambda path: omniscv.open_source(f"mujoco://{ROOM}")
 if blender.found():
