@@ -19,13 +19,17 @@ from omniscv.cameras.base import (
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
 
+_IN_PLANE = 1e-8  # radians from the plane of a line that rests: it sees a point
+
 
 @register
 class PushBroom(Camera):
     """A line camera that travels sideways: every column has its own optical centre and looks straight ahead.
 
     The ray of (u, v) starts at ``(u/W - 1/2) T`` and points to ``(0, (v - H/2) / f, 1)``, normalised.
-    Parameters: ``travel`` T = (x, y, z), metres, from the left edge of the image to its right one, x > 0;
+    Parameters: ``travel`` T = (x, y, z), metres, from the left edge of the image to its right one, x > 0; or
+    ``readout`` > 0, seconds from edge to edge, of a job that moves the camera along its path meanwhile, as it
+    does a rolling shutter (T = 0 at rest; its time is the left edge's);
     ``focal`` f of the columns, px, or ``fov_deg``, the angle from the top to the bottom edge, 0 < fov_deg <
     180; 90 if neither is given.
     Domain: every pixel; points ahead of the optical centre with their x.
@@ -40,13 +44,18 @@ class PushBroom(Camera):
         self,
         width: int,
         height: int,
-        travel: ArrayLike,
+        travel: ArrayLike = (0.0, 0.0, 0.0),
         focal: float | None = None,
         fov_deg: float | None = None,
+        readout: float = 0.0,
     ) -> None:
         super().__init__(width, height)
         self.travel = numbers("travel", travel, (3,))
-        if not self.travel[0] > 0:
+        self.readout = number("readout", readout, least=0)
+        if self.readout and self.travel.any():
+            wanted = "expected it or a readout, of a camera on a path"
+            raise ArgumentError(f"travel: {wanted}, got both ({self.travel.tolist()})")
+        if not (self.travel[0] > 0 or self.readout):
             raise ArgumentError(f"travel: expected x > 0, to the right, got {self.travel.tolist()}")
         number("travel", float(np.abs(self.travel).max()), most=FARTHEST)
         refuse_focal_and_fov(focal, fov_deg)
@@ -67,11 +76,13 @@ class PushBroom(Camera):
         return (u / self.width - 0.5)[..., None] * self.travel
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
-        part = points[..., 0] / self.travel[0]
+        x, part = points[..., 0], np.zeros(points.shape[:-1])
+        if not self.readout:  # at rest all columns see one plane
+            part = x / self.travel[0]
         ahead = points - part[..., None] * self.travel
         z = ahead[..., 2]
         pixels = (part + 0.5) * self.width, self.height / 2 + self.focal * ahead[..., 1] / z
-        return np.stack(pixels, axis=-1), z > 0
+        return np.stack(pixels, axis=-1), (z > 0) & (not self.readout or np.abs(x) <= _IN_PLANE * z)
 
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per column, or at most ``count`` for equal parts of the travel."""

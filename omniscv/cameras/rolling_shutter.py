@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from omniscv.arguments import number, numbers, one_of, shown, within
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, grid_axes, viewpoints_by_line
 from omniscv.cameras.lidar import Lidar
+from omniscv.cameras.parallel_rays import PushBroom
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -32,7 +33,7 @@ _MEETS = 1e-9  # the same: the point is seen
 
 @register
 class RollingShutter(Camera):
-    """A central camera, or a ``lidar``, that moves while its lines are read, one after the other.
+    """A central camera, ``lidar`` or ``push-broom`` that moves while its lines are read, one after the other.
 
     The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
     ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and shifted by ``t v``.
@@ -79,6 +80,9 @@ class RollingShutter(Camera):
         self._lines = self.height if self._axis == 1 else self.width
         self._wraps = self._axis == 0 and self.base.wraps
         self._fires = self.base if isinstance(self.base, Lidar) and self._axis == 0 else None
+        self._is_line = isinstance(self.base, PushBroom)
+        if self._is_line and self._axis:
+            one_of("scan: of a push-broom", scan, ("left-to-right", "right-to-left"))
         if self.path is None:
             velocities = *self.velocity, *np.radians(self.angular_velocity_deg)
             ends = np.array([[0.0] * 7, [1.0, *velocities]])
@@ -193,22 +197,33 @@ class RollingShutter(Camera):
             part[twice], _ = self._search(flat[twice], _FINER * _INTERVALS)
         seen = ~np.isnan(part)
         pixels, _ = self._project_at(flat, np.where(seen, part, 0.0))
+        if self._is_line:
+            pixels[:, 0] = self.width * (1 - part if self._backward else part)
         if self._wraps:  # the seam is in the first column and in the last
             late = self._fraction(pixels) - part
             pixels[:, 0] += self.width * np.round(late) * (1 if self._backward else -1)
         return pixels.reshape(*points.shape[:-1], 2), seen.reshape(points.shape[:-1])
 
+    def _to_base(self, points: Array, part: Array) -> Array:
+        """Return points (N, 3) in the frames of the base at fractions (N,) of the read-out."""
+        rotations, positions = self._moved.at(self.readout * part)
+        return _turned(np.swapaxes(rotations, -1, -2), points - positions)
+
     def _project_at(self, points: Array, part: Array) -> tuple[Array, Mask]:
         """Project points (N, 3) with the base at fractions (N,) of the read-out."""
-        rotations, positions = self._moved.at(self.readout * part)
-        offset = points - positions
-        nonzero = np.asarray(offset.any(axis=1))
-        back = _turned(np.swapaxes(rotations, -1, -2), np.where(nonzero[:, None], offset, 1.0))
-        pixels, valid = self.base._project(back)
+        points = self._to_base(points, part)
+        nonzero = np.asarray(points.any(axis=1))
+        pixels, valid = self.base._project(np.where(nonzero[:, None], points, 1.0))
         return pixels, np.asarray(valid & nonzero & self._within_image(pixels)[1])
 
     def _late(self, points: Array, part: Array) -> Array:
-        """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen."""
+        """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen.
+
+        Of a ``push-broom``, the half turns from its line to the points: it is 0 where one is seen, too.
+        """
+        if self._is_line:
+            x, _, z = self._to_base(points, part).T
+            return np.where(z > 0, np.arctan2(x, z) / np.pi, np.nan)
         late: Array = self._fraction(self._project_at(points, part)[0]) - part
         return late - np.round(late) if self._wraps else late
 
@@ -314,9 +329,11 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
         description = base.to_dict() if isinstance(base, Camera) else base
         if not isinstance(description, Mapping) or "model" not in description:
             raise ArgumentError(f"expected a camera or a mapping with 'model' in it, got {shown(base)}")
-        if not model(description["model"]).central and description["model"] != Lidar.name:
+        if not issubclass(kind := model(description["model"]), Lidar | PushBroom) and not kind.central:
             raise ArgumentError(f"expected a central camera or a lidar, got {description['model']}")
         camera = from_dict({"width": width, "height": height, **description})
+        if isinstance(camera, PushBroom) and not camera.readout:
+            raise ArgumentError(f"expected a push-broom with a readout, got travel {camera.travel.tolist()}")
         if (camera.width, camera.height) != (width, height):
             got = f"{camera.width} x {camera.height}"
             raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
@@ -325,14 +342,14 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
 
 def readout_of(camera: Camera) -> float:
     """Return the seconds from the first line of a camera to its last; 0 of one that has no lines."""
-    return camera.readout if isinstance(camera, RollingShutter | Lidar) else 0.0
+    return camera.readout if isinstance(camera, RollingShutter | Lidar | PushBroom) else 0.0
 
 
 def as_shutter(camera: Camera) -> RollingShutter:
-    """Return a camera that can move while its lines are read: itself, or around a lidar."""
+    """Return a camera that can move while its lines are read: itself, or around a lidar or push-broom."""
     if isinstance(camera, RollingShutter):
         return camera
-    if not isinstance(camera, Lidar):
+    if not isinstance(camera, Lidar | PushBroom):
         raise ArgumentError(f"path: expected none of a camera without lines, got one of {camera.name}")
     return RollingShutter(camera.width, camera.height, camera, camera.readout, scan="left-to-right")
 

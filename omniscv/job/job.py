@@ -9,7 +9,7 @@ from typing import Literal
 
 from omniscv import modalities, storage
 from omniscv.arguments import number, stems, text, texts, whole_number
-from omniscv.cameras import Camera, RollingShutter
+from omniscv.cameras import Camera, PushBroom, RollingShutter
 from omniscv.cameras.rig import Rig
 from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.errors import ArgumentError
@@ -281,6 +281,9 @@ class Job:
             if self.path is not None and isinstance(camera, RollingShutter) and camera.moves_itself:
                 wanted = "expected no velocity or path, as the camera moves along its timed poses"
                 raise ArgumentError(f"cameras.{name}: {wanted}, got {camera.velocity.tolist()}; leave it out")
+            if self.path is None and self.poses and isinstance(camera, PushBroom) and camera.readout:
+                wanted = "expected timed poses, along which it moves, or a travel in place of a readout"
+                raise ArgumentError(f"cameras.{name}: {wanted}, got poses without a path")
         if self.exposure.seconds and len(self.poses) == 1 and not self.moves:
             wanted = "expected several timed poses, 'times' or 'motions', so that something moves"
             raise ArgumentError(f"exposure.seconds: {wanted}, got one pose in a still world")

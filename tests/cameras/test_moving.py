@@ -184,6 +184,45 @@ def test_a_push_broom_is_a_row_of_pinholes():
         create("push-broom", 20, 30, travel=(-1, 0, 0))
 
 
+@pytest.mark.parametrize("scan", ["left-to-right", "right-to-left"])
+def test_a_push_broom_on_a_straight_even_path_is_the_one_that_travels(scan):
+    travel = np.array([2.0, 0.4, -0.2]) * (1 if scan == "left-to-right" else -1)
+    known = create("push-broom", 20, 30, travel=np.abs(travel) * np.sign([1, 1, -1]), fov_deg=80)
+    line = create("push-broom", 20, 30, readout=0.5, fov_deg=80)
+    camera = create("rolling-shutter", 20, 30, base=line, readout=0.5, scan=scan)
+    end = Pose(START.to_world(travel), START.rotation)
+    moved = camera.on(Trajectory.timed((START, end), (0.0, 0.5)), 0)
+    assert from_dict(moved.to_dict()) == moved
+    rays, wanted = moved.unproject(), known.unproject()
+    np.testing.assert_allclose(rays.origins, wanted.origins + travel / 2, atol=1e-12)
+    np.testing.assert_allclose(rays.directions, wanted.directions, atol=1e-12)
+    centers = moved.viewpoints().centers, known.viewpoints().centers + travel / 2
+    np.testing.assert_allclose(*(of[np.lexsort(of.T)] for of in centers), atol=1e-12)
+    points = np.random.default_rng(4).uniform((-2, -2, -1), (2, 2, 4), (300, 3))
+    (pixels, seen), (known_pixels, known_seen) = moved.project(points + travel / 2), known.project(points)
+    np.testing.assert_array_equal(seen, known_seen)
+    assert 20 < seen.sum() < 280
+    np.testing.assert_allclose(pixels[seen], known_pixels[seen], atol=1e-9)
+    check_round_trip(moved)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"travel": (1, 0, 0), "readout": 1}, "travel: expected it or a readout, of a camera on a path"),
+        ({}, r"travel: expected x > 0, to the right, got \[0.0, 0.0, 0.0\]"),
+    ],
+)
+def test_a_push_broom_has_a_travel_or_a_readout(wrong, says):
+    with pytest.raises(ArgumentError, match=says):
+        create("push-broom", 20, 30, **wrong)
+    shutter = {"readout": 0.5, "base": {"model": "push-broom", "travel": (1, 0, 0)}}
+    with pytest.raises(ArgumentError, match="base: expected a push-broom with a readout"):
+        create("rolling-shutter", 20, 30, **shutter)
+    with pytest.raises(ArgumentError, match="scan: of a push-broom: expected one of left-to-right"):
+        create("rolling-shutter", 20, 30, base={"model": "push-broom", "readout": 1}, readout=1)
+
+
 def test_an_orthographic_image_is_a_plan():
     camera = create("orthographic", 40, 20, width_m=4.0)
     pixels, seen = camera.project([[0, 0, 1], [1.5, -0.5, 7], [0, 0, -1], [3, 0, 1]])

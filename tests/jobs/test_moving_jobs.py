@@ -219,9 +219,9 @@ WAY = ", ".join(
 )
 
 
-def on_the_way(folder, more="", traces=0, readout=0.05):
+def on_the_way(folder, more="", traces=0, readout=0.05, camera=ROLLING):
     (folder / "yard.yaml").write_text(YARD)
-    job = job_of(folder, f"imu: {{}}\nepoch: 0\n{more}", ROLLING.format(readout), f"[{WAY}]")
+    job = job_of(folder, f"imu: {{}}\nepoch: 0\n{more}", camera.format(readout), f"[{WAY}]")
     job = replace(job, source=f"scene://{folder}/yard.yaml?traces={traces}", modes=("object_mask", "depth"))
     return replace(job, options=RenderOptions(face_size=96))
 
@@ -248,19 +248,40 @@ def test_each_line_is_the_path_and_the_world_at_its_time(tmp_path, more, traces,
     marked, and depth is within its bound."""
     job, shared, image = image_of(on_the_way(tmp_path, more, traces), 1)
     assert len(shared.captured) in counts
-    scene, rays = mock_server.load_scene(tmp_path / "yard.yaml"), job.cameras["pano"].base.unproject()
+    wrong, marked = judged(tmp_path, (job, shared, image), job.cameras["pano"].base.unproject().directions)
+    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+
+
+@pytest.mark.parametrize("traces", [0, 1])
+def test_each_column_of_a_push_broom_is_the_path_at_its_time(tmp_path, traces):
+    """Each column looks straight ahead from the spline's pose at its time."""
+    line = "{{model: push-broom, width: 96, height: 72, readout: {}}}"
+    made = image_of(on_the_way(tmp_path, "", traces, 0.25, line), 0)
+    down = (np.arange(0.5, 72) - 36) / 36
+    ahead = np.stack([0 * down, down, 1 + 0 * down], axis=-1) / np.hypot(1, down)[:, None]
+    wrong, marked = judged(tmp_path, made, np.stack([ahead] * 96, axis=1))
+    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+    with pytest.raises(ArgumentError, match="pano: expected timed poses, along which it moves"):
+        job_of(tmp_path, "", line.format(0.2))
+
+
+def judged(folder, made, directions):
+    """Which pixels are wrong, and which are marked, by rays (H, W, 3) of a camera whose rows, or columns of a
+    push-broom, are read one after the other."""
+    job, (frame, *_), image = made[0], made[1].frames, made[2]
+    scene, axis = mock_server.load_scene(folder / "yard.yaml"), int(job.cameras["pano"].name == "push-broom")
     wrong, beyond = np.zeros((2, 72, 96), bool)
-    for v in range(72):
-        at_ns = shared.frames[0].time_ns + round(1e9 * 0.05 * (v + 0.5) / 72)
-        pose = job.path.at(at_ns)
-        now = scene.at(at_ns / 1e9 if more else 0.0)
-        hits = now.trace(pose.position, rays.directions[v] @ pose.rotation.T)
-        wrong[v] = image.labels[v] != hits.label
-        beyond[v] = np.abs(image.depth[v] - hits.distance) > image["depth_error"][v] + 1e-6
+    for k in range(n := wrong.shape[axis]):
+        at = (slice(None),) * axis + (k,)
+        at_ns = frame.time_ns + round(1e9 * job.cameras["pano"].readout * (k + 0.5) / n)
+        pose, now = job.path.at(at_ns), scene.at(at_ns / 1e9 if job.moves else 0.0)
+        hits = now.trace(pose.position, directions[at] @ pose.rotation.T)
+        wrong[at] = image.labels[at] != hits.label
+        beyond[at] = np.abs(image.depth[at] - hits.distance) > image["depth_error"][at] + 1e-6
     marked = image["label_edge"] | image["unsure"]
     assert (wrong & ~marked).mean() <= 0.0005
     assert beyond.mean() <= 0.0005
-    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+    return wrong, marked
 
 
 def test_a_read_out_of_no_time_is_a_global_shutter_to_the_bit(tmp_path):

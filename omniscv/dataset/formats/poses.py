@@ -9,7 +9,7 @@ is that of its time. ``CAMERA.keys`` names the frame of every line.
 from collections.abc import Sequence
 from pathlib import Path
 
-from omniscv.cameras import Camera, Lidar, RollingShutter
+from omniscv.cameras import Camera, Lidar, PushBroom, RollingShutter
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.sequences import by_camera, trajectory
 from omniscv.frame import Frame
@@ -28,7 +28,7 @@ class Poses(Format):
     name = "poses"
 
     def refuses(self, camera: Camera) -> str | None:
-        if camera.central or isinstance(camera, Lidar | RollingShutter):
+        if camera.central or isinstance(camera, Lidar | PushBroom | RollingShutter):
             return None
         return f"expected a central camera, got {camera.name}, whose rays have several origins"
 
