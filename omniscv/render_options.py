@@ -37,7 +37,6 @@ MOST_VIEWPOINTS = 1_000_000
 LayoutSource = Literal["scene", "fitted"]
 Visibility = Literal["room", "full", "all"]
 layout_source = partial(one_of, words=get_args(LayoutSource))
-_sigma = partial(number, above=0, most=1)
 
 
 class Price(NamedTuple):
@@ -192,20 +191,3 @@ class Tolerance:
 
     abs_m: float = checked(number, least=0, default=0.02, help="metres within which depths are equal")
     rel: float = checked(number, least=0, default=0.01, help="the same, as a share of the depth")
-
-
-@record
-class MapOptions:
-    """How maps of edges and corners are drawn; see :func:`omniscv.truth.layout_labels.exact_maps`."""
-
-    edge_sigma: float | None = checked(
-        _sigma, default=None, help="width of edges, a share of a full turn; default 0.0054"
-    )
-    corner_sigma: float | None = checked(
-        _sigma, default=None, help="width of corners, a share of a full turn; default 0.0107"
-    )
-    visibility: Visibility | None = word(
-        Visibility,
-        default=None,
-        help="room (default): not hidden by walls; full: not hidden by anything; all",
-    )

@@ -197,15 +197,16 @@ def object_names(scene: str) -> tuple[str, ...]:
 @app.command(epilog="Example: omniscv dataset pack dataset --as webdataset")
 def pack(
     folder: Dataset,
-    as_: Annotated[str, Option("--as", help="webdataset or hf.")],
+    as_: Annotated[str, Option("--as", help="webdataset.")] = "webdataset",
     out: Out = None,
     camera: Cameras = None,
     settings: Settings = None,
 ) -> None:
-    """Write a dataset for training: WebDataset shards, or a Hugging Face ImageFolder."""
+    """Write a dataset for training: WebDataset shards."""
     from omniscv.arguments import one_of
+    from omniscv.dataset.exporting import get
 
-    export(folder, one_of("--as", as_, ("webdataset", "hf")), out, camera, settings)
+    export(folder, one_of("--as", get(as_).name, ("webdataset",)), out, camera, settings)
 
 
 @app.command(epilog="Example: omniscv dataset video dataset --camera panorama --out panorama.mp4 --rate 10")

@@ -86,14 +86,18 @@ class Format(WithOptions, ABC):
 
 
 _MODULES = {
-    **{"coco": "coco", "omni3d": "coco", "cfl": "layouts", "horizonnet": "layouts"},
+    **{"coco": "coco", "omni3d": "coco", "horizonnet": "layouts"},
     **{"depth_png": "numbers", "normals_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
-    **dict.fromkeys(("colmap", "euroc", "flow", "hf", "kalibr", "nerfstudio", "ply", "poses", "rosbag2")),
+    **dict.fromkeys(("colmap", "euroc", "flow", "kalibr", "nerfstudio", "ply", "poses", "rosbag2")),
     **dict.fromkeys(("tum_mono", "webdataset", "yolo")),
 }
 """The formats of this package, and the modules that register them; None: that of the format's name."""
 
-_GONE = {"structured3d": "horizonnet or cfl for layouts, depth_png and coco for the rest"}
+_GONE = {
+    "structured3d": "horizonnet for layouts, depth_png and coco for the rest",
+    "cfl": "horizonnet",
+    "hf": "coco or webdataset",
+}
 """Formats of earlier versions, and what to use instead."""
 
 _FORMATS: dict[str, Format] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,25 +62,11 @@ def reference(frame: Frame, kind: str, out: Path) -> str:
         return relative(frame.files[kind], out)
     if not frame.files.entries[kind].path.endswith(f".{ARRAY}"):
         return frame.files.reference(kind, out)
-    return relative(_write_arrays(frame, [kind], out / "images")[kind], out)
-
-
-def copy_files(frame: Frame, folder: Path) -> dict[str, Path]:
-    """Copy the files of a frame into a folder, and return them by kind; arrays become pictures."""
-    arrays = [kind for kind, path in frame.files.items() if path.suffix == f".{ARRAY}"]
-    copied = _write_arrays(frame, arrays, folder)
-    for kind, path in frame.files.items():
-        if kind not in arrays:
-            copied[kind] = Path(shutil.copyfile(path, folder / path.name))
-    return copied
-
-
-def _write_arrays(frame: Frame, kinds: Sequence[str], folder: Path) -> dict[str, Path]:
-    """Write layers as they would be in the store ``files``."""
     with within(frame.key):
         described = mapping(IMAGE, parse_json(read_bytes(frame.files[IMAGE], MOST_JSON_BYTES)))
     transfer = described.get("transfer", "unknown")
-    return write_layers(frame.layers(*kinds), folder, frame.key, transfer=transfer)
+    written = write_layers(frame.layers(kind), out / "images", frame.key, transfer=transfer)
+    return relative(written[kind], out)
 
 
 def without_limit(camera: Camera) -> Camera:

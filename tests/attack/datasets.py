@@ -14,7 +14,6 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
-import yaml
 from support.datasets import enter, image, job_file
 
 from attack.commands import clear, nothing_left, ran, require
@@ -32,9 +31,7 @@ export: [webdataset]
 """
 FORMATS = (
     "coco",
-    "hf",
     "omni3d",
-    "cfl",
     "webdataset",
     "ply",
     "flow",
@@ -167,7 +164,7 @@ NAMES = [
 
 def names(rng, folder):
     """Keys, splits, classes and cameras of any name are refused, or come out as they went in."""
-    key, split, name, license = ((rng.choice(NAMES) if rng.random() < 0.5 else "room") for _ in range(4))
+    key, split, name = ((rng.choice(NAMES) if rng.random() < 0.5 else "room") for _ in range(3))
     with nothing_left(folder) as work:
         try:
             with dataset.Writer("room", classes={"rules": [{"match": "*", "class": name}]}) as writer:
@@ -180,15 +177,7 @@ def names(rng, folder):
         require((frame.key, frame.split, [*frame.classes.classes]) == (key, split, [name]), "other names")
         for format in FORMATS:
             with contextlib.suppress(OmniscvError):
-                dataset.export(
-                    "room", format, work / format, **({"license": license} if format == "hf" else {})
-                )
-        if (card := work / "hf" / "README.md").exists():
-            head = yaml.safe_load(card.read_text(encoding="utf-8").split("---\n")[1])
-            require(
-                head["configs"][0]["data_files"][0]["split"] in (split, "train", "validation"), "the card"
-            )
-            require(head.get("license", "") == license, "the license of the card")
+                dataset.export("room", format, work / format)
         if (coco := work / "coco" / "annotations.json").exists():
             said = json.loads(coco.read_text(encoding="utf-8"))
             require(said["categories"][0]["name"] == name, "another class in COCO")

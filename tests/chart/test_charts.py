@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from omniscv.chart import accuracy, central, drawing, failures, sensor, stability
+from omniscv.chart import accuracy, central, drawing, failures, stability
 from omniscv.chart.drawing import Dot, Look
 from omniscv.cli import reports, run
 
@@ -183,18 +183,6 @@ def test_the_title_names_sizes_speed_truth_and_front():
     title = central.finding([*ours, slower, row("py360convert", 16, 1.5, 2.97)])
     nearer = "py360convert is nearer to the truth by 1.0%. Front: nearest 16, py360convert"
     assert title == f"{start}; {nearer}"
-
-
-def test_measured_variances_are_those_due():
-    rows = sensor.measure(width=64)
-    assert all(row.variance == pytest.approx(row.due, rel=5 * (2 / 64**2) ** 0.5) for row in rows)
-
-
-def test_the_command_draws_it(tmp_path):
-    assert run(["chart", "sensor", "--quick", "--out", str(tmp_path)]) == 0
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"chart-sensor.json", "chart-sensor.svg", "chart-sensor.png"}
-    assert len(json.loads((tmp_path / "chart-sensor.json").read_text())) == 3 * 25
 
 
 @pytest.mark.parametrize("words", [["chart", "central", "--quick"], ["evaluate", "layout", "--quick"]])

@@ -86,7 +86,6 @@ def opened(out):
 READERS = {
     "open": opened,
     "coco": lambda out: dataset.export(out, "coco", out.parent / "coco"),
-    "hf": lambda out: dataset.export(out, "hf", out.parent / "hf"),
     "webdataset": lambda out: dataset.export(out, "webdataset", out.parent / "shards"),
     "look": lambda out: look(out, out.parent / "page.html"),
 }
@@ -111,7 +110,7 @@ def test_every_reader_refuses_damaged_datasets(change, copied, capsys):
         with pytest.raises(DatasetError) as refused:
             reader(copied)
         assert says in str(refused.value), name
-    assert not {"page.html", "coco", "shards", "hf"} & {path.name for path in copied.parent.iterdir()}
+    assert not {"page.html", "coco", "shards"} & {path.name for path in copied.parent.iterdir()}
     assert cli.run(["dataset", "check", str(copied)]) == 1
     assert says in capsys.readouterr().out
 

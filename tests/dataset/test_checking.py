@@ -154,15 +154,14 @@ def test_an_incomplete_dataset_is_a_fault(copied, capsys):
     (copied / "frames.jsonl").unlink()
     assert cli.run(["dataset", "check", str(copied)]) == 1
     assert "make JOB --resume" in capsys.readouterr().out
-    assert cli.run(["dataset", "export", str(copied), "--to", "hf"]) == 1
+    assert cli.run(["dataset", "export", str(copied), "--to", "coco"]) == 1
 
 
 def test_an_export_without_a_check_of_its_own_is_made_again_and_compared(copied):
-    dataset.export(copied, "hf")
-    assert dataset.check(copied, format="hf") == []
-    (copied / "exports" / "hf" / "README.md").write_text("mine", encoding="utf-8")
-    (copied / "exports" / "hf" / "train" / "pano-0.lit.png").unlink(missing_ok=True)
-    (copied / "exports" / "hf" / "strange").touch()
-    found = dataset.check(copied, format="hf")
-    assert "exports/hf: README.md: expected what the frames give, got other bytes" in found
-    assert "exports/hf: strange: expected no such file" in found
+    dataset.export(copied, "coco")
+    assert dataset.check(copied, format="coco") == []
+    (copied / "exports" / "coco" / "annotations.json").write_text("mine", encoding="utf-8")
+    (copied / "exports" / "coco" / "strange").touch()
+    found = dataset.check(copied, format="coco")
+    assert "exports/coco: annotations.json: expected what the frames give, got other bytes" in found
+    assert "exports/coco: strange: expected no such file" in found

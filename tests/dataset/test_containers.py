@@ -1,15 +1,14 @@
-"""WebDataset shards and Hugging Face folders, read by their own readers; deterministic and whole."""
+"""WebDataset shards, read by their own reader; deterministic and whole."""
 
 import json
 import tarfile
 import warnings
 
-import numpy as np
 import pytest
 import webdataset
-from support.datasets import enter, tree
+from support.datasets import tree
 
-from omniscv import cli, dataset
+from omniscv import dataset
 
 
 def samples(folder):
@@ -58,48 +57,3 @@ def test_a_damaged_shard_is_named(copied):
     (fault,) = dataset.check(copied, format="webdataset")
     assert shard.name in fault
     assert "checksum" in fault
-
-
-@pytest.fixture
-def datasets(monkeypatch, tmp_path):
-    """The library, offline."""
-    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
-    monkeypatch.setenv("HF_HOME", str(tmp_path / "home"))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import datasets
-
-        datasets.disable_progress_bars()
-        yield datasets
-
-
-def test_hugging_face_reads_every_row(copied, datasets, tmp_path):
-    out = tmp_path / "hf"
-    with_boxes(copied)
-    assert cli.run(["dataset", "pack", str(copied), "--as", "hf", "--out", str(out)]) == 0
-    frames = {frame.key: frame for frame in dataset.open(copied)}
-    found = datasets.load_dataset("imagefolder", data_dir=str(out), cache_dir=str(tmp_path / "cache"))
-    named = datasets.load_dataset(str(out), cache_dir=str(tmp_path / "named"))
-    assert sorted(len(rows) for rows in found.values()) == [2, 4]
-    assert {split: rows["key"][:] for split, rows in named.items()} == {
-        split: rows["key"][:] for split, rows in found.items()
-    }
-    for split, rows in found.items():
-        for row in rows:
-            frame = frames.pop(row["key"])
-            assert {"train": "train", "validation": "val"}[split] == frame.split
-            for column, layer in (("image", "lit"), ("labels", "labels"), ("classes", "classes")):
-                np.testing.assert_array_equal(np.asarray(row[column]), frame.layer(layer))
-            assert (out / split / row["depth_path"]).read_bytes() == frame.files["depth"].read_bytes()
-            assert row["position"] == frame.pose.position.tolist()
-            assert row["objects"] == {"bbox": [[1, 2, 3, 4]], "categories": [5], "instances": [4]}
-    assert frames == {}
-
-
-def with_boxes(out):
-    """Give every frame a record of a box."""
-    for frame in dataset.open(out):
-        (name,) = [name for name, number in frame.instances.items() if number == 4]
-        box = {"instance_id": 4, "name": name, "class": "chair", "bbox": [1, 2, 3, 4]}
-        (out / f"{frame.key}.truth.json").write_text(json.dumps({"boxes": [box]}), encoding="utf-8")
-        enter(out, frame.key, "truth", f"{frame.key}.truth.json")

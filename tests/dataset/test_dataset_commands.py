@@ -102,8 +102,6 @@ def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
 @pytest.mark.parametrize(
     ("format", "options", "says"),
     [
-        ("cfl", {"recipe": "original", "edge_sigma": 0.1}, "without others; got edge_sigma"),
-        ("cfl", {"corner_sigma": 0}, "corner_sigma: expected a finite number > 0"),
         ("flow", {"gap": 0}, "gap: expected a whole number >= 1"),
         (
             "flow",
@@ -129,7 +127,6 @@ REFUSED = {
     "poses": ("noncentral-panorama",),
 }
 CARRIED = {
-    "cfl": cameras.names(),
     "colmap": ("equirectangular", "fisheye-equidistant", "kannala-brandt", "pinhole", "extended-unified"),
     "euroc": ("pinhole", "kannala-brandt"),
     "horizonnet": ("equirectangular",),
@@ -153,10 +150,10 @@ def test_cameras_that_formats_carry(format):
     [
         ("export: [cocoa]", "export: format: expected one of"),
         ("export: [webdataset, webdataset]", "got 'webdataset' twice"),
-        ("export: [{format: hf, out: ../x}]", "out: expected the name of a folder"),
+        ("export: [{format: coco, out: ../x}]", "out: expected the name of a folder"),
         ("export: {webdataset: true}", "export: expected a list"),
         (
-            "export: [{format: hf, cameras: [left]}]",
+            "export: [{format: coco, cameras: [left]}]",
             "--camera, or 'cameras' in a job: expected one of pano, lens; got 'left'",
         ),
         ("export: [colmap, horizonnet]", "cannot carry camera 'lens'"),
@@ -166,7 +163,7 @@ def test_cameras_that_formats_carry(format):
         ("truth: {layout: {source: guess}}", "truth.layout: source: expected one of scene, fitted"),
         ("layout: {source: scene}", "layout: expected no such key, got {'source': 'scene'}; write truth"),
         ("seam: split", "seam: expected no such key, got 'split'; write it into 'export'"),
-        ("shards: {format: hf}", "shards: expected no such key, got {'format': 'hf'}; write it into"),
+        ("shards: {format: coco}", "shards: expected no such key, got {'format': 'coco'}; write it into"),
         ("shard: {format: webdataset}", "unknown key 'shard'; known keys: source, poses"),
     ],
 )

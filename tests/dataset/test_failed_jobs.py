@@ -146,7 +146,7 @@ def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys
 
 KILLS, SOAK_KILLS = 2, 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
-EXPORT = "export: [webdataset, hf]\n"
+EXPORT = "export: [webdataset, coco]\n"
 
 
 def seen(out):

@@ -59,7 +59,7 @@ def test_equal_frames_make_equal_bytes(stores, tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["coco", "hf", "nerfstudio"])
+@pytest.mark.parametrize("name", ["coco", "nerfstudio"])
 def test_exports_are_those_of_files(stores, tmp_path, name):
     """Pictures of exports are made of arrays; names that lead out of an export lead to pictures in it."""
     made_of = []

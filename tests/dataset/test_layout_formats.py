@@ -1,4 +1,4 @@
-"""HorizonNet and CFL, read back by the checks and readers that people use, written out."""
+"""HorizonNet, read back by the checks and readers that people use, written out."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from omniscv import Pose, cameras
 from omniscv.dataset import exporting
 from omniscv.errors import ArgumentError
 from omniscv.truth import project_layout
-from omniscv.truth.metrics import map_scores
 
 PANORAMA = cameras.create("equirectangular", 1024, 512)
 SMALL = cameras.create("equirectangular", 128, 64)
@@ -69,41 +68,6 @@ def test_colours_come_as_wanted_from_whatever_the_frame_has(tmp_path, kind, lit)
     assert np.abs(found - shade).mean() <= (0 if kind == "png" else 4)
 
 
-# -- CFL ------------------------------------------------------------------------------------------------
-
-
-def test_cfl_pairs_its_files_by_order_and_scores_the_reference(tmp_path):
-    frames = [plain_frame(tmp_path, key, PANORAMA, LEVEL) for key in ("a", "b")]
-    write("cfl", frames, tmp_path / "out")
-    names = {folder: sorted(path.name for path in (tmp_path / "out" / folder).glob("*.jpg"))
-             for folder in ("RGB", "EM_gt", "CM_gt")}  # fmt: skip
-    assert names == {
-        "RGB": ["a.jpg", "b.jpg"],
-        "EM_gt": ["a_EM.jpg", "b_EM.jpg"],
-        "CM_gt": ["a_CM.jpg", "b_CM.jpg"],
-    }
-    for folder, recall in (("EM_gt", 0.728), ("CM_gt", 0.522)):
-        picture = np.asarray(Image.open(tmp_path / "out" / folder / names[folder][0]))
-        assert (picture.shape, picture.dtype) == ((512, 1024), np.uint8)
-        scores = map_scores(np.asarray(Image.fromarray(picture).resize((256, 128))) / 255, picture)
-        assert scores.precision == 1
-        assert scores.recall == pytest.approx(recall, abs=0.01)  # of JPEG
-
-
-def test_cfl_takes_every_camera_and_its_options(tmp_path):
-    names = "equirectangular", "noncentral-conical-mirror", "orthographic", "pinhole"
-    frames = [plain_frame(tmp_path, name, cameras.model(name).example(64), LEVEL) for name in names]
-    options = {"image_format": "png", "visibility": "all", "corner_sigma": 0.02}
-    files = write("cfl", frames, tmp_path / "out", **options)
-    assert len(files) == 3 * len(frames)
-    drawn = [np.asarray(Image.open(path)).any() for path in files if "EM_gt" in path.parts]
-    seen = [any(edge["pieces"] for edge in frame.layout["edges"]) for frame in frames]
-    assert drawn == seen  # parallel rays see a piece of one wall
-    assert sum(seen) >= len(frames) - 1
-    original = write("cfl", frames[:1], tmp_path / "o", recipe="original", image_format="png")
-    assert not np.array_equal(np.asarray(Image.open(original[1])), np.asarray(Image.open(files[1])))
-
-
 def test_a_format_of_earlier_versions_is_refused_with_what_to_use():
-    with pytest.raises(ArgumentError, match="got structured3d; use horizonnet or cfl"):
-        exporting.get("structured3d")
+    with pytest.raises(ArgumentError, match="got hf; use coco or webdataset"):
+        exporting.get("hf")

@@ -3,7 +3,6 @@
 import json
 
 import pytest
-import yaml
 from support.datasets import image
 
 from omniscv import dataset
@@ -37,10 +36,6 @@ def test_classes_are_read_back_by_their_names(name, picture, tmp_path):
     assert list(dataset.open(out)[0].classes.classes) == [name]
     (coco,) = dataset.export(out, "coco", tmp_path / "coco")[:1]
     assert [row["name"] for row in json.loads(coco.read_text(encoding="utf-8"))["categories"]] == [name]
-    dataset.export(out, "hf", tmp_path / "hf", license=name)
-    _, head, text = (tmp_path / "hf" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
-    assert yaml.safe_load(head)["license"] == name
-    assert f"- 1: {name}\n" in text
     (page,) = look(out, tmp_path / "page.html")
     data = page.read_text(encoding="utf-8").partition('id="data">')[2].partition("</script>")[0]
     assert json.loads(data)["classes"]["1"]["name"] == name
@@ -52,13 +47,6 @@ def test_splits_are_names_of_files_and_yaml_or_refused(split, picture, tmp_path)
     assert dataset.check(out, deep=True) == []
     shard, _ = dataset.export(out, "webdataset", tmp_path / "shards")
     assert shard.name == f"{split}-000000.tar"
-    if not split.isidentifier():
-        with pytest.raises(ArgumentError, match="hf: room: expected a split of letters"):
-            dataset.export(out, "hf", tmp_path / "hf")
-        return
-    dataset.export(out, "hf", tmp_path / "hf")
-    _, head, _ = (tmp_path / "hf" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
-    assert yaml.safe_load(head)["configs"][0]["data_files"] == [{"split": split, "path": f"{split}/**"}]
 
 
 @pytest.mark.parametrize("name", REFUSED)

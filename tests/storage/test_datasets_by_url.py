@@ -108,11 +108,11 @@ def test_exports_in_a_store_are_those_of_the_folder(held, folder, tmp_path):
     """Also below the dataset, where COCO names the pictures as seen from its file."""
     copied = tmp_path / "dataset"
     shutil.copytree(folder, copied)
-    storage.folder(held).put("exports/hf/stale/file.txt", b"of an earlier export")
-    for place, to in ((copied, "coco"), (held, "coco"), (copied, "hf"), (held, "hf")):
+    storage.folder(held).put("exports/ply/stale/file.txt", b"of an earlier export")
+    for place, to in ((copied, "coco"), (held, "coco"), (copied, "ply"), (held, "ply")):
         written = dataset.export(place, to)
         assert all(str(each).startswith(f"{place}/exports/{to}/") for each in written)
-    for to in ("coco", "hf", "webdataset"):
+    for to in ("coco", "ply", "webdataset"):
         assert in_store(f"{held}/exports/{to}") == in_folder(copied / "exports" / to)
     images = json.loads(storage.folder(held).read("exports/coco/annotations.json"))["images"]
     assert [each["file_name"] for each in images[:1]] == ["../../lens-0.lit.png"]
