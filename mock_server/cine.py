@@ -70,13 +70,10 @@ class Projection(NamedTuple):
 
 
 class Cine:
-    """The settings of one camera's cine model.
-
-    Pixels are square; if ``stretched`` the picture shows the whole height of the filmback, whatever its size.
-    """
+    """The settings of one camera's cine model."""
 
     def __init__(self) -> None:
-        self.enabled = self.stretched = False
+        self.enabled = False
         self._settings = copy.deepcopy(_DEFAULTS)
 
     def set(self, command: str, *values: Any) -> str | None:
@@ -110,8 +107,7 @@ class Cine:
         sensor, tall, x, y = self._settings["filmback"].values()
         lens = self._settings["lens"]
         focal = width * lens["focal_length_mm"] / (sensor * lens["squeeze_factor"])
-        down = height * lens["focal_length_mm"] / tall if self.stretched else focal
-        return Projection(focal, down, width / 2 - width * x / sensor, height / 2 + height * y / tall)
+        return Projection(focal, focal, width / 2 - width * x / sensor, height / 2 + height * y / tall)
 
     def intrinsics(self, width: int, height: int) -> str:
         """Return the reply to ``cine/intrinsics``."""

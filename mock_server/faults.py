@@ -82,7 +82,6 @@ KINDS = {
     "sky-dome": Kind("the sky is the object SkyDome, a sphere of VALUE metres around the camera", 500.0),
     "bloom": Kind("lit: VALUE of the light is spread in each image, until 'r.BloomQuality 0'", 0.2, 1.0),
     "tone": Kind("lit: srgb, film or linear codes; exposure, vignette and bloom act on light", "srgb"),
-    "stretched-cine": Kind("cine cameras show the whole height of the filmback: pixels are not square"),
     "gloss": Kind("lit: VALUE (the last object) mirrors what it faces, with half of the light", ""),
     "glass": Kind("VALUE (the last object) is half transparent in lit, and missing in all other modes", ""),
     "object-missing": Kind("VALUE (the last object) is in lit and normals only, until its colour is set", ""),
@@ -91,7 +90,7 @@ KINDS = {
 
 PERMANENT = (
     "dark-manual", "vignette", "bloom", "tone", "gloss", "glass", "mask-gamma", "sky-dome",
-    "object-missing", "stretched-cine",
+    "object-missing",
 )  # fmt: skip
 """Faults that are active from the start, without a probability."""
 

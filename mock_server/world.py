@@ -188,7 +188,6 @@ class World:
         """Add a camera, and return its actor's name."""
         location, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
         camera = Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor)
-        camera.cine.stretched = "stretched-cine" in self.faults
         self.cameras.append(camera)
         self._spawned += 1
         return actor

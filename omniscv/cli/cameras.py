@@ -1,4 +1,4 @@
-"""``omniscv cameras``: the camera models, the nearest one to another camera, and those of a game's level."""
+"""``omniscv cameras``: the camera models, and the nearest one to another camera."""
 
 import inspect
 import json
@@ -85,44 +85,6 @@ def _typical(name: str) -> dict[str, str]:
         for key, value in cls.example(256).to_dict().items()
         if key not in ("model", "width", "height", "center") and value != defaults.get(key)
     }
-
-
-@app.command(
-    "from-unreal",
-    epilog="Example: omniscv cameras from-unreal unreal://localhost:9000 --number 1 --out hero.json",
-)
-@options.with_blocks
-def from_unreal(
-    address: Annotated[str, Argument(help="unreal://host:port.")],
-    number: Annotated[int | None, Option(min=0, help="One of the cameras, for --out.")] = None,
-    out: Annotated[Path | None, Option(help="A file for its camera, which --camera takes.")] = None,
-    *,
-    waiting: options.Waiting,
-) -> None:
-    """List the cameras of a game's level as poses and pinhole cameras, cine models included.
-
-    Nothing is changed in the game. Images of such a camera and pose equal the level camera's own pictures.
-    """
-    from omniscv.calibration import save
-    from omniscv.cameras import create
-    from omniscv.diagnostics.server import cameras_of
-
-    every = cameras_of(address, **waiting.deadlines())
-    listed = every if number is None else every[number : number + 1]
-    if not listed or (out is not None and len(listed) > 1):
-        got = "none" if number is None else str(number)
-        raise ArgumentError(f"--number: expected one from 0 to {len(every) - 1}, got {got}")
-    for level_camera in listed:
-        width, height, fx, fy, cx, cy = level_camera.intrinsics
-        camera = create("pinhole", width, height, fx=fx, fy=fy, cx=cx, cy=cy)
-        if out is not None:
-            save(out, {"cam0": camera}, "json")
-        angles = zip(("yaw", "pitch", "roll"), level_camera.pose.angles(), strict=True)
-        position = ",".join(f"{value:.6g}" for value in level_camera.pose.position)
-        rotation = " ".join(f"--{name} {angle + 0.0:.6g}" for name, angle in angles)
-        kind = " (cine)" if level_camera.cine else ""
-        console.line(f"{level_camera.number} {level_camera.name}{kind}: {camera}")
-        console.line(f"  --position {position} {rotation}")
 
 
 @dataclass(frozen=True)

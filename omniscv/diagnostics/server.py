@@ -15,7 +15,6 @@ from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.level_cameras import LevelCamera, level_cameras
 from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.protocol import Reply, checked, described, fov
 from omniscv.sources.unreal.source import open_driver
@@ -50,17 +49,6 @@ def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadli
     with open_connection(address, **deadlines) as connection:
         for line in lines:
             yield described(connection.reply(line))
-
-
-def cameras_of(address: str, **deadlines: Unpack[Deadlines]) -> list[LevelCamera]:
-    """Return the cameras of a game's level, by an address as for :func:`replies_to`; nothing is set.
-
-    Raises:
-        ArgumentError: an address of another form.
-        SourceError: no UnrealCV server reachable there, or one without cameras in its level.
-    """
-    with open_connection(address, **deadlines) as connection:
-        return level_cameras(connection)
 
 
 class RawCamera(AbstractContextManager["RawCamera"]):

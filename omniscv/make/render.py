@@ -312,7 +312,7 @@ def _request_seconds(source: Source, edge: int = _PROBE_PX) -> float:
     if source.recorded_views() is not None:
         return 0.0
     can = source.capabilities
-    shape = can.fov_deg or 90.0, *(can.image_size or (edge, edge)), can.lens
+    shape = can.fov_deg or 90.0, *(can.image_size or (edge, edge))
     turned = [Pose.from_angles((0, 0, 1.5), yaw_deg=turn) for turn in range(_PROBES)]
     requests = [Request(View(pose, *shape), "lit", source.state) for pose in turned]
     list(source.capture(requests[:1]))  # the first one sets size and field of view

@@ -39,7 +39,7 @@ from omniscv.planning.views import (
 )
 from omniscv.render_options import LARGEST_FACE_PX
 from omniscv.sources.base import View
-from omniscv.sources.recorded_views import RecordedViews, finest, sees
+from omniscv.sources.recorded_views import RecordedViews, finest
 
 SAME_M = 1e-9
 """Optical centres nearer to each other than this are one."""
@@ -280,19 +280,6 @@ def _claims(plan: Plan, group: RayGroup, around: DepthShell | None) -> dict[str,
     return claims
 
 
-def _own_view(plan: Plan, group: RayGroup) -> View | None:
-    """Return the view through a lens of the source's own, if all rays of a group lie in it.
-
-    The image's camera has the view's pose: as the lens has a place in the picture, it is not turned.
-    """
-    own = plan.capabilities
-    if own.lens is None or own.fov_deg is None or own.image_size is None:
-        return None
-    pose = Pose(plan.pose.to_world(group.center_c), plan.pose.R_w_c)
-    view = View(pose, own.fov_deg, *own.image_size, own.lens)
-    return view if sees(view, group.directions @ pose.R_w_c.T).all() else None
-
-
 def _single_viewpoint(plan: Plan, group: RayGroup) -> Viewpoint | None:
     """Return the viewpoint of all of a camera's pixels with one view, turned and narrowed to their rays.
 
@@ -300,9 +287,6 @@ def _single_viewpoint(plan: Plan, group: RayGroup) -> Viewpoint | None:
     recording without the view.
     """
     R_c_v, half, focal_px = plan.rays.holding_view
-    own = _own_view(plan, group)
-    if own is not None:
-        return Viewpoint(own.pose.t_w_c, (own,), group.pixels)
     if not plan.sets_views or half.max() > STEEPEST:
         return None
     if plan.options.face_size != "auto":

@@ -60,18 +60,12 @@ class CubeFaces:
         border_px: how much wider than 90 degrees faces should be on every side.
 
     Raises:
-        ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them, or it
-            captures through a lens of its own.
+        ArgumentError: the source's pictures are narrower than 90 degrees, and it cannot widen them.
     """
 
     def __init__(self, plan: Plan, edge: int, border_px: int) -> None:
         self._plan = plan
         capabilities = plan.capabilities
-        if capabilities.lens is not None:
-            raise ArgumentError(
-                f"faces: expected square pixels around the optical axis, got {capabilities.lens} of the "
-                "source; take another camera, or an image whose rays fit into one of its pictures"
-            )
         edge = max(edge, capabilities.min_size)
         width = height = edge + 2 * border_px if capabilities.can_set_fov else edge
         if not capabilities.can_set_size:

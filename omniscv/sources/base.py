@@ -54,7 +54,6 @@ class Capabilities:
         can_set_exposure: whether colours can be captured at other exposures (:attr:`Request.stops`).
         image_size: (width, height) of every view, where it cannot be set.
         fov_deg: horizontal field of view of every view, where it cannot be set.
-        lens: of every view; None for square pixels with the optical axis in the middle.
         min_size: the smallest width and height of a view, px.
         dialect: the server's dialect; of other sources, what they are, such as ``recording``.
         near_m: no surface is nearer to an optical centre, metres: bounds the marks of masks at shared centres
@@ -75,7 +74,6 @@ class Capabilities:
     can_set_exposure: bool = False
     image_size: tuple[int, int] | None = None
     fov_deg: float | None = None
-    lens: Lens | None = None
     min_size: int = 1
     dialect: str = ""
     near_m: float = 0.1

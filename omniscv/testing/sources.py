@@ -19,7 +19,7 @@ def face_requests(source: Source, position: Sequence[float], edge: int) -> list[
     Those of a recording are of its first views.
     """
     own = source.capabilities
-    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge)), own.lens
+    shape = own.fov_deg or 90.0, *(own.image_size or (edge, edge))
     centers = np.asarray(position, float), np.add(position, ASIDE)
     faces = [View(Pose(at, R_w_c), *shape) for at in centers for _, R_w_c in cube_rotations()]
     recorded = source.recorded_views()

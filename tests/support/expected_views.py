@@ -23,13 +23,6 @@ def seen_by_hand(scene, location, rotation, fov, width, height):
     return seen_along(scene, location, rotation, u / f, v / f)
 
 
-def seen_by_cine(scene, location, rotation, filmback, focal_mm, width, height):
-    """The same of a cine camera that shows all of its filmback: width, height and offsets in mm."""
-    wide, tall, right, up = filmback
-    u, v = np.meshgrid((np.arange(width) + 0.5) / width - 0.5, (np.arange(height) + 0.5) / height - 0.5)
-    return seen_along(scene, location, rotation, (u * wide + right) / focal_mm, (v * tall - up) / focal_mm)
-
-
 def seen_along(scene, location, rotation, right_m, down_m):
     """The same of rays that are so far right of the axis, and below it, one metre ahead."""
     P, Y, R = np.radians(rotation)

@@ -234,7 +234,7 @@ class Connection:
         return identify(self)
 
     def supports(self, template: str) -> bool:
-        """Return whether the server has a command, such as ``vget /camera/[uint]/cine/enabled``."""
+        """Return whether the server has a command, such as ``vget /level/name``."""
         return template in self.plugin.templates
 
     def check_scene(self) -> None:

@@ -93,19 +93,17 @@ class StaleFrames:
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Which camera captures, and how it is exposed.
+    """How a camera is exposed.
 
     Attributes:
         fix_exposure: whether to switch off vignette and auto exposure of the whole game.
         exposure: of the spawned camera: manual with a bias in stops, or with one that matches the game's, or
             the game's own. None: the matching one where the plugin can set it.
-        camera: a camera of the level, by its number or, on Dev servers, its stable id; empty spawns one.
         warmup: frames of colour to drop after each move, where temporal effects blend them.
     """
 
     fix_exposure: bool = False
     exposure: CameraExposure | None = None
-    camera: str = ""
     warmup: int = 0
 
 
@@ -118,13 +116,13 @@ class CameraDriver(ABC):
 
     Args:
         connection: to the game.
-        options: which camera, and its exposure.
+        options: its exposure.
 
     Attributes:
         capabilities, scene_identity, camera: complete once the driver is attached; ``camera`` is its number.
         mask_fov_deg: field of view of object masks, where they do not have the view's own.
         spawned: how many cameras were spawned; another one means that the game was restarted.
-        settings, color_settings: of the camera, that the provenance of all captures, or of colours, has.
+        color_settings: of the camera, that the provenance of colours has.
         shared_exposure: of the cameras that record together.
         one_tick: whether requests that are sent together are answered in one tick of the game.
     """
@@ -140,7 +138,6 @@ class CameraDriver(ABC):
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()
-        self.settings: dict[str, str] = {}
         self.color_settings: dict[str, str] = {}
         self.shared_exposure = SharedExposure()
         self._has_normals = False  # whether a picture of them was seen to be one
@@ -184,9 +181,9 @@ class CameraDriver(ABC):
         view, modes = request.view, sorted(self.capabilities.modes)
         if request.stops is not None and not self.capabilities.can_set_exposure:
             raise self._refused(f"a plugin that sets exposure, N2 or later, for {request.stops:g} stops")
-        if view.lens != self.capabilities.lens:
-            raise ArgumentError(f"lens: expected {self.capabilities.lens} of the camera, got {view.lens}")
-        if view.height > view.width and view.lens is None:
+        if view.lens is not None:
+            raise ArgumentError(f"lens: expected none of a game's camera, got {view.lens}")
+        if view.height > view.width:
             raise ArgumentError(
                 f"size: expected a view at least as wide as high, got {view.width} x {view.height}: engines "
                 "take the field of view of higher ones as vertical"
@@ -249,7 +246,6 @@ class CameraDriver(ABC):
             "dialect": self.capabilities.dialect,
             "command": command,
             "time": time.time(),
-            **self.settings,
             **(self.color_settings if request.mode == "lit" else {}),
         }
         pixels = decode(reply, encoding, request.mode, view)

@@ -10,12 +10,11 @@ import numpy as np
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
-from omniscv.geometry import Pose, pinhole
+from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
-from omniscv.sources.unreal.level_cameras import cine_intrinsics
 from omniscv.sources.unreal.protocol import (
     CAMERA_IDS,
     CAMERAS,
@@ -56,11 +55,7 @@ class Step(NamedTuple):
 
 
 class ModernDriver(CameraDriver):
-    """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set.
-
-    Or it takes a camera of the level, which is put back. If its cine model is on, that decides the field of
-    view; nothing is sent that would switch one on.
-    """
+    """Spawns a camera: straight up and down are exact, no pose lags, size and field of view can be set."""
 
     table = MODERN
     _stops: float | None = 0.0  # of the camera's exposure; None if it is unknown
@@ -77,10 +72,7 @@ class ModernDriver(CameraDriver):
             raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {CAMERAS!r}, got: {no}") from no
         if count == 0:  # numbers of cameras would start at one that does not exist
             raise self._refused(f"the player's camera from {CAMERAS!r}, got no camera; start the game")
-        if self._options.camera:
-            self._take(self._options.camera, count)
-            self._prepared = False
-        elif not self._restore or self._is_lost(count):
+        if not self._restore or self._is_lost(count):
             self._prepared = False
             self._spawn(count)
         if not self._prepared:  # after the camera: a game that starts again in between lacks it
@@ -90,23 +82,14 @@ class ModernDriver(CameraDriver):
 
     def check(self, request: Request) -> None:
         super().check(request)
-        view, fov_deg, fixed = request.view, request.view.fov_deg, self.capabilities.fov_deg
-        low, high = _LIMITS_DEG if fixed is None else (fixed - _SAME_DEG, fixed + _SAME_DEG)
-        if not low <= fov_deg <= high:
-            why = "which engines do not clamp" if fixed is None else "of the camera's lens"
-            raise ArgumentError(
-                f"fov_deg: expected {low:.6g} to {high:.6g} degrees, {why}, got {fov_deg:.6g}"
-            )
-        size = self.capabilities.image_size
-        if self.capabilities.lens is not None and size and (view.width, view.height) != size:
-            expected = f"expected {size[0]} x {size[1]} px of the camera"
-            raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
+        low, high = _LIMITS_DEG
+        if not low <= request.view.fov_deg <= high:
+            expected = f"expected {low:.6g} to {high:.6g} degrees, which engines do not clamp"
+            raise ArgumentError(f"fov_deg: {expected}, got {request.view.fov_deg:.6g}")
 
     def aim(self, before: View | None, view: View) -> list[str]:
         known = {} if before is None else _settings(before)
         changed = {key: value for key, value in _settings(view).items() if known.get(key) != value}
-        if not self.capabilities.can_set_fov:
-            changed.pop("fov", None)
         return [f"vset /camera/{self.camera}/{key} {value}" for key, value in changed.items()]
 
     def _spawn(self, number: int) -> None:
@@ -134,12 +117,7 @@ class ModernDriver(CameraDriver):
         return self._is_lost(len(names(self.connection.text(CAMERAS))))
 
     def verify(self) -> None:
-        tried: dict[str, tuple[float, ...]] = {}
-        if self.capabilities.can_set_fov:
-            tried["fov"] = (_TRIED_DEG,)
-        if self.capabilities.can_set_size:
-            tried["size"] = _TRIED_PX
-        for what, values in tried.items():
+        for what, values in {"fov": (_TRIED_DEG,), "size": _TRIED_PX}.items():
             at, text = f"/camera/{self.camera}/{what}", " ".join(map(str, values))
             done, read = self.connection.texts([f"vset {at} {text}", f"vget {at}"])
             if done != "ok" or read.startswith("error"):
@@ -158,7 +136,7 @@ class ModernDriver(CameraDriver):
         shared, chosen = self.shared_exposure, self._options.exposure
         if not colors or self._exposed_for is shared:
             return
-        if chosen is None and (self._options.camera or not self.connection.supports(EXPOSURE_METHOD)):
+        if chosen is None and not self.connection.supports(EXPOSURE_METHOD):
             chosen = "game"
         elif chosen is not None and chosen != "auto":
             _check_as_before(chosen, shared.value)
@@ -206,33 +184,6 @@ class ModernDriver(CameraDriver):
         self._exposure, self._changed_by_hand = chosen, chosen != "game"
         self.stale_frames.reset()  # the last pictures were others than captures
         self.forget()
-
-    def _take(self, camera: str, count: int) -> None:
-        if camera.isdecimal() and not 0 < int(camera) < count:
-            raise self._refused(
-                f"a camera from 1 to {count - 1} of the level, got {camera} (0 is the player's)"
-            )
-        before, self.camera = self.connection, camera
-        at, self.settings = f"/camera/{camera}", {"camera": camera}
-        cine = cine_intrinsics(before, camera)
-        if cine is not None:
-            fov_deg = pinhole.fov_deg(cine.width, cine.fx)
-            self.capabilities = replace(self.capabilities, can_set_fov=False, fov_deg=fov_deg)
-            if cine.lens is not None:  # known for this size only
-                size = cine.width, cine.height
-                self.capabilities = replace(
-                    self.capabilities, can_set_size=False, image_size=size, lens=cine.lens
-                )
-        self.capabilities = replace(self.capabilities, can_set_exposure=False)  # it cannot be put back
-        if not self._restore:
-            values = {
-                what: before.text(f"vget {at}/{what}") for what in ("location", "rotation", "fov", "size")
-            }
-            for what, count in (("location", 3), ("rotation", 3), ("fov", 1), ("size", 2)):
-                numbers(values[what], count)
-            if cine is not None:
-                del values["fov"]
-            self._restore = [f"vset {at}/{what} {value}" for what, value in values.items()]
 
     def forget(self) -> None:
         super().forget()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import urlsplit
 
 from omniscv.arguments import one_of, shown, whole_number
 from omniscv.errors import ArgumentError
@@ -27,7 +26,6 @@ _LAUNCH_OPTIONS: _Readers = {"port": int, "size": read_size, "fov_deg": float, "
 _MOCK_TEXTS: _Readers = dict.fromkeys(("dialect", "depth", "fault", "shared_memory"), str)
 _MOCK_NUMBERS: _Readers = dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), float)
 _MOCK_OPTIONS: _Readers = {**_MOCK_TEXTS, **_MOCK_NUMBERS, "seed": int, "size": read_size}
-_CAMERA = re.compile(r"\d{1,6}|CID-[\w.-]{1,100}", re.ASCII)
 MOST_WARMUP = 1000  # frames after each move
 _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of hosts can have
 
@@ -51,11 +49,9 @@ def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener
         how = None if freeze is None else one_of("freeze", freeze, get_args(Freeze))
         bias = None if exposure is None else exposure_bias("exposure", exposure)
 
-        def connect_to(endpoint: Endpoint, camera: str = "", scene: Scene | None = None) -> Source:
-            if camera and bias not in (None, "game"):
-                raise ArgumentError("exposure: expected it without a camera of the level, whose own it keeps")
+        def connect_to(endpoint: Endpoint, scene: Scene | None = None) -> Source:
             frames = whole_number("warmup", warmup, least=0, most=MOST_WARMUP)
-            options = CameraOptions(fix_exposure, bias, camera, frames)
+            options = CameraOptions(fix_exposure, bias, frames)
             return connect(Connection(endpoint, timeout_s, patience_s, retries), options, how, scene)
 
         with ExitStack() as host:
@@ -67,8 +63,11 @@ def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener
 
 @_opener
 def open_unreal(address: str, connect: Connect, host: ExitStack) -> Source:
-    """Open ``unreal://host:port`` or ``unreal+unix:///path``; ``?camera=N`` takes a camera of the level."""
-    return connect(_endpoint(address), _camera(address))
+    """Open ``unreal://host:port`` or ``unreal+unix:///path``."""
+    if "camera=" in urlsplit(address).query:
+        expected = "expected no ?camera, as captures are of a camera that is spawned"
+        raise ArgumentError(f"source: {expected}, got {shown(address)}; give --position, --yaw and --pitch")
+    return connect(_endpoint(address))
 
 
 @_opener
@@ -109,14 +108,6 @@ def _endpoint(address: str) -> Endpoint:
             return parts.hostname, 9000 if parts.port is None else parts.port
     wanted = "expected unreal://host:port or unreal+unix:///path"
     raise ArgumentError(f"source: {wanted}, got {shown(address)}{advice_on(address)}")
-
-
-def _camera(address: str) -> str:
-    """Return the camera in an address; empty for none."""
-    query = parse_qsl(urlsplit(address).query, keep_blank_values=True)
-    if any(key != "camera" or not _CAMERA.fullmatch(value) for key, value in query) or len(query) > 1:
-        raise ArgumentError(f"source: expected ?camera=NUMBER, or a stable id, in {shown(address)}")
-    return query[0][1] if query else ""
 
 
 def _mock(address: str) -> Server:

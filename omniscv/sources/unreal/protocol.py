@@ -46,7 +46,6 @@ BOUNDS, VERTICES = "vget /object/[str]/bounds", "vget /object/[str]/vertex_locat
 PAUSE_ALL, RESUME_ALL = "vset /world/pause_all_except_pawn", "vset /world/resume_all"
 ANNOTATE = "vset /annotation/object/[str]"
 CAMERA_IDS = "vget /cameras/ids"
-CINE_ENABLED = "vget /camera/[uint]/cine/enabled"
 EXPOSURE_METHOD = "vset /camera/[uint]/exposure_method [str]"
 PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")

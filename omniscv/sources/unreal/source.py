@@ -300,7 +300,4 @@ def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> Cam
         raise ServerRefusedError(f"{connection.address}: {expected}, {got}")
     if connection.plugin.dialect != "0.3.10":
         return ModernDriver(connection, options)
-    if options.camera:
-        expected = "expected a server with cameras in its level (plugin 1.x)"
-        raise ServerRefusedError(f"{connection.address}: {expected}, got plugin 0.3.10")
     return LegacyDriver(connection, options)

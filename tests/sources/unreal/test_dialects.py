@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from support.faces import CENTER, face_requests
-from support.unreal import MODES, agrees, many_balls
+from support.unreal import MODES, agrees, many_balls, relayed
 
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
-from omniscv.sources import Capabilities, Request, View
+from omniscv.sources import Capabilities, Lens, Request, View
 from omniscv.sources.unreal.opening import open_connection
 
 DIALECTS = ["0.3.10", "M", "N1", "N2", "N3"]
@@ -247,3 +247,46 @@ def test_a_source_that_is_closed_among_captures_stays_closed(dialect):
         with pytest.raises(SourceError, match="expected an open source, got"):
             list(captures)
         assert server.statistics.total("vget /unrealcv/version") <= 4
+
+
+@pytest.mark.parametrize(
+    ("fov_deg", "lens", "says"),
+    [
+        (179.5, None, "expected 1 to 179 degrees, which engines do not clamp"),
+        (90.0, Lens(0.75, -0.06, 0.1), "lens: expected none of a game's camera, got Lens"),
+    ],
+)
+def test_views_that_engines_cannot_show_are_refused(fov_deg, lens, says):
+    with omniscv.open_source("mock://four-wall") as source, pytest.raises(ArgumentError, match=says):
+        list(source.capture([Request(View(Pose.from_angles(CENTER), fov_deg, 8, 8, lens), "depth")]))
+
+
+def test_a_camera_of_the_level_is_refused():
+    with (
+        serve("N3") as server,
+        pytest.raises(ArgumentError, match=r"expected no .camera, .*; give --position"),
+    ):
+        omniscv.open_source(f"{server.uri}?camera=1")
+
+
+@pytest.mark.parametrize(
+    ("what", "stays", "says"),
+    [
+        ("fov", "90.000000", r"a field of view, degrees, of 100.0, .* got '90.000000'"),
+        ("size", "640 480", r"a size, px, of 64 48, which was set, got '640 480'"),
+    ],
+)
+def test_a_setting_that_is_not_kept_is_refused(what, stays, says):
+    def change(command, forward):
+        return stays if command == f"vget /camera/1/{what}" else forward(command)
+
+    refused = pytest.raises(ServerRefusedError, match=says)
+    with mock_server.serve("four-wall") as server, relayed(server, change) as uri, refused:
+        omniscv.open_source(uri)
+
+
+def test_lit_images_in_place_of_normals_are_refused():
+    with omniscv.open_source("mock://four-wall?fault=lit-normals") as source:
+        view = View(Pose.from_angles(CENTER), 90.0, SIZE, SIZE)
+        with pytest.raises(ServerRefusedError, match="expected pictures of normals, got the lit image"):
+            list(source.capture([Request(view, "normals")]))

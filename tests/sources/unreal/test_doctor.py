@@ -192,7 +192,6 @@ HARMLESS = {
     "put right before it is measured, by the colours that recordings set": "object-missing mask-gamma",
     "of the player's camera, which the doctor leaves alone": "falling",
     "of manual exposure, which is measured by itself": "dark-manual",
-    "of cine models, which a spawned camera has switched off": "stretched-cine",
     "of brightness alone: as likely the artist's wish": "tone",
     "of captures in a world that moves, which is paused": "torn",
 }

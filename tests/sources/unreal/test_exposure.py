@@ -268,3 +268,17 @@ def test_a_job_matches_the_exposure_where_its_first_image_is(tmp_path):
         assert run(["record", *arguments, "0.5,0.25,1.4", "--out", str(tmp_path / "room.sqlite")]) == 0
         assert server.statistics.total("vset /camera/1/location 50.000000 -25.000000 140.000000")
         assert server.statistics.total("vset /camera/1/exposure_method manual")
+
+
+def test_exposure_of_the_command_line(tmp_path, capsys):
+    base = ["record", "--source", "mock://four-wall", "--modes", "lit", "--set", "face_size=16"]
+    out = str(tmp_path / "a.sqlite")
+    assert run([*base, "--exposure", "0.5", "--out", out]) == 0
+    with omniscv.open_source(out) as source:
+        (view, *_) = source.recorded_views()
+        (capture,) = source.capture([Request(view, "lit")])
+    assert capture.provenance["exposure"] == "manual, bias 0.5"
+    for wrong in ("bright", "99", "1,2"):
+        assert run([*base, "--exposure", wrong, "--out", out]) == 2
+    expected = "--exposure: expected auto, game or a bias in stops such as 0.5, got"
+    assert [expected in line for line in capsys.readouterr().err.splitlines()] == [True, False, True]
