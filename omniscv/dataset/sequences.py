@@ -4,7 +4,7 @@ together."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from omniscv.arguments import within
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.geometry import Pose
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory
 
+FAR_M = 1000.0
+"""Coordinates beyond are those of the real world, such as UTM's: float32 has steps of 0.06 mm there."""
 _SAME = 1e-6
 """Metres, and parts of unit vectors, that a camera may move in its rig."""
 
@@ -30,6 +32,19 @@ def by_camera(frames: Sequence[Frame]) -> dict[str, list[Frame]]:
 def timed(frames: Sequence[Frame]) -> bool:
     """Return whether all frames have a time."""
     return all(frame.time_ns is not None for frame in frames)
+
+
+def near_origin(frames: Sequence[Frame]) -> tuple[Array, list[Frame]]:
+    """Return an origin, and frames with poses relative to it, for formats that programs read as float32.
+
+    It is 0 unless a camera is beyond ``FAR_M``: then it is the first position, in whole hundreds of metres.
+    """
+    positions = [frame.pose.position for frame in frames]
+    if not frames or np.abs(positions).max() <= FAR_M:
+        return np.zeros(3), list(frames)
+    origin = np.round(positions[0], -2) + 0.0
+    poses = [Pose(position - origin, f.pose.rotation) for f, position in zip(frames, positions, strict=True)]
+    return origin, [replace(frame, pose=pose) for frame, pose in zip(frames, poses, strict=True)]
 
 
 def trajectory(frames: Sequence[Frame]) -> Trajectory:

@@ -8,6 +8,7 @@ Source: Woodman 2007, An introduction to inertial navigation; Furgale et al. 201
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -118,6 +119,8 @@ class Imu:
 def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     """Return what an IMU measures on a rig that moves along the spline through timed poses.
 
+    The last sample is at the last pose or up to a period later, so that samples enclose all images.
+
     Args:
         path: of the rig, a camera frame: x right, y down, z forward.
         imu: the sensor; an ideal one at 200 Hz if not given.
@@ -130,7 +133,7 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     span = (last - first) / NS * imu.rate
     if span >= _MOST:
         raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
-    times = first + np.rint(np.arange(int(span + 1e-6) + 1) * (NS / imu.rate)).astype(np.int64)
+    times = first + np.rint(np.arange(math.ceil(span - 1e-6) + 1) * (NS / imu.rate)).astype(np.int64)
     at, mounted = path.motions(times), imu.pose
     rotations, lever = at.rotations @ mounted.rotation, mounted.position
     # The point that it is mounted at moves and accelerates by the rig's turning, too.

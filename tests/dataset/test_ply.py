@@ -1,8 +1,10 @@
 """PLY, and a job's dataset in all formats of geometry at once: poses, cameras, depth, points, flow."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
+import pycolmap
 import pytest
 from plyfile import PlyData
 from support.datasets import made
@@ -142,17 +144,43 @@ def test_each_camera_has_a_trajectory_in_the_order_of_times(exports):
 
 
 def test_coordinates_of_the_real_world_keep_their_digits(tmp_path):
-    """In UTM float32 has steps of 0.5 m."""
-    frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[0])
-    moved = replace(frame, pose=Pose(np.add(POSES[0].position, (5e5, 5e6, 0)), POSES[0].rotation))
-    near, far = (
-        [PlyData.read(path)["vertex"].data for path in get("ply").export([each], tmp_path / name, {})]
-        for name, each in (("near", frame), ("far", moved))
-    )
-    for here, there in zip(near, far, strict=True):
-        assert (here["x"].dtype, there["x"].dtype) == ("<f4", "<f8")
-        away = columns(there, "xyz") - (5e5, 5e6, 0)
-        np.testing.assert_allclose(away[: len(here)], columns(here, "xyz")[: len(away)], atol=1e-6)
+    """In UTM float32 has steps of 0.5 m: points are traced after what each form says of its origin, whose
+    numbers alone are read as float32."""
+    utm = np.array([5e5, 5e6, 0.0])
+    frames = [traced_frame(tmp_path, SCENE, CAMERA, pose, key=f"cam-{i}") for i, pose in enumerate(POSES)]
+    moved = [replace(frame, pose=Pose(frame.pose.position + utm, frame.pose.rotation)) for frame in frames]
+    for name in ("ply", "colmap", "pcd", "nerfstudio"):
+        get(name).export(moved, tmp_path / name, {"points": 0.1} if name == "colmap" else {})
+
+    model = pycolmap.Reconstruction(tmp_path / "colmap/sparse/0")
+    origin = np.loadtxt(tmp_path / "colmap/sparse/0/origin.txt")
+    transforms = json.loads((tmp_path / "nerfstudio/transforms.json").read_text())
+    applied = np.array(transforms["applied_transform"])
+    for i, pose in enumerate(POSES):
+        of_ply = columns(PlyData.read(tmp_path / f"ply/cam-{i}.ply")["vertex"].data, "xyz")
+        assert of_ply.dtype == np.float64
+        image = next(image for image in model.images.values() if image.name == f"cam/cam-{i}.png")
+        of_model = [model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()]
+        text, _, data = (tmp_path / f"pcd/cam-{i}.pcd").read_bytes().partition(b"DATA binary\n")
+        keys = dict(line.split(" ", 1) for line in text.decode().splitlines())
+        w_from = [float(np.float32(number)) for number in keys["VIEWPOINT"].split()]
+        sensor = Pose.from_quaternion(w_from[:3], [*w_from[4:], w_from[3]])
+        step = sum(int(size) for size in keys["SIZE"].split())
+        rows = np.frombuffer(data, np.uint8).reshape(-1, step)[:, :12].copy().view("<f4")
+        of_pcd = sensor.to_world(rows[np.isfinite(rows[:, 0])].astype(float))
+        assert keys["#"].split()[0] == "origin"
+        for points, away in (
+            (of_ply, 0),
+            (np.float32(of_model), origin),
+            (of_pcd, np.array(keys["#"].split()[1:], float)),
+        ):
+            rays = points + away - utm - pose.position
+            reach = np.linalg.norm(rays, axis=1)
+            off = np.abs(SCENE.trace(pose.position, rays / reach[:, None]).distance - reach)
+            assert np.quantile(off, 0.99) < 1e-4  # others are on the edges of objects
+            assert len(off) > 300
+        matrix = np.float32(transforms["frames"][i]["transform_matrix"])
+        np.testing.assert_allclose(matrix[:3, 3] - applied[:, 3] - utm, pose.position, atol=1e-4)
 
 
 def test_the_cloud_has_classes_and_their_names(exports):

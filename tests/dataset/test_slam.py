@@ -315,6 +315,7 @@ def test_stamps_come_out_as_they_came_in(tmp_path):
     assert (exports / "poses/cam.times").read_text().split() == decimals
     imu = [line.split(",")[0] for line in (exports / "euroc/mav0/imu0/data.csv").read_text().splitlines()[1:]]
     assert set(np.diff(list(map(int, imu))).tolist()) == {5_000_000}
+    assert stamps[-1] <= int(imu[-1]) < stamps[-1] + 5_000_000
     with highlevel.AnyReader([exports / "rosbag2/bag"]) as reader:
         stamped = [
             stamp for connection, stamp, _ in reader.messages() if connection.topic.endswith("pressed")

@@ -54,6 +54,18 @@ def test_dead_reckoning(imu):
         np.testing.assert_allclose(sampled, of_path, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("rate", [200.0, 187.33])
+def test_samples_enclose_the_last_pose(rate):
+    """The last one is at the end or less than a period later, where the motion goes on as it does."""
+    path = loop()
+    samples = truth.imu(path, Imu(rate=rate))
+    late = int(samples.times_ns[-1]) - path.times_ns[-1]
+    assert late == 0 if rate == 200 else 0 < late < 1e9 / rate
+    _R, p = dead_reckoned(samples, np.array(Imu().gravity))
+    assert np.linalg.norm(p - samples.positions_w[-1]) < 1e-3
+    assert np.linalg.norm(samples.positions_w[-1] - path[-1].position) < 1 / rate  # at less than 1 m/s
+
+
 def test_the_spline_passes_through_poses_of_any_rate():
     """Uneven times, 3 to 200 a second: it passes within 1e-6 m and rad; its derivatives are its own."""
     rng = np.random.default_rng(3)

@@ -3,9 +3,11 @@
 ``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them.
 COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
 each other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres,
-in our world frame: Z up. Ids count from 1 in the order of the names. A mask, black outside the field of view,
-is written for cameras that have such pixels; it is COLMAP's ``ImageReader.camera_mask_path``. Images with
-pixels that no recorded view shows have masks of their own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
+in our world frame: Z up. Coordinates of the real world, such as UTM's, are relative to the origin that
+``sparse/0/origin.txt`` holds, x y z in metres, since trainers read float32. Ids count from 1 in the order of
+the names. A mask, black outside the field of view, is written for cameras that have such pixels; it is
+COLMAP's ``ImageReader.camera_mask_path``. Images with pixels that no recorded view shows have masks of their
+own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +21,7 @@ from omniscv.calibration import colmap
 from omniscv.cameras import Camera, Equirectangular
 from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask
-from omniscv.dataset.sequences import RigFrames, rigs
+from omniscv.dataset.sequences import RigFrames, near_origin, rigs
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
@@ -55,7 +57,7 @@ class Colmap(Format):
         return colmap.refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: ColmapOptions) -> list[Path]:
-        images = out / "images"
+        images, (origin, frames) = out / "images", near_origin(frames)
         pictures = {frame.key: copy_lit(frame, images / frame.camera_name) for frame in frames}
         model = _Model(rigs(frames))
         paths = [pictures[frame.key] for frame in model.images]
@@ -81,6 +83,9 @@ class Colmap(Format):
         for name, of_file in model.lines(names, points).items():
             text = "".join(f"{line}\n" for line in of_file)
             paths.append(write_text(out / "sparse" / "0" / f"{name}.txt", text))
+        if origin.any():
+            text = "{:.0f} {:.0f} {:.0f}\n".format(*origin)
+            paths.append(write_text(out / "sparse" / "0" / "origin.txt", text))
         return paths
 
 

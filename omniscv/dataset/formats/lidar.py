@@ -14,8 +14,10 @@ Only returns are points. Class 0 is SemanticKITTI's "unlabeled".
 ``pcd``, PCD 0.7: ``KEY.pcd`` of each frame, binary and organised as the image is.
 
 Points are in the sensor's axes (X ahead, Y left, Z up), NaN where a pixel has none; ``VIEWPOINT`` is the
-sensor's pose in the world. Fields: ``x y z``, and as the frames have them ``intensity``, ``ring``, ``time``,
-``label``, ``class``, ``doubt``: see :func:`omniscv.truth.point_cloud.sweep`.
+sensor's pose in the world, relative to the x y z of a line ``# origin`` if there is one: readers have it as
+float32, which cannot hold coordinates of the real world, such as UTM's. Fields: ``x y z``, and as the frames
+have them ``intensity``, ``ring``, ``time``, ``label``, ``class``, ``doubt``: see
+:func:`omniscv.truth.point_cloud.sweep`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +29,7 @@ import numpy as np
 from omniscv.arguments import flag
 from omniscv.cameras import Camera
 from omniscv.dataset.exporting import Format, PointOptions, register
-from omniscv.dataset.sequences import by_camera, timed, trajectory
+from omniscv.dataset.sequences import by_camera, near_origin, timed, trajectory
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL, Pose
@@ -114,7 +116,8 @@ class Pcd(Format):
     options = LidarOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
-        written = []
+        written, (origin, frames) = [], near_origin(frames)
+        comment = "# origin {:.0f} {:.0f} {:.0f}\n".format(*origin) if origin.any() else ""
         for frame in frames:
             points = sweep(frame, options.max_relative_error, options.intensity)
             height, width = points.shape
@@ -134,5 +137,6 @@ class Pcd(Format):
                 "DATA": ["binary"],
             }
             text = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in header.items())
-            written.append(write_bytes(out / f"{frame.key}.pcd", text.encode(), points.tobytes()))
+            content = (comment + text).encode(), points.tobytes()
+            written.append(write_bytes(out / f"{frame.key}.pcd", *content))
         return written

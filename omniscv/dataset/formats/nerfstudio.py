@@ -4,7 +4,9 @@ One file holds one camera model: a dataset of several cameras gets a folder for 
 Poses are from the camera to the world, which stays ours (metres, Z up), in OpenGL's axes: x right, y up,
 z back. nerfstudio rotates, centres and scales them unless it runs with ``--center-method none
 --auto-scale-poses False``; ``orientation_override`` is already none. Frames are in the order of their file
-names, as nerfstudio sorts them; splits become ``train_filenames``, ``val_filenames``, ``test_filenames``.
+names, as nerfstudio sorts them. Coordinates of the real world, such as UTM's, are relative to an origin:
+``applied_transform`` has it, negative. Splits become ``train_filenames``, ``val_filenames`` and
+``test_filenames``.
 
 Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none and where it is inexact: planar for
 ``pinhole`` cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The
@@ -27,7 +29,7 @@ from omniscv.compose.files import write_json
 from omniscv.dataset.exporting import Format, PointOptions, register
 from omniscv.dataset.formats.numbers import PRESETS, encode
 from omniscv.dataset.pictures import copy_lit, without_limit, write_mask, write_pixels
-from omniscv.dataset.sequences import by_camera
+from omniscv.dataset.sequences import by_camera, near_origin
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
@@ -53,12 +55,15 @@ class Nerfstudio(Format):
         return None
 
     def write(self, frames: Sequence[Frame], out: Path, options: PointOptions) -> list[Path]:
-        cameras = by_camera(frames)
+        origin, frames = near_origin(frames)
+        cameras, more = by_camera(frames), dict[str, Any]()
+        if origin.any():
+            more["applied_transform"] = np.column_stack([np.eye(3), -origin]).tolist()
         written = []
         for camera_name, mine in cameras.items():
             folder = out if len(cameras) == 1 else out / camera_name
             mine = sorted(mine, key=lambda frame: frame.key)
-            written += _write_camera(mine, folder, camera_name, options.max_relative_error)
+            written += _write_camera(mine, folder, camera_name, options.max_relative_error, more)
         return written
 
 
@@ -81,7 +86,7 @@ def opengl(pose: Pose) -> list[list[float]]:
 
 
 def _write_camera(
-    frames: Sequence[Frame], folder: Path, camera_name: str, max_relative: float | None
+    frames: Sequence[Frame], folder: Path, camera_name: str, max_relative: float | None, more: dict[str, Any]
 ) -> list[Path]:
     camera = frames[0].camera
     with_depth = all("depth" in frame.files for frame in frames)
@@ -105,7 +110,7 @@ def _write_camera(
             paths["mask_path"] = mask
         names = {key: path.relative_to(folder).as_posix() for key, path in paths.items()}
         entries.append({**names, "transform_matrix": opengl(frame.pose)})
-    content: dict[str, Any] = {**intrinsics(camera), "orientation_override": "none"}
+    content: dict[str, Any] = {**intrinsics(camera), "orientation_override": "none", **more}
     if any(frame.split in _SPLITS for frame in frames):  # nerfstudio needs all three lists if there is one
         files = [(frame.split, entry["file_path"]) for frame, entry in zip(frames, entries, strict=True)]
         content |= {

@@ -1,11 +1,10 @@
 """PLY point clouds: ``STEM.ply`` of each frame, and ``cloud.ply`` of all.
 
 Binary, little-endian; one element ``vertex`` with ``float x y z`` (metres, world frame: Z up; ``double`` if a
-point is farther than 1,000 m from the origin, as in UTM) and, if the
-frames have them, ``float nx ny nz``, ``uchar red green blue``, ``ushort label`` (the instance id) and
-``ushort class``; ``uchar doubt`` is 1 where the label may be another one. Comments name the numbers:
-``comment label 3 Chair``. Pixels without a surface, outside the field of view, unsure or inexact have no
-point. A point lies on its pixel's own ray.
+point is farther than 1,000 m from the origin, as in UTM) and, if the frames have them, ``float nx ny nz``,
+``uchar red green blue``, ``ushort label`` (the instance id) and ``ushort class``; ``uchar doubt`` is 1 where
+the label may be another one. Comments name the numbers: ``comment label 3 Chair``. Pixels without a surface,
+outside the field of view, unsure or inexact have no point. A point lies on its pixel's own ray.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.dataset.exporting import Format, PointOptions, register
+from omniscv.dataset.sequences import FAR_M
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
@@ -25,7 +25,6 @@ from omniscv.records import checked, record
 from omniscv.storage.local import whole_file
 from omniscv.truth.point_cloud import Points, merged, points_of
 
-_FAR_M = 1000.0  # float32 has steps of 0.06 mm there
 _COLUMNS = {
     "normals": (("nx", "ny", "nz"), "<f4", "float"),
     "lit": (("red", "green", "blue"), "u1", "uchar"),
@@ -83,7 +82,7 @@ class Ply(Format):
 
 def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
     """Write points as a file, whole or not at all, and return its path."""
-    far = len(cloud) and np.abs(cloud.positions_w).max() > _FAR_M
+    far = len(cloud) and np.abs(cloud.positions_w).max() > FAR_M
     types = ("<f8", "double") if far else ("<f4", "float")
     columns: list[tuple[str, str, str, NDArray[Any]]] = [
         (axis, *types, values) for axis, values in zip("xyz", cloud.positions_w.T, strict=True)
