@@ -1,4 +1,4 @@
-"""Write the jobs of scripts/test-consumers: the scanner, and one fisheye, of the example of SLAM."""
+"""Write the jobs of scripts/test-consumers: a scanner, and a fisheye, of the example of SLAM; the kitchen."""
 
 import sys
 from pathlib import Path
@@ -25,3 +25,16 @@ ONE = {
 }
 for name, keys in ONE.items():
     (folder / f"{name}.yaml").write_text(yaml.safe_dump({**job, **keys, "out": name}))
+kitchen = yaml.safe_load(Path("examples/kitchen/kitchen.yaml").read_text(encoding="utf-8"))
+del kitchen["record"], kitchen["truth"], kitchen["cameras"]["ball"]
+yolo = [
+    {"format": "yolo", "cameras": ["fisheye"], "task": task, "out": task} for task in ("detect", "segment")
+]
+classes = str(Path("examples/kitchen/classes.yaml").absolute())
+kitchen |= {
+    "source": "scene://four-wall",
+    "modes": ["lit", "object_mask"],
+    "classes": classes,
+    "out": "things",
+}
+(folder / "things.yaml").write_text(yaml.safe_dump({**kitchen, "export": ["coco", *yolo]}))

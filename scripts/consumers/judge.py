@@ -7,6 +7,8 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pycolmap
+import supervision
+import yaml
 from evo.core import metrics, sync
 from evo.core.trajectory import PoseTrajectory3D
 from evo.tools import file_interface
@@ -14,7 +16,11 @@ from kiss_icp.config import load_config
 from kiss_icp.kiss_icp import KissICP
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from PIL import Image
+from pycocotools import mask as cocomask
+from pycocotools.coco import COCO
 from rosbags import highlevel
+from scipy import ndimage
 
 FOLDER = Path(sys.argv[1])
 failed = []
@@ -147,6 +153,48 @@ def motion():
     judge("COLMAP, structure from motion", 100 * rms / length, 0.3, "% of the path")
 
 
-for part in (trajectories, bags, preintegration, scans, motion):
+def things():
+    """Masks and boxes that pycocotools and supervision read, against the layer of labels."""
+    root, off, whole, seen = FOLDER / "things", [0, 0.0], {}, {}
+    coco = COCO(root / "exports/coco/annotations.json")
+    for image in coco.loadImgs(coco.getImgIds()):
+        labels = np.array(Image.open(root / f"{image['key']}.labels.png"))
+        for each in coco.loadAnns(coco.getAnnIds(image["id"])):
+            mask, code = labels == each["instance_id"], coco.annToRLE(each)
+            off[0] += np.sum(mask != coco.annToMask(each)) + abs(mask.sum() - cocomask.area(code))
+            rows, columns = np.nonzero(mask)
+            box = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+            corners = np.array(each["bbox"]) + np.pad(each["bbox"][:2], (2, 0))
+            off[1] = max(off[1], np.abs(corners - box).max())
+            name = coco.cats[each["category_id"]]["name"]
+            whole.setdefault(image["key"], []).append((name, np.array(box), mask))
+    judge("pixels of masks that pycocotools has otherwise", off[0], 0, "px")
+    judge("boxes that pycocotools has otherwise", off[1], 0, "px")
+    for task in ("detect", "segment"):
+        data = root / "exports" / task / "data.yaml"
+        for split in {"train", "test"} & yaml.safe_load(data.read_text()).keys():
+            folders = (str(data.parent / kind / split) for kind in ("images", "labels"))
+            read = supervision.DetectionDataset.from_yolo(*folders, str(data), force_masks=task == "segment")
+            for path, _, found in read:
+                names = [read.classes[number] for number in found.class_id]
+                seen[task, Path(path).stem] = names, found.xyxy, found.mask
+    worst, wrong = 0.0, 0
+    for key, objects in whole.items():
+        if not key.startswith("fisheye"):
+            continue
+        (names, boxes, _), (same, _, masks) = seen["detect", key], seen["segment", key]
+        wrong += abs(len(objects) - len(names)) + abs(len(objects) - len(same))
+        for name, box, mask in objects:
+            mine = [np.abs(boxes[i] - box).max() for i in range(len(names)) if names[i] == name]
+            worst = max(worst, min(mine, default=np.inf))
+            parts, _ = ndimage.label(mask, np.ones((3, 3)))
+            largest = ndimage.binary_fill_holes(parts == np.argmax(np.bincount(parts[mask])))
+            mine = [np.sum(masks[i] != largest) for i in range(len(same)) if same[i] == name]
+            wrong += min(mine, default=mask.sum())
+    judge("boxes that supervision has otherwise", worst, 1e-3, "px")
+    judge("rows, and pixels of masks, that supervision has otherwise", wrong, 0, "px")
+
+
+for part in (things, trajectories, bags, preintegration, scans, motion):
     part()
 sys.exit(f"beyond their bounds: {', '.join(failed)}" if failed else 0)

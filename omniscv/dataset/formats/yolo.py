@@ -2,9 +2,9 @@
 
 A row of labels is an object: its class, then its box (centre, width, height), or the outer contour of its
 largest part. Numbers are shares of the image's width and height. Classes are numbered from 0: those that are
-not stuff; without classes, the names of objects. Readers cut a contour to whole pixels and fill it with its
-border, so it goes through the middles of pixels. Rows have no holes and no second part: ``lost`` of data.yaml
-is the share of the objects' area that is in such parts.
+not stuff; without classes, the names of objects. Readers cut or round a contour to whole pixels and fill it
+with its border, so it goes nearly through the middles of pixels. Rows have no holes and no second part:
+``lost`` of data.yaml is the share of the objects' area that is in such parts.
 
 The pose of an object is its box in the image, then the corners (:meth:`ObjectBox.corners_w`) and the middle
 of its box in space: x, y, and 2 for seen, 1 for behind something nearer, or 0 0 0 for a point outside.
@@ -34,6 +34,7 @@ from omniscv.records import checked, record
 from omniscv.storage.local import write_text
 
 _LEAST_PX = 10  # of a side of an image: readers drop smaller ones
+_MIDDLE = 0.45  # of a pixel, of contours: 0.5 would be rounded up and down
 _TOUCHING = 0.01  # of a point's distance: what is nearer by less, as the floor under a chair, hides no point
 _FLIPPED = (3, 2, 1, 0, 7, 6, 5, 4, 8)
 """Points of a pose in a mirrored image, whose object is mirrored in its own y axis."""
@@ -123,7 +124,7 @@ def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions, areas
     areas[1] += int(np.count_nonzero(mask > filled))
     points = contour[:, 0]
     points = np.concatenate([points, np.repeat(points[-1:], max(0, 3 - len(points)), axis=0)])
-    numbers: list[float] = ((points + np.array([x + 0.5, y + 0.5])) / size).ravel().tolist()
+    numbers: list[float] = ((points + np.array([x + _MIDDLE, y + _MIDDLE])) / size).ravel().tolist()
     return numbers
 
 
