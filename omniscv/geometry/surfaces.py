@@ -214,8 +214,10 @@ def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, 
     ``t`` the way along the chord 1/z lies at most ``t (1 - t)`` times the first off it; that is +inf where
     it has no such bound: beside an edge, and at a step. The second differences bound a crease, less what
     rounding makes of them. They are eight times what a curve is off in the middle, so a quarter of them
-    bounds it, more what rounding hides. Both of one sign, beyond rounding, they are a cusp, as between
-    touching cylinders, whose slopes grow toward it. Of opposite signs they are a step.
+    bounds it, more what rounding hides. They count with their signs: a rounded plane bends one way and back
+    by a rounding step, which the pixels' own errors hold already. Both of one sign, beyond rounding, they are
+    a cusp, as between touching cylinders, whose slopes grow toward it. Of opposite signs, beyond rounding,
+    they are a step.
 
     It has no branch, and all is float32, so that it compiles to vector instructions: differences of depths
     are exact.
@@ -233,7 +235,7 @@ def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, 
     known, opposite = known_left & known_right, turn_left * turn_right < _NONE
     on_line = known & (left <= allowed) & (right <= allowed)
     one_surface = (of_a > _NONE) & (of_b > _NONE) & ((abs(step) <= allowed) | on_line)
-    both, least = left + right, min(left, right)
+    both, least = abs(turn_left + turn_right), min(left, right)
     cusp = (not opposite) & (least > noise + noise)
     bend = max(max(both - noise, _QUARTER * (both + noise)), both + both + both - noise if cusp else _NONE)
     bounded = known & one_surface & (not (opposite & (least > noise)))
