@@ -33,7 +33,8 @@ def main(
     name = program.split()[0] if program.startswith("omniscv") else "mock_server"
     with stop_signal() as wait:
         try:
-            options = opened(vars(_parser(program).parse_args(arguments)))
+            options = vars(_parser(program).parse_args(arguments))
+            options = opened(options)
             from mock_server.server import serve  # loads the tracer, which help does without
 
             server = serve(**options)

@@ -1,5 +1,6 @@
 """``omniscv serve``, ``scenes``, ``send`` and ``doctor``: the mock server, and what any server answers."""
 
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,7 +33,8 @@ def serve(context: typer.Context) -> None:
 
 def _opened(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a server with the scene of a recording, served as it was recorded."""
-    if not Path(options["scene"]).is_file() or Path(options["scene"]).suffix in (".yaml", ".yml"):
+    # Path.is_file raises an error where a name is too long.
+    if not os.path.isfile(options["scene"]) or Path(options["scene"]).suffix in (".yaml", ".yml"):
         return options
     from omniscv.sources.recorded_scene import RecordedScene
 

@@ -120,6 +120,11 @@ def test_a_long_error_keeps_its_beginning_and_its_end():
     assert message.endswith("xxx, in the end")
 
 
+def test_a_name_too_long_for_a_file_is_no_scene(capsys):
+    assert cli.run(["serve", "x" * 5000, "--port", "0"]) == 2
+    assert "scene: expected one of courtyard" in capsys.readouterr().err
+
+
 @pytest.mark.timeout(60)
 @pytest.mark.skipif(sys.platform == "win32", reason="no named pipes in folders")
 @pytest.mark.parametrize(
