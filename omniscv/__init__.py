@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from omniscv.compose.renderer import Renderer, render, render_rig
     from omniscv.errors import OmniscvError
     from omniscv.geometry import Pose
-    from omniscv.geometry.instant import Instant
-    from omniscv.geometry.motion import Motion, object_pose
+    from omniscv.geometry.instant import Instant, Motion, object_pose
     from omniscv.planning import RenderOptions
     from omniscv.sources.recording import record
     from omniscv.sources.registry import open_source
@@ -23,7 +22,7 @@ __version__ = "0.2.0"
 
 _HOMES = {
     "Instant": "omniscv.geometry.instant:Instant",
-    "Motion": "omniscv.geometry.motion:Motion",
+    "Motion": "omniscv.geometry.instant:Motion",
     "OmniImage": "omniscv.compose.image:OmniImage",
     "OmniscvError": "omniscv.errors:OmniscvError",
     "Pose": "omniscv.geometry:Pose",
@@ -34,7 +33,7 @@ _HOMES = {
     "cameras": "omniscv.cameras:",
     "dataset": "omniscv.dataset:",
     "modalities": "omniscv.modalities:",
-    "object_pose": "omniscv.geometry.motion:object_pose",
+    "object_pose": "omniscv.geometry.instant:object_pose",
     "open_source": "omniscv.sources.registry:open_source",
     "planning": "omniscv.planning:",
     "record": "omniscv.sources.recording:record",

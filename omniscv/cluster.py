@@ -21,7 +21,7 @@ from omniscv.arguments import wrong
 from omniscv.errors import ArgumentError, ClusterError, DatasetError, OmniscvError
 from omniscv.job import Job
 from omniscv.make import Made, Part, check_dataset, finish, opened, parts_of, run_part, source_options
-from omniscv.memory import keep_freed_memory
+from omniscv.parallel import keep_freed_memory
 from omniscv.sources.base import Source
 from omniscv.sources.registry import SourceOptions, open_source
 

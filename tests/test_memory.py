@@ -10,7 +10,7 @@ import pytest
 PROGRAM = """
 import resource, sys
 import numpy as np
-from omniscv.memory import keep_freed_memory
+from omniscv.parallel import keep_freed_memory
 
 def pages(rounds):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

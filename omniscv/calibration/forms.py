@@ -1,7 +1,7 @@
 """A form of lens files as a row: how it is recognised, where its numbers stand, its models by ours.
 
 ``forms.Form`` is the row; :mod:`omniscv.calibration.table` has them all. Reader and writer follow from it.
-The models of a form are lines that :mod:`omniscv.calibration.model_lines` reads.
+The models of a form are lines that :mod:`omniscv.calibration.nodes` reads.
 """
 
 import math
@@ -18,8 +18,20 @@ from omniscv.arguments import number, shown, within
 from omniscv.calibration import intrinsics
 from omniscv.calibration.documents import SYNTAXES, Content
 from omniscv.calibration.intrinsics import HALF_PIXEL
-from omniscv.calibration.model_lines import Row, check_order, keys_of, row_of
-from omniscv.calibration.nodes import Node, Values, canonical, floats, marked, plain, put, whole
+from omniscv.calibration.nodes import (
+    Node,
+    Row,
+    Values,
+    canonical,
+    check_order,
+    floats,
+    keys_of,
+    marked,
+    plain,
+    put,
+    row_of,
+    whole,
+)
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.lens_parameters import Numbers
 from omniscv.cameras.rig import RigCamera

@@ -13,9 +13,8 @@ from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
-from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.pose import rotation_reader
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.records import checked, mapping, named, optional, read, record
 
 _ORIGIN = Pose(np.zeros(3), np.eye(3))

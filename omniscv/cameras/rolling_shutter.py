@@ -16,9 +16,8 @@ from omniscv.cameras.parallel_rays import PushBroom
 from omniscv.cameras.registry import from_dict, model, register
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import nanoseconds
 from omniscv.geometry.cubic_path import CubicPath, rows_along
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 
 Scan = Literal["top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 _MOST_TURN_DEG = 90.0

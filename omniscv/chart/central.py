@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import drawing
+from omniscv.chart import drawing, traced_mean
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
-from omniscv.chart.truth import traced_mean
 from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.renderer import Renderer
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations

@@ -18,8 +18,7 @@ from matplotlib.axes import Axes
 
 from omniscv import light
 from omniscv.cameras import Camera, create
-from omniscv.chart import drawing
-from omniscv.chart.truth import traced
+from omniscv.chart import drawing, traced
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
 from omniscv.diagnostics.doctor import examine_address

@@ -15,9 +15,9 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 import omniscv
-from omniscv.cli import console, signals
+from omniscv.cli import console
 from omniscv.errors import ArgumentError, OmniscvError
-from omniscv.memory import keep_freed_memory
+from omniscv.parallel import keep_freed_memory
 
 COMMANDS = {
     "demo": "reports",
@@ -95,7 +95,7 @@ def main() -> None:
     """Run the process's command line, and exit with its code."""
     if isinstance(sys.stdout, TextIOWrapper):  # names may have characters that the encoding lacks
         sys.stdout.reconfigure(errors="backslashreplace")
-    sys.exit(signals.unwound(_run_process))
+    sys.exit(console.unwound(_run_process))
 
 
 def _run_process() -> int:
@@ -144,7 +144,7 @@ def run(arguments: list[str]) -> int:
         code, message = 1, f"{error}; 'omniscv doctor --self' checks this installation"
     except MemoryError as error:
         code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
-    if code == signals.STOPPED:
+    if code == console.STOPPED:
         message = "stopped; what is complete is kept, rerun to resume"
     elif message and not _has_working_folder():
         message = "expected a working folder, this one was deleted; change to another one"

@@ -140,7 +140,7 @@ def evaluate(
 ) -> None:
     """Run an algorithm on images with known truth, score it, and print the scores beside the paper's."""
     _check_charts()
-    from omniscv.evaluate.registry import Settings, run
+    from omniscv.evaluate import Settings, run
 
     out.mkdir(parents=True, exist_ok=True)
     files = {"predictions": predictions, "trajectory": trajectory}

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Exit, Option, Typer
 
-from omniscv.cli import console, options, signals
+from omniscv.cli import console, options
 from omniscv.errors import ArgumentError
 
 app = Typer(add_completion=False)
@@ -25,7 +25,7 @@ def serve(context: typer.Context) -> None:
     """Serve a scene, or a recording, over the UnrealCV protocol, for any client, until Ctrl-C."""
     from mock_server.__main__ import main
 
-    signals.check()
+    console.check()
     raise Exit(
         main(context.args, "omniscv serve", _opened)
     )  # it reads the options, as 'python -m mock_server' does

@@ -18,8 +18,7 @@ from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.clock import nanoseconds
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.planning import (
     ImageRays,
     Plan,

@@ -88,8 +88,8 @@ class Format(WithOptions, ABC):
 _MODULES = {
     **{"coco": "coco", "omni3d": "coco", "horizonnet": "layouts"},
     **{"depth_png": "numbers", "normals_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
-    **dict.fromkeys(("colmap", "euroc", "flow", "kalibr", "nerfstudio", "ply", "poses", "rosbag2")),
-    **dict.fromkeys(("tum_mono", "webdataset", "yolo")),
+    **dict.fromkeys(("euroc", "kalibr", "poses", "tum_mono"), "slam"),
+    **dict.fromkeys(("colmap", "flow", "nerfstudio", "ply", "rosbag2", "webdataset", "yolo")),
 }
 """The formats of this package, and the modules that register them; None: that of the format's name."""
 

@@ -28,7 +28,7 @@ from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, Missin
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import nanoseconds
+from omniscv.geometry.trajectory import nanoseconds
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES
 from omniscv.storage.local import scratch_folder

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError
-from omniscv.geometry.clock import NS
 from omniscv.geometry.pose import Array, Pose
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import NS, Trajectory
 
 _CLOSE = 1e-8
 """Metres and radians within which the cubics pass through a path between their rows."""

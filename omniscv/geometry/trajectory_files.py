@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 
 from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry.clock import NS, decimal, parsed
 from omniscv.geometry.pose import R_LEVEL, Array, Pose
-from omniscv.geometry.trajectory import Poses, Trajectory
+from omniscv.geometry.trajectory import NS, Poses, Trajectory, decimal, parsed
 from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
 from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, read_bytes

@@ -29,8 +29,7 @@ from omniscv.arguments import (
 from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
 from omniscv.errors import ArgumentError
-from omniscv.geometry.clock import NS, SINCE_1970_NS
-from omniscv.geometry.trajectory import Curve, Trajectory
+from omniscv.geometry.trajectory import NS, SINCE_1970_NS, Curve, Trajectory
 from omniscv.geometry.trajectory_columns import FRAMES
 from omniscv.job.job import Exposure, FailureLimit, Job, within_path
 from omniscv.job.poses import Posed, PoseFile, at_times

@@ -14,9 +14,8 @@ from omniscv.cameras.rig import Rig
 from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import SINCE_1970_NS, decimal, nanoseconds
-from omniscv.geometry.motion import Motion
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.instant import Motion
+from omniscv.geometry.trajectory import SINCE_1970_NS, Trajectory, decimal, nanoseconds
 from omniscv.job.poses import read_epoch, read_motions, read_poses, read_times
 from omniscv.job.readers import (
     read_brackets,

@@ -25,9 +25,8 @@ import numpy as np
 from omniscv.arguments import number, numbers, shown, text, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import NS, nanoseconds
-from omniscv.geometry.motion import Motion, object_pose
-from omniscv.geometry.trajectory import Curve, Poses, Trajectory
+from omniscv.geometry.instant import Motion, object_pose
+from omniscv.geometry.trajectory import NS, Curve, Poses, Trajectory, nanoseconds
 from omniscv.geometry.trajectory_columns import FRAMES, Frame, length_unit
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job.sampling import SampledPoses, read_sampling

@@ -22,10 +22,8 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import NS, nanoseconds
-from omniscv.geometry.instant import Instant
-from omniscv.geometry.motion import Motion
-from omniscv.geometry.trajectory import Poses
+from omniscv.geometry.instant import Instant, Motion
+from omniscv.geometry.trajectory import NS, Poses, nanoseconds
 from omniscv.job import Exposure, Job, Split
 from omniscv.planning import densities
 from omniscv.progress import Meter, Report, without_images

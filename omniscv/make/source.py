@@ -17,10 +17,8 @@ from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.clock import NS, nanoseconds
-from omniscv.geometry.instant import Instant
-from omniscv.geometry.motion import Motion
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.instant import Instant, Motion
+from omniscv.geometry.trajectory import NS, Trajectory, nanoseconds
 from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import COMMAND, Draws

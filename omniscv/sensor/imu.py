@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, numbers, whole_number
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
-from omniscv.geometry.clock import NS, parsed
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import NS, Trajectory, parsed
 from omniscv.geometry.trajectory_files import write_tum
 from omniscv.records import checked, nested, read, record
 from omniscv.sensor import noise

@@ -25,7 +25,7 @@ from omniscv.cameras.fisheyes import Fisheye
 from omniscv.cameras.radial import Lens
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.geometry.clock import decimal
+from omniscv.geometry.trajectory import decimal
 from omniscv.light import light_of_codes
 from omniscv.pictures import foreign, png
 from omniscv.storage.local import whole_file, write_text

@@ -45,7 +45,7 @@ OURS, REMAP, FIXED = "ours", "one cv2.remap", "one cv2.remap, fixed-point map"
 
 def measure(quick: bool) -> Iterator[Figure]:
     with suppress(ImportError):  # as the command line does, since it has it
-        importlib.import_module("omniscv.memory").keep_freed_memory()
+        importlib.import_module("omniscv.parallel").keep_freed_memory()
     cv2.setNumThreads(omniscv.parallel.cores())
     yield from kept_maps(1 if quick else 15, 32 if quick else 1)
     took = best_ms(maps(64 if quick else 2048), 1 if quick else 10)

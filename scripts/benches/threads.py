@@ -14,7 +14,7 @@ import cv2
 from benches import Figure, Reference, best_ms
 from omniscv import Renderer, RenderOptions, cameras, parallel
 from omniscv.geometry import Pose
-from omniscv.memory import keep_freed_memory
+from omniscv.parallel import keep_freed_memory
 from omniscv.sources.scene import SceneSource, open_scene
 
 MODES = ("lit", "object_mask", "depth")

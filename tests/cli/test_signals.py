@@ -51,16 +51,16 @@ def test_a_signal_that_was_lost_is_noticed_later():
     """What a handler raises within a callback of C, or in ``__del__``, is printed and gone."""
     lost = """
 import os, signal, sys
-from omniscv.cli import signals
+from omniscv.cli import console
 class Ends:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGTERM)
         sum(range(1000))
 def command():
     Ends()
-    signals.check()
+    console.check()
     return 0
-sys.exit(signals.unwound(command))
+sys.exit(console.unwound(command))
 """
     done = subprocess.run([sys.executable, "-c", lost], timeout=60, capture_output=True)
     assert (done.returncode, done.stderr) == (143, b"")
@@ -69,14 +69,14 @@ sys.exit(signals.unwound(command))
 def test_what_an_interrupted_import_raises_is_no_failure_of_its_own():
     interrupted = """
 import os, signal, sys
-from omniscv.cli import signals
+from omniscv.cli import console
 def command():
     try:
         os.kill(os.getpid(), signal.SIGINT)
         sum(range(1000))
     except KeyboardInterrupt as cause:
         raise ImportError("failed to import") from cause
-sys.exit(signals.unwound(command))
+sys.exit(console.unwound(command))
 """
     done = subprocess.run([sys.executable, "-c", interrupted], timeout=60, capture_output=True)
     assert (done.returncode, done.stderr) == (130, b"")
@@ -85,7 +85,7 @@ sys.exit(signals.unwound(command))
 def test_a_signal_before_the_command_begins_stops_it_too(monkeypatch):
     """Nothing of a command runs outside of what unwinds it."""
     monkeypatch.setattr(cli, "_print_log", lambda: pytest.fail("it is not guarded"))
-    monkeypatch.setattr(cli.signals, "unwound", lambda command: 130)
+    monkeypatch.setattr(cli.console, "unwound", lambda command: 130)
     with pytest.raises(SystemExit) as ended:
         cli.main()
     assert ended.value.code == 130

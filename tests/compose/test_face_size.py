@@ -6,7 +6,7 @@ from support.exact import cameras_at, float_source
 
 import omniscv
 from mock_server import load_scene
-from omniscv.chart.truth import traced_mean
+from omniscv.chart import traced_mean
 from omniscv.geometry import Pose
 from omniscv.planning import ImageRays, densities
 

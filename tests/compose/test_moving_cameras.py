@@ -6,7 +6,7 @@ from support.exact import float_source
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.geometry import Pose
 
 DOWN = Pose.from_angles((0.1, -0.2, 1.5), yaw_deg=27.0, pitch_deg=-80.0)

@@ -8,7 +8,7 @@ import pytest
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.geometry import Pose
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)

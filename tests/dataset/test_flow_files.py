@@ -15,7 +15,7 @@ from omniscv import Pose, cameras, dataset, truth
 from omniscv.dataset import get
 from omniscv.dataset.formats.flow import kitti_codes
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motion import Motion
+from omniscv.geometry.instant import Motion
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.job import load
 from omniscv.make import make

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import omniscv
-from omniscv.evaluate.calibration import evaluation as calibration
+from omniscv.evaluate import Settings, run
+from omniscv.evaluate import calibration as calibration
 from omniscv.evaluate.calibration.estimation import calibrate, find_edges, group_by_line, models
-from omniscv.evaluate.registry import Settings, run
 
 UNIT = 512
 MODELS = models(UNIT)

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.registry import Figure, Report, Settings, run
+from omniscv.evaluate import Figure, Report, Settings, run
 
 FIGURES = [Figure("edges F1", 0.71, paper=0.642, n=10), Figure("ATE", 3.1, "mm")]
 ROWS = [{"image": "a, 1", "error": 0.125, "n": 3}, {"image": 'b "2"', "error": 2.5e-9, "n": 4}]

@@ -12,10 +12,9 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan, room_of_scene
 
 from omniscv import Pose, cameras, cli
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.layout import panoramas
-from omniscv.evaluate.layout.evaluation import PAPER, figures, scores
+from omniscv.evaluate import Settings, run
+from omniscv.evaluate.layout import PAPER, figures, panoramas, scores
 from omniscv.evaluate.layout.predictions import Prediction, draw_maps
-from omniscv.evaluate.registry import Settings, run
 from omniscv.truth import project_layout
 from omniscv.truth.layout_labels import cor_id, exact_maps, original_maps
 from omniscv.truth.metrics import map_scores

@@ -6,9 +6,9 @@ import pytest
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.lines import evaluation as lines
-from omniscv.evaluate.lines.evaluation import boundary, room_edges, seen_edges
-from omniscv.evaluate.registry import Settings, run
+from omniscv.evaluate import Settings, run
+from omniscv.evaluate import lines as lines
+from omniscv.evaluate.lines import boundary, room_edges, seen_edges
 
 
 def test_boundaries_lie_between_the_pixels_of_two_labels():

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from omniscv import evaluate
 from omniscv.calibration.files import load_file, load_on_body
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
-from omniscv.evaluate import registry
-from omniscv.evaluate.odometry import evaluation
+from omniscv.evaluate import Settings, odometry
 from omniscv.evaluate.odometry.pose_estimation import (
     inner_mask,
     path_length,
@@ -22,14 +22,13 @@ from omniscv.evaluate.odometry.pose_estimation import (
     rms,
     trajectory_errors,
 )
-from omniscv.evaluate.registry import Settings
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import read_trajectory, write_tum
 from omniscv.job import load
 from omniscv.make import make
 from omniscv.sources.registry import open_source
 
-ARC = evaluation.flight(60)[:15:3]
+ARC = odometry.flight(60)[:15:3]
 RIG = Rig(
     {
         "panorama": RigCamera(create("equirectangular", 512, 256)),
@@ -42,7 +41,7 @@ RIG = Rig(
 def images(tmp_path_factory):
     with open_source("scene://four-wall") as source:
         done = []
-        yield evaluation.render(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
+        yield odometry.render(RIG, ARC, source, tmp_path_factory.mktemp("images"), done.append)
     assert done == [1, 2, 3, 4, 5]
 
 
@@ -74,14 +73,14 @@ def test_the_rim_of_the_image_circle_has_no_features():
 
 def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     """Two poses have no alignment: there are figures of what was registered, and no errors."""
-    monkeypatch.setattr(evaluation, "rig_of", lambda width, edge, rig_of=evaluation.rig_of: rig_of(128, 96))
+    monkeypatch.setattr(odometry, "rig_of", lambda width, edge, rig_of=odometry.rig_of: rig_of(128, 96))
     path = tmp_path / "two.tum"
     path.write_text(write_tum(Trajectory.timed(ARC.poses[:2], (5.0, 6.5))))
     done = []
     settings = Settings(
         tmp_path, quick=True, options={"trajectory": path}, progress=lambda *at: done.append(at)
     )
-    report = registry.run("odometry", settings)
+    report = evaluate.run("odometry", settings)
     assert done == [(1, 8), (2, 8), (4, 8), (6, 8), (8, 8)]
     values = {figure.name: figure for figure in report.figures}
     assert values["panorama: registered"].value == 0
@@ -105,7 +104,7 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
 def test_a_missing_pycolmap_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(OmniscvError, match=r"expected pycolmap; install omniscv\[evaluate\]"):
-        registry.run("odometry", Settings(tmp_path))
+        evaluate.run("odometry", Settings(tmp_path))
 
 
 def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
@@ -123,18 +122,18 @@ def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
 
 def test_a_missing_trajectory_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match=r"nothing\.tum"):
-        registry.run("odometry", Settings(tmp_path, options={"trajectory": tmp_path / "nothing.tum"}))
+        evaluate.run("odometry", Settings(tmp_path, options={"trajectory": tmp_path / "nothing.tum"}))
 
 
 def test_colours_of_floating_point_are_refused(tmp_path):
     with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
-        evaluation.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
+        odometry.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
 
 
 @pytest.mark.soak
 def test_the_papers_bounds_are_kept(tmp_path):
     """The acceptance of the evaluation, on the panorama; the others are below the paper's 8 degrees."""
-    report = registry.run("odometry", Settings(tmp_path, quick=True))
+    report = evaluate.run("odometry", Settings(tmp_path, quick=True))
     values = {figure.name: figure.value for figure in report.figures}
     assert values["panorama: registered"] >= 95
     assert values["panorama: ATE, rms, of the path"] <= 1
@@ -165,7 +164,7 @@ export: [euroc]
 @pytest.mark.soak
 def test_a_euroc_sequence_gives_its_trajectory(tmp_path):
     """From the exported files alone: pictures, intrinsics, extrinsics, the true state; for each fisheye."""
-    (tmp_path / "flight.tum").write_text(write_tum(evaluation.flight(24)))
+    (tmp_path / "flight.tum").write_text(write_tum(odometry.flight(24)))
     (tmp_path / "slam.yaml").write_text(EUROC)
     make(load(tmp_path / "slam.yaml"))
     root = tmp_path / "slam/exports/euroc/mav0"

@@ -7,9 +7,8 @@ from scipy.spatial.transform import Rotation
 from mock_server.scene_file import turned
 from omniscv import Pose
 from omniscv.errors import ArgumentError
-from omniscv.geometry.clock import nanoseconds
-from omniscv.geometry.motion import Motion, object_pose
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.instant import Motion, object_pose
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 
 TIMES = (0.0, 0.7, 1.5, 2.0, 3.1)
 

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from omniscv.cli import run
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import nanoseconds
-from omniscv.geometry.motion import object_pose
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.instant import object_pose
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.geometry.trajectory_files import (
     read_trajectory,
     write_euroc,

@@ -12,7 +12,7 @@ import mock_server
 from mock_server import load_scene
 from omniscv import Pose, RenderOptions, dataset, open_source
 from omniscv.cameras import create
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.job import Job, load
 from omniscv.make import make, run
 

@@ -10,7 +10,7 @@ import omniscv
 from omniscv import Pose, RenderOptions
 from omniscv.cameras import create
 from omniscv.errors import ArgumentError
-from omniscv.geometry.motion import Motion, object_pose
+from omniscv.geometry.instant import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import write_tum
 from omniscv.job import Exposure, load

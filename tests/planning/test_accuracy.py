@@ -10,7 +10,7 @@ import omniscv
 from mock_server.scene import Scene
 from omniscv import Pose, Rig, RigCamera
 from omniscv.cameras import create, model
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.make import capture as capture_job

@@ -8,7 +8,7 @@ from support.exact import by_rays, cameras_at, distance_to_surfaces
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create, names
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.geometry import Pose
 from omniscv.sources.scene import SceneSource
 

@@ -11,7 +11,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv import modalities
 from omniscv.cameras import create
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 

@@ -10,7 +10,7 @@ from support.plans import plan_of, viewpoints_of, views_of
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.compose.ray_lookup import look_up
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import omniscv
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import ArgumentError
 
 POSE = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 20, -5, 3)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import omniscv
 from mock_server import load_scene
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import MissingCaptureError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View

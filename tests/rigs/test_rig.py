@@ -12,8 +12,7 @@ from support.cases import cases
 
 from omniscv import Pose, Rig, RigCamera, cameras
 from omniscv.errors import ArgumentError
-from omniscv.geometry.clock import nanoseconds
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 
 LENS = cameras.create("fisheye-equidistant", width=24, height=24, fov_deg=190)
 angles = st.floats(-180, 180)

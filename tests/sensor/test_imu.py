@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from omniscv import truth
 from omniscv.geometry import Pose
-from omniscv.geometry.clock import nanoseconds
-from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.sensor.imu import Imu, ImuNoise, ImuTrack
 
 SECONDS = 20.0

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import omniscv
 from mock_server import load_scene
 from omniscv import cli
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Pose
 from omniscv.pictures import png

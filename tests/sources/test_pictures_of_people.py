@@ -14,7 +14,7 @@ from PIL import Image
 import omniscv
 from mock_server import load_scene
 from omniscv import cli
-from omniscv.chart.truth import traced
+from omniscv.chart import traced
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Pose
 from omniscv.sources import View

@@ -15,7 +15,7 @@ from mock_server import load_scene, scene_file
 from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
 from mock_server.yaml_text import parse, read_text
 from omniscv.errors import OmniscvError
-from omniscv.sources.blender.settings import blender_command
+from omniscv.sources.blender import blender_command
 
 HERE = Path(__file__).parent
 _KINDS = {RECTANGLE: "rectangle", BOX: "box", SPHERE: "sphere", CYLINDER: "cylinder"}

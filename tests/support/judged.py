@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.chart.truth import Tracer, traced
+from omniscv.chart import Tracer, traced
 from omniscv.compose.image import OmniImage
 
 Mask = NDArray[np.bool_]

@@ -11,7 +11,7 @@ import mock_server
 import omniscv
 from omniscv import truth
 from omniscv.frame.classes import ClassTable, SemanticClass
-from omniscv.truth import rle
+from omniscv.truth.visibility import run_lengths
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, max_side=40)
 
@@ -23,7 +23,7 @@ def library(mask):
 @settings(max_examples=25, deadline=None)
 @given(mask=arrays(bool, SHAPES))
 def test_masks_are_encoded_as_pycocotools_does(mask):
-    encoded = rle.encode(mask)
+    encoded = run_lengths(mask)
     assert encoded == {"size": list(mask.shape), "counts": library(mask)["counts"].decode("ascii")}
 
 
@@ -31,7 +31,7 @@ def test_long_runs_are_encoded_as_pycocotools_does():
     mask = np.zeros((3000, 4000), bool)
     mask[7:2900, 1000:1300] = mask[:, 3500] = True
     mask[::7, 2000] = True
-    encoded = rle.encode(mask)
+    encoded = run_lengths(mask)
     assert encoded["counts"] == library(mask)["counts"].decode("ascii")
 
 

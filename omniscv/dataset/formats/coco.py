@@ -45,8 +45,8 @@ from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.records import NoOptions, checked, record
 from omniscv.storage.local import whole_file
-from omniscv.truth import rle
 from omniscv.truth.object_boxes import boxes
+from omniscv.truth.visibility import run_lengths
 
 _FROM_TRUTH = {
     "boxes": {"distance": "distance", "truncated": "truncated"},
@@ -155,7 +155,7 @@ def _mask_fields(mask: NDArray[np.bool_]) -> dict[str, Any]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     x, y = int(columns[0]), int(rows[0])
     box = [x, y, int(columns[-1]) + 1 - x, int(rows[-1]) + 1 - y]
-    return {"bbox": box, "area": int(np.count_nonzero(mask)), "segmentation": rle.encode(mask)}
+    return {"bbox": box, "area": int(np.count_nonzero(mask)), "segmentation": run_lengths(mask)}
 
 
 def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:

@@ -34,8 +34,8 @@ from omniscv.arguments import flag
 from omniscv.calibration.opencv import to_opencv, to_opencv_fisheye
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.formats.euroc import track_of
 from omniscv.dataset.formats.lidar import LidarOptions
+from omniscv.dataset.formats.slam import track_of
 from omniscv.dataset.pictures import without_limit, write_color
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError

@@ -12,7 +12,7 @@ from omniscv.arguments import within
 from omniscv.cameras import Camera
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.registry import Settings
+from omniscv.evaluate import Settings
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room, SceneGeometry

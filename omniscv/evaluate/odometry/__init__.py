@@ -1,1 +1,242 @@
-"""Visual odometry on images of a flight."""
+"""The evaluation ``odometry``: COLMAP's poses of the images of a flight, scored by the true poses.
+
+A panorama, a fisheye and a camera below a mirror fly. Non-central cameras are left out: COLMAP assumes that
+all rays of an image start at one point. The paper's evaluation with OpenVSLAM.
+
+Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop in the mock's room.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from omniscv.cameras import create
+from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.compose.renderer import Renderer
+from omniscv.dataset.pictures import write_pixels
+from omniscv.errors import ArgumentError
+from omniscv.evaluate import Figure, Report, Row, Settings, chart
+from omniscv.evaluate.odometry.pose_estimation import (
+    SEED,
+    TrajectoryErrors,
+    load_pycolmap,
+    path_length,
+    reconstruct,
+    rms,
+    trajectory_errors,
+)
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.trajectory import Trajectory
+from omniscv.geometry.trajectory_files import read_trajectory, write_tum
+from omniscv.planning import RenderOptions
+from omniscv.sources.base import Source
+from omniscv.sources.registry import open_source
+from omniscv.storage.local import write_text
+
+OPTIONS = frozenset({"trajectory"})
+
+SOURCE = "scene://four-wall"
+
+SECONDS = 28.0
+"""Of the flight, as in the paper."""
+
+PAPER_DEG = 8.0
+"""Bound of both errors of the paper, over the whole flight."""
+
+_COLORS = {"panorama": "#00798c", "fisheye": "#edae49", "mirror": "#6a4c93"}
+_LEAST_DEG = 1e-3  # of the logarithmic axes
+_NO_ERRORS = TrajectoryErrors((), (), *[np.zeros(0)] * 5)
+
+
+def evaluate(settings: Settings) -> Report:
+    """Render the flight, estimate it from the images of each camera, and score it.
+
+    Images and trajectories stay in ``settings.out / "odometry"``, for use with other programs.
+
+    Raises:
+        ArgumentError: a trajectory cannot be read.
+        OmniscvError: no pycolmap; of the source.
+    """
+    pycolmap = load_pycolmap()
+    count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
+    truth, path = flight(count), settings.options.get("trajectory")
+    if path is not None:
+        truth = read_trajectory(Path(path))
+        truth = truth[:: -(-len(truth) // count)] if settings.quick else truth
+    times = truth.seconds or tuple(map(float, range(len(truth))))
+    rig, folder = rig_of(width, edge), settings.out / "odometry"
+    steps = len(truth) * (1 + len(rig.cameras))
+    with open_source(settings.source or SOURCE) as source:
+        images = render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
+    written = [write_text(folder / "truth.tum", write_tum(truth))]
+    runs = dict[str, TrajectoryErrors]()
+    for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
+        T_cam_rig, estimates = mounted.pose.inverse(), reconstruct(images[name], mounted.camera)
+        errors = _NO_ERRORS
+        with suppress(ArgumentError):  # too few poses to align them
+            errors = trajectory_errors(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
+        runs[name] = errors
+        if errors.frames:
+            aligned = Trajectory.timed(tuple(errors.aligned), (times[frame] for frame in errors.frames))
+            written.append(write_text(folder / f"{name}.tum", write_tum(aligned)))
+        settings.progress((1 + i) * len(truth), steps)
+    about = {
+        "source": settings.source or SOURCE,
+        "cameras": {name: mounted.camera.to_dict() for name, mounted in rig.cameras.items()},
+        "poses": len(truth),
+        "path_m": path_length(truth),
+        "origin of eps_t": [0.0, 0.0, 0.0],
+        "pycolmap": pycolmap.__version__,
+        "seed": SEED,
+    }
+    figures = [figure for name, errors in runs.items() for figure in _figures(name, truth, errors)]
+    rows = [row for name, errors in runs.items() for row in _rows(name, times, errors)]
+    return Report(figures, rows, about, [draw(runs, truth, times, settings.out / "odometry.png"), *written])
+
+
+def flight(count: int) -> Trajectory:
+    """Return a closed loop of 6.7 m through the free middle of the mock's rooms.
+
+    It is 1.35 to 1.65 m above the floor; the camera looks ahead, and pitches and rolls by up to 5 degrees.
+    """
+    turns = 2 * np.pi * np.arange(count) / count
+    poses = [
+        Pose.from_angles(
+            (np.cos(a) - 0.4, 1.1 * np.sin(a), 1.5 + 0.15 * np.sin(2 * a)),
+            yaw_deg=np.degrees(np.arctan2(1.1 * np.cos(a), -np.sin(a))),
+            pitch_deg=5 * np.sin(3 * a),
+            roll_deg=5 * np.cos(2 * a),
+        )
+        for a in turns
+    ]
+    return Trajectory.timed(tuple(poses), (SECONDS * np.arange(count) / count).tolist())
+
+
+def rig_of(width: int, edge: int) -> Rig:
+    """Return a panorama and a fisheye that look ahead, and a camera below a hyperbolic mirror that looks up.
+
+    Args:
+        width: of the panorama, px.
+        edge: of the square images of the two others, px.
+    """
+    return Rig(
+        {
+            "panorama": RigCamera(create("equirectangular", width, width // 2)),
+            "fisheye": RigCamera(create("fisheye-equidistant", edge, edge, fov_deg=170.0)),
+            "mirror": RigCamera.turned(create("catadioptric-hyperbolic", edge, edge), pitch_deg=90),
+        }
+    )
+
+
+def render(
+    rig: Rig, trajectory: Trajectory, source: Source, folder: Path, progress: Callable[[int], None]
+) -> dict[str, list[Path]]:
+    """Write the images of each camera of a rig as ``CAMERA/0000.png`` and so on; return them by camera.
+
+    Args:
+        rig: the cameras.
+        trajectory: poses of the rig.
+        source: of captures.
+        folder: for the images.
+        progress: called with the number of poses done.
+
+    Raises:
+        OmniscvError: of the source; ArgumentError: colours that are not bytes.
+    """
+    # With one size of faces, the cameras share captures. It exceeds the resolution of panorama and fisheye.
+    options = RenderOptions(face_size=max(m.camera.width for m in rig.cameras.values()) // 2)
+    renderer = Renderer(source)
+    written: dict[str, list[Path]] = {name: [] for name in rig.cameras}
+    for i, pose in enumerate(trajectory):
+        cameras = [(mounted.camera, pose @ mounted.pose) for mounted in rig.cameras.values()]
+        images = renderer.render_together(cameras, ("lit",), options)
+        for name, image in zip(rig.cameras, images, strict=True):
+            if image.lit is None or image.lit.dtype != np.uint8:
+                raise ArgumentError("source: expected colours as bytes, got others; leave out lit=float32")
+            written[name].append(write_pixels(folder / name / f"{i:04d}.png", image.lit))
+        progress(i + 1)
+    return written
+
+
+def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
+    count, off = len(errors.frames), rms(errors.position_m)
+    unknown = np.array([np.nan])
+    eps_t, eps_theta = (errors.eps_t_deg, errors.eps_theta_deg) if count else (unknown, unknown)
+    return [
+        Figure(f"{name}: registered", 100 * count / len(truth), "%", n=len(truth)),
+        Figure(f"{name}: ATE, rms", 1000 * off, "mm", n=count),
+        Figure(f"{name}: ATE, rms, of the path", 100 * off / path_length(truth), "%", n=count),
+        Figure(f"{name}: RPE, rms", 1000 * rms(errors.step_m), "mm", n=count),
+        Figure(f"{name}: RPE, rms, turn", rms(errors.step_deg), "deg", n=count),
+        Figure(f"{name}: turn, mean", float(eps_theta.mean()), "deg", n=count),
+        Figure(f"{name}: eps_t, largest", float(eps_t.max()), "deg", PAPER_DEG, count),
+        Figure(f"{name}: eps_theta, largest", float(eps_theta.max()), "deg", PAPER_DEG, count),
+    ]
+
+
+def _rows(name: str, times: Sequence[float], errors: TrajectoryErrors) -> Iterator[Row]:
+    """Yield a row for every frame, with errors if it was registered."""
+    index = {frame: i for i, frame in enumerate(errors.frames)}
+    for frame, time in enumerate(times):
+        row: dict[str, Any] = {"camera": name, "frame": frame, "time_s": time}
+        row |= dict.fromkeys(("x_m", "y_m", "z_m", "position_m", "eps_t_deg", "eps_theta_deg"))
+        if frame in index:
+            i = index[frame]
+            row["x_m"], row["y_m"], row["z_m"] = errors.aligned[i].position.tolist()
+            for key in ("position_m", "eps_t_deg", "eps_theta_deg"):
+                row[key] = float(getattr(errors, key)[i])
+        yield row
+
+
+def draw(
+    runs: Mapping[str, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
+) -> Path:
+    """Draw both errors of each frame, and the trajectories from above; return the path.
+
+    Args:
+        runs: errors by camera.
+        truth: the true poses.
+        times: of these, seconds.
+        path: of the picture.
+    """
+    with chart(path, 1200, 460) as drawing:
+        position, orientation, above = drawing.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
+        above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
+        for name, errors in runs.items():
+            if errors.frames:
+                color, at = _COLORS[name], [times[frame] for frame in errors.frames]
+                position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, color=color)
+                orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, color=color)
+                above.plot(*_from_above(errors.aligned), lw=1.2, label=name, color=color)
+        _label(position, "position error $\\varepsilon_t$ (degrees)")
+        _label(orientation, "orientation error $\\varepsilon_\\theta$ (degrees)")
+        above.set(xlabel="x (m)", ylabel="y (m)", title="trajectory from above", aspect="equal")
+        above.legend(fontsize=9, loc="center")
+        above.grid(lw=0.4, alpha=0.5)
+    return path
+
+
+def _from_above(poses: Sequence[Pose]) -> Array:
+    """Return x and y, (2, N)."""
+    return np.array([pose.position[:2] for pose in poses]).T
+
+
+def _label(axes: Axes, title: str) -> None:
+    axes.axhline(PAPER_DEG, color="#9aa3b2", ls=":", lw=2)
+    axes.annotate(
+        f"the paper's errors are below {PAPER_DEG:g} degrees",
+        (0.02, PAPER_DEG),
+        xycoords=("axes fraction", "data"),
+        xytext=(0, -5),
+        textcoords="offset points",
+        va="top",
+        size=9,
+    )
+    axes.set(yscale="log", xlabel="time (s)", title=title, ylim=(None, 1.4 * PAPER_DEG))
+    axes.grid(lw=0.4, alpha=0.5, which="both")

@@ -29,7 +29,7 @@ from omniscv.errors import (
 )
 from omniscv.modalities import Transfer
 from omniscv.records import mapping
-from omniscv.sources.blender.settings import Settings
+from omniscv.sources.blender import Settings
 from omniscv.storage.bounded import parse_json
 from omniscv.storage.local import last_line
 
@@ -213,7 +213,7 @@ class Blender:
     """One process at a time, in which one scene is open; not to be used by two threads at once.
 
     Args:
-        command: of Blender, as :func:`omniscv.sources.blender.settings.blender_command` returns it.
+        command: of Blender, as :func:`omniscv.sources.blender.blender_command` returns it.
         settings: what to open.
         timeout_s: how long starting and loading, and each picture, may take.
         retries: how often in a row to start Blender again, and send the request again.

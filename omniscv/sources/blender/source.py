@@ -35,8 +35,8 @@ from omniscv.sources.base import (
     copy_with,
     known_objects,
 )
+from omniscv.sources.blender import Settings, blender_command, read_address
 from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
-from omniscv.sources.blender.settings import Settings, blender_command, read_address
 from omniscv.sources.codecs import check_depth, decode_png
 from omniscv.sources.pool import SourcePool
 from omniscv.storage.bounded import library_error, read_bytes
@@ -253,7 +253,7 @@ def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
 
     Args:
         address: ``blender://SCENE.blend``, with options behind a question mark: those of
-            :class:`omniscv.sources.blender.settings.Settings`; ``blender=PATH`` names Blender, and
+            :class:`omniscv.sources.blender.Settings`; ``blender=PATH`` names Blender, and
             ``processes=2`` renders in several at once.
         timeout_s: how long loading the scene, and each picture, may take.
         retries: how often in a row to start Blender again after it has ended.

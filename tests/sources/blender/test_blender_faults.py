@@ -21,7 +21,7 @@ from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import ArgumentError, BadReplyError, DeadlineError, OmniscvError, SourceError
 from omniscv.job import load
 from omniscv.make import costs, run
-from omniscv.sources.blender.settings import INSIDE, blender_command
+from omniscv.sources.blender import INSIDE, blender_command
 
 SIZE = 8
 FACES = 3
