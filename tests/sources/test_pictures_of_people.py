@@ -461,6 +461,9 @@ def test_panoramas_with_truth_at_many_places(tmp_path, capsys):
     for pose in poses:
         judge(tmp_path / "a.sqlite", pose, ("lit", "depth"))
         judge(tmp_path / "a.sqlite", pose, ("object_mask",))
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        bound = omniscv.render(SMALL, poses[0], source, ("depth",)).depth_error
+    assert np.median(bound) < 3 / 512  # steps of whole numbers; half a pixel's change of depth is 8 mm
     assert run(folder, tmp_path / "b.sqlite", "--depth", "planar-mm", "--poses", tmp_path / "poses.csv") == 2
     assert "which have no optical axis, got planar" in capsys.readouterr().err
 

@@ -1,18 +1,20 @@
-"""The lenses of imported pictures: read by the declared keys of :mod:`omniscv.calibration`."""
+"""The lenses of imported pictures, read by the declared keys of :mod:`omniscv.calibration`, and panoramas."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry.arrays import Mask
 from omniscv.pictures.forms import Pixels
 from omniscv.records import mapping
 from omniscv.sources.base import Lens, View
@@ -22,6 +24,8 @@ _SCALE = 6553.5  # of depth in Replica's cam_params.json
 _SAME_SHAPE = 0.01  # of a lens and its picture
 _WIDEST = np.tan(np.radians(60))  # half a flat picture: beyond, four pixels show what one has shown
 _NARROWEST = 0.01  # half a flat picture that is one
+_ROWS = 64  # of a face that are looked up at a time
+_PLACES = 32  # of a pixel, that OpenCV tells apart
 _SIDE, _HALVINGS, _NEAR = 33, 40, 1e-4  # points of a side; steps of a search; tangent near the axis
 
 
@@ -206,3 +210,104 @@ def _lens(camera: Any) -> Pinhole | Wide | None:
     count = next(n for n in (0, 5, 8, 12) if not any(terms[n:]))
     size = camera.width, camera.height
     return Pinhole(camera.fx, camera.fy, camera.cx, camera.cy, *size, tuple(terms[:count]))
+
+
+def to_faces(
+    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
+) -> Iterator[tuple[Pixels, Array, float]]:
+    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator.
+
+    Colours are bilinear, and so is 1 / distance between four pixels of one surface. Masks, and distances
+    beside an edge, are the nearest pixel's.
+
+    Args:
+        picture: colours, masks, or depth along the ray.
+        mode: ``lit``, ``object_mask`` or ``depth``.
+        of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
+        step_m: of whole numbers that depth was stored in.
+
+    Yields:
+        Pixels, rotation (3, 3) and field of view in degrees, of each face. Depth is (h, w, 2): planar, and
+        how far the distance may be off.
+    """
+    import cv2
+
+    height, width = picture.shape[:2]
+    edge, linear, nearest = width // 2, cv2.INTER_LINEAR, cv2.INTER_NEAREST
+    layers = [(picture, linear if mode == "lit" else nearest)]
+    if mode == "depth":
+        inverse, change, bends, known = _inverse(picture, step_m)
+        off = cv2.dilate(_around(bends + change / _PLACES), np.ones((3, 3)))[1:-1, 1:-1]
+        between = _error(inverse, off, known, step_m)
+        layers += [(each, nearest) for each in (nearest_error(picture, step_m), between)]
+        layers += [(each.astype(np.float32), linear) for each in (np.where(known, inverse, 0), ~known)]
+    layers = [(_around(layer), filter_) for layer, filter_ in layers]
+    for _, R_w_c in cube_rotations():
+        faces: list[Pixels] = [np.empty((edge, edge, *each.shape[2:]), each.dtype) for each, _ in layers]
+        for first in range(0, edge, _ROWS):
+            rows = slice(first, min(first + _ROWS, edge))
+            pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
+            rays = pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2]))
+            x, y, z = np.moveaxis(rays @ R_w_c.T, -1, 0)
+            u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
+            v = np.arctan2(np.hypot(x, y), z) / np.pi
+            # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
+            u_px = u * (width - 1) if of_openexr else u * width - 0.5
+            v_px = v * (height - 1) if of_openexr else v * height - 0.5
+            maps = (np.float32(u_px + 1), np.float32(v_px + 1))
+            for face, (layer, filter_) in zip(faces, layers, strict=True):
+                face[rows] = cv2.remap(layer, *maps, filter_)
+        if mode == "depth":
+            distance, beside, error, inverse, unknown = faces
+            blended = (unknown == 0) & (inverse > 0)
+            distance = np.divide(1, inverse, out=distance, where=blended)
+            error = cv2.dilate(np.where(blended, error, beside), np.ones((3, 3)))
+            lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
+            faces = [np.stack([distance / lengths, error], axis=-1).astype(np.float32)]
+        yield faces[0], R_w_c, 90.0
+
+
+def nearest_error(distance: Pixels, step_m: float) -> NDArray[np.float32]:
+    """Return how far (H, W) distances of a picture may be off half a pixel away, metres.
+
+    Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
+    +inf where a neighbour is on another surface, or whole numbers say that there is none.
+    """
+    inverse, change, bends, known = _inverse(distance, step_m)
+    return _error(inverse, change + 0.25 * bends, known, step_m)
+
+
+def _error(inverse: Array, change: Array, known: Mask, step_m: float) -> NDArray[np.float32]:
+    """Return how far distances may be off whose inverse is off by ``change``, metres."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(change < inverse, change / (inverse * (inverse - change)), np.inf) + step_m / 2
+    error[~known] = np.inf
+    error[known & (inverse == 0)] = np.inf if step_m else 0.0
+    return np.asarray(error, np.float32)
+
+
+def _inverse(distance: Pixels, step_m: float) -> tuple[Array, Array, Array, Mask]:
+    """Return 1 / distance of (H, W) pixels of a panorama, half its change to the next pixel, and its second
+    difference, summed over both axes; and whether the neighbours are on the same surface."""
+    from omniscv.geometry.surfaces import STEP  # imports numba
+
+    with np.errstate(divide="ignore"):
+        inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
+    rows = _around(inverse)
+    here, change, bends = rows[1:-1, 1:-1], np.zeros_like(inverse), np.zeros_like(inverse)
+    curved = 2 - 2 * np.cos(2 * np.pi / inverse.shape[1])  # of a plane, between pixels of a panorama
+    known = np.ones(inverse.shape, np.bool_)
+    for before, after in ((rows[1:-1, :-2], rows[1:-1, 2:]), (rows[:-2, 1:-1], rows[2:, 1:-1])):
+        bend = np.abs(before - 2 * here + after)
+        change += 0.5 * np.maximum(np.abs(before - here), np.abs(after - here))
+        bends += bend
+        known &= bend <= (STEP + curved + 2 * step_m * here) * here
+    return inverse, change, bends, known
+
+
+def _around(layer: Pixels) -> Pixels:
+    """Return (H, W, ...) a panorama's pixels with those beyond its border: on the other side, and over the
+    poles."""
+    over = np.roll(layer[[0, -1]], layer.shape[1] // 2, 1)
+    rows = np.concatenate([over[:1], layer, over[1:]])
+    return np.pad(rows, ((0, 0), (1, 1), (0, 0))[: layer.ndim], mode="wrap")

@@ -11,20 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.arguments import number, numbers, one_of, optional_number, shown, text, within
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Array, Pose, cube_rotations, pinhole
+from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.trajectory_columns import FRAMES, length_unit
 from omniscv.pictures import foreign
-from omniscv.pictures.forms import Pixels
 from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
 from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.lenses import Pinhole, Wide
+from omniscv.sources.recording.lenses import Pinhole, Wide, nearest_error, to_faces
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
@@ -36,7 +34,6 @@ MODE_WORDS = {
 }
 
 _FRONT = cube_rotations()[0][1]
-_ROWS = 64  # of a face that are looked up at a time
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 
 
@@ -212,7 +209,7 @@ class Sequence:
             yield lens.view(pose), picture
             return
         if mode == "depth":
-            error = panorama_error(picture.pixels, picture.step_m)
+            error = nearest_error(picture.pixels, picture.step_m)
             picture = picture._replace(error=lens.straight(error, False)[0])
         pixels, flat = lens.straight(picture.pixels, mode == "lit")
         yield flat.view(pose), picture.converted(pixels)
@@ -281,81 +278,6 @@ def capture_of(
     if mode == "depth" and pixels.ndim == 3:
         return Capture(request, view, pixels[..., 0], provenance, payload, encoding_of_depth)
     return Capture(request, view, pixels, provenance, payload, encoding)
-
-
-def to_faces(
-    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
-) -> Iterator[tuple[Pixels, Array, float]]:
-    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator.
-
-    Colours are bilinear. Masks and depth along the ray are the nearest pixel's.
-
-    Args:
-        picture: colours, masks, or depth along the ray.
-        mode: ``lit``, ``object_mask`` or ``depth``.
-        of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
-        step_m: of whole numbers that depth was stored in.
-
-    Yields:
-        Pixels, rotation (3, 3) and field of view in degrees, of each face. Depth is (h, w, 2): planar, and
-        how far the distance may be off (:func:`panorama_error`).
-    """
-    import cv2
-
-    height, width = picture.shape[:2]
-    edge = width // 2
-    layers = [picture, panorama_error(picture, step_m)] if mode == "depth" else [picture]
-
-    for i, layer in enumerate(layers):
-        layers[i] = wrapped = np.pad(layer, ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="wrap")
-        wrapped[0], wrapped[-1] = wrapped[1], wrapped[-2]  # beyond a pole, its own row
-    filter_ = cv2.INTER_LINEAR if mode == "lit" else cv2.INTER_NEAREST
-    for _, R_w_c in cube_rotations():
-        faces: list[Pixels] = [np.empty((edge, edge, *layer.shape[2:]), layer.dtype) for layer in layers]
-        for first in range(0, edge, _ROWS):
-            rows = slice(first, min(first + _ROWS, edge))
-            pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
-            rays = pinhole.rays(pixels, pinhole.Projection(*4 * [edge / 2]))
-            x, y, z = np.moveaxis(rays @ R_w_c.T, -1, 0)
-            u = 0.5 - np.arctan2(y, x) / (2 * np.pi)
-            v = np.arctan2(np.hypot(x, y), z) / np.pi
-            # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
-            u_px = u * (width - 1) if of_openexr else u * width - 0.5
-            v_px = v * (height - 1) if of_openexr else v * height - 0.5
-            maps = (np.float32(u_px + 1), np.float32(v_px + 1))
-            for face, wrapped in zip(faces, layers, strict=True):
-                face[rows] = cv2.remap(wrapped, *maps, filter_)
-        if mode == "depth":
-            lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
-            planar = np.asarray(faces[0] / lengths, np.float32)
-            faces = [np.stack([planar, cv2.dilate(faces[1], np.ones((3, 3), np.uint8))], axis=-1)]
-        yield faces[0], R_w_c, 90.0
-
-
-def panorama_error(distance: Pixels, step_m: float = 0.0) -> NDArray[np.float32]:
-    """Return how far (H, W) distances along rays may be off half a pixel away, metres.
-
-    Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
-    +inf where a neighbour is on another surface, or whole numbers say that there is none.
-    """
-    from omniscv.geometry.surfaces import STEP  # imports numba
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
-        across = np.roll(inverse[[0, -1]], inverse.shape[1] // 2, 1)  # beyond the poles
-        rows = np.concatenate([across[:1], inverse, across[1:]])
-        neighbours = (np.roll(inverse, 1, 1), np.roll(inverse, -1, 1)), (rows[:-2], rows[2:])
-        change, known = np.zeros_like(inverse), np.ones(inverse.shape, np.bool_)
-        curved = 2 - 2 * np.cos(2 * np.pi / inverse.shape[1])  # of a plane, between pixels of a panorama
-        allowed = (STEP + curved + 2 * step_m * inverse) * inverse
-        for before, after in neighbours:
-            bend = np.abs(before - 2 * inverse + after)
-            change += 0.5 * np.maximum(np.abs(before - inverse), np.abs(after - inverse)) + 0.25 * bend
-            known &= bend <= allowed
-        error = np.where(change < inverse, change / (inverse * (inverse - change)), np.inf) + step_m / 2
-    error[~known] = np.inf
-    error[known & (inverse == 0)] = np.inf if step_m else 0.0
-    return np.asarray(error, np.float32)
 
 
 def pictures_in(path: Path) -> list[Path]:
