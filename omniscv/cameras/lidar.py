@@ -120,7 +120,8 @@ class Lidar(Camera):
     "hdl-32e", "os1-64", "os1-128" or the file of a table (Ouster's metadata, Velodyne's YAML, NCore's JSON,
     CSV with columns elevation and azimuth, _deg); or ``table``, the arguments of :class:`LidarTable`;
     ``frozen``, whether all of a scan is of one instant: else a job's sensor moves while it turns.
-    Domain: every pixel; the size is the table's if not given. Points are seen from about 0.1 metres on.
+    Domain: every pixel; the size is the table's if not given. Points are seen from about 0.1 metres on; near
+    ones perhaps by two beams of a moving sensor whose channels have azimuths: ``project`` returns the first.
     Source: Ouster SDK, ``xyzlut.cpp``; ROS driver of Velodyne, ``rawdata.cc``.
     """
 
