@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from omniscv.chart import accuracy, central, drawing, failures, stability
+from omniscv.chart import accuracy, central, drawing, failures
 from omniscv.chart.drawing import Dot, Look
 from omniscv.cli import reports, run
 
@@ -35,11 +35,6 @@ CHARTS = {
         failures,
         lambda: of_docs(failures, "chart-failures")[:8],
         ("found by the doctor",),
-    ),
-    "stability": (
-        stability,
-        lambda: stability.measure(models=["equirectangular", "octahedral"]),
-        ("octahedral",),
     ),
 }
 
