@@ -17,11 +17,10 @@ from omniscv.calibration import colmap, nvidia, opencv, table
 from omniscv.calibration.documents import Content
 from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.forms import Entry, Form
-from omniscv.calibration.hugin import HUGIN
 from omniscv.calibration.intrinsics import check_limits
 from omniscv.calibration.kalibr import KALIBR
 from omniscv.calibration.nodes import Node, plain
-from omniscv.calibration.ocamcalib import OCAMCALIB
+from omniscv.calibration.ocamcalib import HUGIN, OCAMCALIB
 from omniscv.cameras import Camera, from_dict, names
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, StorageError

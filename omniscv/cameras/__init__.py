@@ -6,7 +6,7 @@ from omniscv.cameras.registry import create, from_dict, model, names, register
 # isort: off
 # Modules register their models: the order of the documentation.
 from omniscv.cameras.panoramas import Cylindrical, Equirectangular
-from omniscv.cameras.cube_maps import CubeMap, EquiangularCube, Octahedral
+from omniscv.cameras.panoramas import CubeMap, EquiangularCube, Octahedral
 from omniscv.cameras.fisheyes import (
     FisheyeEquidistant,
     FisheyeEquisolid,

@@ -1,11 +1,118 @@
-"""OpenCV's distortion of the plane: rational and tangential terms, and a thin prism."""
+"""OpenCV's distortion of the plane; roots and inverses of increasing functions, such as its radial part."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
+from numpy.typing import ArrayLike
 
 from omniscv.cameras.base import Array
-from omniscv.cameras.monotone import first_positive_root
+
+_CELLS = 1 << 11
+_MOST_STEPS = 100
+
+
+class Increasing:
+    """``p(x) = c1 x + c2 x^2 + ...``, c1 > 0, from x = 0 to where it turns back, and its inverse there.
+
+    Args:
+        coefficients: (N,) 0, c1, c2 ...
+        most: the largest x.
+
+    Attributes:
+        end, last: the last x, and p there.
+    """
+
+    def __init__(self, coefficients: Array, most: float) -> None:
+        self._coefficients = np.array(coefficients)
+        slope = polyder(self._coefficients)
+        # The slope of an odd polynomial is even: its first root is the square root of one in x^2.
+        odd = not slope[1::2].any()
+        turn = np.sqrt(first_positive_root(slope[::2])) if odd else first_positive_root(slope)
+        self.end = float(np.minimum(turn, most))
+        self.last = float(self(np.array(self.end)))
+        x = np.linspace(0.0, self.end, 2 * _CELLS)
+        y = np.maximum.accumulate(self(x))
+        self._table = np.interp(np.linspace(0.0, self.last, _CELLS + 1), y, x)
+        self._table.flags.writeable = self._coefficients.flags.writeable = False
+        if not np.isfinite(self._table).all():
+            self.end = self.last = np.nan  # cameras refuse it
+
+    def __call__(self, x: Array) -> Array:
+        return np.asarray(polyval(x, self._coefficients))
+
+    def inverse(self, y: Array) -> Array:
+        """Return the x of values 0 <= y <= ``last``."""
+        from omniscv.cameras import camera_kernels  # slow to load
+
+        flat = np.require(np.asarray(y).reshape(-1), requirements=("C", "W"))
+        x = camera_kernels.invert(flat, self._coefficients, self._table, self.last)
+        return np.asarray(x.reshape(np.shape(y)))
+
+
+def first_positive_root(coefficients: ArrayLike) -> float:
+    """Return the least x > 0 where ``c_0 + c_1 x + ...``, positive at 0, becomes negative; else infinity.
+
+    NaN where a coefficient is too many times c_0 for float64; cameras refuse it.
+    """
+    trimmed = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "b")
+    if trimmed.size < 2:
+        return np.inf
+    if not np.isfinite(trimmed / trimmed[0]).all():
+        return np.nan
+    # The least root is the greatest reciprocal, which the solver finds best. Coinciding roots come out
+    # scattered in the complex plane; a crossing is next to the real part of one.
+    roots = 1 / np.roots(trimmed).astype(np.complex128)
+    near = np.sort(roots.real[np.isfinite(roots) & (roots.real > 0)])
+    between = np.sqrt(near) * np.sqrt(np.append(near[1:], 4 * near[-1:]))
+    # The polynomial does not cross a root that it only touches: the branch continues.
+    rounding = np.finfo(np.float64).eps * len(trimmed) * polyval(between, np.abs(trimmed))
+    negative = np.flatnonzero(polyval(between, trimmed) < -rounding)
+    if not negative.size:
+        return np.inf
+    first = negative[0]
+    low, high = between[first - 1] if first else near[0] / 2, between[first]
+    for _ in range(70):  # halves the ratio of the two, down to the last digit
+        middle = np.sqrt(low) * np.sqrt(high)
+        low, high = (low, middle) if polyval(middle, trimmed) < 0 else (middle, high)
+    return float(low)
+
+
+def increasing_root(value: Callable[..., Array], low: Array, high: Array, *others: Array) -> Array:
+    """Return the roots of N functions that rise from negative to positive between ``low`` and ``high``.
+
+    Where rounding hides the change of sign, it is the end next to it. Regula falsi: a step scales the value
+    at the end that it keeps as Anderson and Björck do, so that the next one is not short. Converged roots
+    are set aside when they are the majority, so that a few slow ones cost little.
+
+    Args:
+        value: of arguments, and of ``others`` of the same functions.
+        low, high, others: (N,).
+    """
+    below, above = value(low, *others), value(high, *others)
+    root = np.where(below > 0, low, high)
+    index = np.flatnonzero((below <= 0) & (above >= 0))
+    each = [values[index] for values in (low, high, below, above, *others)]
+    for _ in range(_MOST_STEPS):
+        if not index.size:
+            break
+        low, high, below, above, *others_of = each
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = high - above * ((high - low) / (above - below))
+            x = np.where((step >= low) & (step <= high), step, 0.5 * (low + high))
+            y = value(x, *others_of)
+            rises = y < 0
+            kept = 1 - y / np.where(rises, below, above)
+        kept = np.where(kept > 0, kept, 0.5)
+        moving = np.abs(x - root[index]) > 4e-16 * x
+        root[index] = x
+        low, high = np.where(rises, x, low), np.where(rises, high, x)
+        each = [low, high, np.where(rises, y, below * kept), np.where(rises, above * kept, y), *others_of]
+        if 2 * np.count_nonzero(moving) <= index.size:
+            index, each = index[moving], [values[moving] for values in each]
+    return root
+
 
 _TABLE = 512  # cells of the table of undistorted radii
 

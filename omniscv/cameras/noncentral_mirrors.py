@@ -11,7 +11,7 @@ import numpy as np
 
 from omniscv.arguments import number, optional_number, whole_number
 from omniscv.cameras.base import FARTHEST, Array, Viewpoints, polar
-from omniscv.cameras.monotone import increasing_root
+from omniscv.cameras.distortion import increasing_root
 from omniscv.cameras.radial import CircleCamera, Meridian
 from omniscv.cameras.registry import register
 from omniscv.geometry.arrays import ROUNDING

@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 from omniscv.arguments import number, numbers, one_of, optional_number, shown
 from omniscv.cameras.base import Array
-from omniscv.cameras.distortion import Distortion
+from omniscv.cameras.distortion import Distortion, Increasing, first_positive_root, increasing_root
 from omniscv.cameras.lens_parameters import Parameters
-from omniscv.cameras.monotone import Increasing, first_positive_root, increasing_root
 from omniscv.cameras.radial import BEFORE_TURN, FocalLens, Lens, Meridian
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError

@@ -33,11 +33,10 @@ from omniscv.sources.base import Color
 from omniscv.sources.codecs import UNREAL_SKY, show_light
 from omniscv.sources.recording.folders import INDEX, import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
-from omniscv.sources.unreal import exposure, protocol
+from omniscv.sources.unreal import exposure, open_connection, protocol
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.driver import SETTLED
 from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
-from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LEGACY, LIT_VIEW_MODE, SCENE, VERSION
 
 _MODES = ("depth", "lit", "object_mask")

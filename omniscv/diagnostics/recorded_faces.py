@@ -18,8 +18,7 @@ from omniscv.pictures import png
 from omniscv.sources.base import Request, Source
 from omniscv.sources.developing.cube import Cube
 from omniscv.sources.developing.seams import estimate_gains
-from omniscv.sources.developing.slips import proven_turns
-from omniscv.sources.developing.vignette import POOLED, pooled_vignette
+from omniscv.sources.developing.slips import POOLED, pooled_vignette, proven_turns
 from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.storage.local import whole_file
 

@@ -23,9 +23,8 @@ from omniscv.diagnostics.server import FACES, RawCamera
 from omniscv.errors import SourceError
 from omniscv.geometry import Array
 from omniscv.sources.registry import Deadlines
-from omniscv.sources.unreal import protocol
+from omniscv.sources.unreal import open_connection, protocol
 from omniscv.sources.unreal.client import Connection, address_of
-from omniscv.sources.unreal.opening import open_connection
 from omniscv.storage.local import whole_file
 
 _ALWAYS = (protocol.VERSION, protocol.SCENE, "vget /unrealcv/status", "vget /unrealcv/help", "vget /objects")

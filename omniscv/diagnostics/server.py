@@ -14,8 +14,8 @@ from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import Color, View
 from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.registry import Deadlines
+from omniscv.sources.unreal import open_connection
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.opening import open_connection
 from omniscv.sources.unreal.protocol import Reply, checked, described, fov
 from omniscv.sources.unreal.source import open_driver
 

@@ -32,7 +32,7 @@ _HOST_AND_PORT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:]+\]):\d+")
 
 _SQLITE = b"SQLite format 3\0"
 
-_UNREAL = "omniscv.sources.unreal.opening"
+_UNREAL = "omniscv.sources.unreal"
 _RECORDING = "omniscv.sources.recording.replay:RecordedSource"
 _openers: dict[str, Opener | str] = {
     "unreal": f"{_UNREAL}:open_unreal",

@@ -18,8 +18,7 @@ import pytest
 if TYPE_CHECKING:
     import mock_server
     from omniscv.sources import Source
-    from omniscv.testing.cameras import check_camera
-    from omniscv.testing.sources import check_source
+    from omniscv.testing.contracts import check_camera, check_source
 
 
 __all__ = ["check_camera", "check_source", "recorded_dir", "recorded_source", "unreal_server"]
@@ -34,10 +33,9 @@ _MARKERS = {
 
 def __getattr__(name: str) -> Any:
     """Import the contracts when a test uses them."""
-    homes = {"check_camera": "cameras", "check_source": "sources"}
-    if name not in homes:
+    if name not in ("check_camera", "check_source"):
         raise AttributeError(f"module 'omniscv.testing' has no attribute {name!r}")
-    return resolve_name(f"omniscv.testing.{homes[name]}:{name}")
+    return resolve_name(f"omniscv.testing.contracts:{name}")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -10,7 +10,7 @@ from examples import changed, example_cameras, takes_center
 from omniscv import cameras
 from omniscv.cameras.radial import CircleCamera
 from omniscv.errors import ArgumentError
-from omniscv.testing.cameras import CHECKS, NUMERIC_CHECKS, check_points, check_round_trip
+from omniscv.testing.contracts import CHECKS, NUMERIC_CHECKS, check_points, check_round_trip
 
 EXAMPLES = example_cameras()
 PIXELS = np.stack(np.meshgrid([0.5, 20.5, 30.5, 44.5], [0.5, 22.5, 31.5]), axis=-1)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from omniscv.cameras import create
-from omniscv.cameras.cube_maps import LAYOUTS
+from omniscv.cameras.panoramas import LAYOUTS
 
 FACE = 64  # px
 SIZES = {name: (FACE * len(rows[0]), FACE * len(rows)) for name, rows in LAYOUTS.items()}

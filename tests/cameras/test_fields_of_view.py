@@ -14,7 +14,7 @@ from support.cases import cases
 
 from omniscv import cameras
 from omniscv.errors import ArgumentError
-from omniscv.testing.cameras import PIXEL_TOLERANCE, round_trip_error
+from omniscv.testing.contracts import PIXEL_TOLERANCE, round_trip_error
 
 SQUARE = {"width": 101, "height": 101}
 KB = {"fx": 12.0, "fy": 12.0}

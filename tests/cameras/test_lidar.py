@@ -10,7 +10,7 @@ import yaml
 from omniscv import cameras
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL
-from omniscv.testing.cameras import check_round_trip
+from omniscv.testing.contracts import check_round_trip
 
 
 def in_sensor(vectors):

@@ -9,7 +9,7 @@ from omniscv.cameras.rolling_shutter import as_shutter
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory
-from omniscv.testing.cameras import check_round_trip
+from omniscv.testing.contracts import check_round_trip
 
 BASE = create("fisheye-equidistant", 48, 36, fov_deg=150)
 START = Pose.from_angles((1.0, 2.0, 1.5), yaw_deg=30, pitch_deg=10)

@@ -12,8 +12,8 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan, room_of_scene
 
 from omniscv import Pose, cameras, cli
 from omniscv.errors import ArgumentError
-from omniscv.evaluate import Settings, run
-from omniscv.evaluate.layout import PAPER, figures, panoramas, scores
+from omniscv.evaluate import Settings, layout, run
+from omniscv.evaluate.layout import PAPER, figures, scores
 from omniscv.evaluate.layout.predictions import Prediction, draw_maps
 from omniscv.truth import project_layout
 from omniscv.truth.layout_labels import cor_id, exact_maps, original_maps
@@ -38,7 +38,7 @@ objects:
 
 def shot_of(plan, yaw_deg=20.0):
     lit = np.zeros((256, 512, 3), np.uint8)
-    return panoramas.with_truth(
+    return layout.with_truth(
         "shot", lit, room_of_plan(plan), PANORAMA, Pose.from_angles((0, 0, 1.5), yaw_deg)
     )
 
@@ -104,7 +104,7 @@ def test_maps_alone_have_no_scores_of_corners():
 
 def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
     """The file knows no room: it is fitted to panoramas of the two places."""
-    shots = list(panoramas.render(Settings(Path(), quick=True, source=str(RECORDING))))
+    shots = list(layout.render(Settings(Path(), quick=True, source=str(RECORDING))))
     assert [shot.name for shot in shots] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
     room = room_of_scene("four-wall")
     expected = [cor_id(room, PANORAMA, Pose.from_angles(*pose)) for pose in itertools.product(*RECORDED)]
@@ -114,11 +114,11 @@ def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
 
 def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, monkeypatch):
     """A cabin with free space for one viewpoint; its own truth is the prediction."""
-    monkeypatch.setattr(panoramas, "_QUICK_WIDTH", 256)
+    monkeypatch.setattr(layout, "_QUICK_WIDTH", 256)
     scene, out, given = tmp_path / "cabin.yaml", tmp_path / "out", tmp_path / "given"
     scene.write_text(CABIN)
     given.mkdir()
-    for shot in panoramas.render(Settings(out, quick=True, source=f"scene://{scene}")):
+    for shot in layout.render(Settings(out, quick=True, source=f"scene://{scene}")):
         (given / f"{shot.name}.txt").write_text("".join(f"{x} {y}\n" for x, y in shot.corners.tolist()))
     arguments = ["--quick", "--source", f"scene://{scene}", "--predictions", str(given), "--out", str(out)]
     assert cli.run(["evaluate", "layout", *arguments]) == 0

@@ -11,7 +11,7 @@ from support.rooms import L_SHAPE, PLAIN, room_of_plan
 
 from omniscv import Pose, cameras
 from omniscv.errors import ArgumentError
-from omniscv.evaluate.layout import panoramas
+from omniscv.evaluate import layout
 from omniscv.evaluate.layout.predictions import draw_maps, read
 from omniscv.truth.layout_labels import cor_id
 
@@ -75,8 +75,8 @@ def test_deep_and_coloured_maps_are_read_too(tmp_path):
 
 def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
     lit = np.zeros((WIDTH // 2, WIDTH, 3), np.uint8)
-    shot = panoramas.with_truth("shot", lit, room_of_plan(L_SHAPE), PANORAMA, POSE)
-    panoramas.write(shot, tmp_path)
+    shot = layout.with_truth("shot", lit, room_of_plan(L_SHAPE), PANORAMA, POSE)
+    layout.write(shot, tmp_path)
     predictions = read(tmp_path, ["shot"], WIDTH)["shot"]
     assert predictions.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
     for read_back, drawn in zip(predictions.maps, shot.maps, strict=True):

@@ -19,8 +19,8 @@ from omniscv.sources import Request
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
+from omniscv.sources.unreal import open_connection
 from omniscv.sources.unreal.objects import boxes
-from omniscv.sources.unreal.opening import open_connection
 
 SCENE = mock_server.load_scene("four-wall")
 SMALL = "mock://four-wall?dialect=0.3.10&size=16x16"

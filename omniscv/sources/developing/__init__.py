@@ -19,8 +19,7 @@ from omniscv.render_options import RenderOptions
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, known_objects
 from omniscv.sources.developing.cube import Cube
 from omniscv.sources.developing.seams import mend
-from omniscv.sources.developing.slips import proven_turns, straightened
-from omniscv.sources.developing.vignette import POOLED, pooled_vignette
+from omniscv.sources.developing.slips import POOLED, pooled_vignette, proven_turns, straightened
 from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.sources.recorded_views import RecordedViews
 

@@ -10,7 +10,7 @@ import omniscv
 from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.sources import Capabilities, Lens, Request, View
-from omniscv.sources.unreal.opening import open_connection
+from omniscv.sources.unreal import open_connection
 
 DIALECTS = ["0.3.10", "M", "N1", "N2", "N3"]
 SIZE = 48

@@ -19,8 +19,8 @@ from omniscv.diagnostics.server import RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
+from omniscv.sources.unreal import open_connection
 from omniscv.sources.unreal.objects import boxes, colors, paint
-from omniscv.sources.unreal.opening import open_connection
 
 EDGE = 64
 
