@@ -113,7 +113,9 @@ def test_aims_are_reached(ways):
     assert all(row.doubtful <= row.aim == 0.1 for row in asked)
 
 
-@pytest.mark.parametrize("address", ["scene://four-wall", "mock://four-wall"])
+@pytest.mark.parametrize(
+    "address", ["scene://four-wall", pytest.param("mock://four-wall", marks=pytest.mark.soak)]
+)
 def test_a_camera_of_ones_own_stands_on_the_chart(address, tmp_path, monkeypatch):
     """In a source that traces, wrong pixels are known and seconds modelled; else seconds are measured."""
     monkeypatch.setattr(accuracy, "AIMS", ())

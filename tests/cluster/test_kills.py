@@ -61,6 +61,7 @@ def workers_of(process):
     return [each for each, line in below(process).items() if "--multiprocessing-fork" in line]
 
 
+@pytest.mark.soak
 def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
     """A terminal sends Ctrl-C to the workers too."""
     make(load(job_of(tmp_path, "single", rate=12)))

@@ -40,6 +40,7 @@ def test_a_beat_is_marked():
     assert max(unmarked("beat")) <= 0.005
 
 
+@pytest.mark.soak
 def test_a_beat_that_is_found_is_captured_finer(tmp_path):
     at = np.arange(-2.5, 2.5, PITCH_M)
     bars = (f"{{box: [0.02, {0.6 * PITCH_M:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)

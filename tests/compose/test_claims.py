@@ -223,7 +223,11 @@ class Inexact(SourceWrapper):
 
 @pytest.mark.parametrize(
     ("name", "whole"),
-    [("fisheye-equidistant", False), ("noncentral-panorama", True), ("noncentral-spherical-mirror", True)],
+    [
+        ("fisheye-equidistant", False),
+        ("noncentral-panorama", True),
+        pytest.param("noncentral-spherical-mirror", True, marks=pytest.mark.soak),
+    ],
 )
 def test_depth_of_a_source_that_is_not_exact_is_bounded(tmp_path, name, whole):
     camera = {

@@ -190,7 +190,12 @@ def test_a_replay_is_the_image_and_one_without_finer_views_says_so(one_percent):
     ("camera", "options", "reason"),
     [
         (PANORAMA, {"accuracy": "0.1%", "most_captures": 30}, "a budget is spent"),
-        (create("noncentral-panorama", 48, 24, radius=1.0), {"accuracy": "0.01%"}, "no finer view fits"),
+        pytest.param(
+            create("noncentral-panorama", 48, 24, radius=1.0),
+            {"accuracy": "0.01%"},
+            "no finer view fits",
+            marks=pytest.mark.soak,
+        ),
     ],
 )
 def test_a_replay_ends_for_the_reason_of_the_live_image(camera, options, reason, tmp_path):
