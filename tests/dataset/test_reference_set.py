@@ -2,6 +2,7 @@
 
 import json
 import runpy
+from pathlib import Path
 
 import numpy as np
 import pycolmap
@@ -66,6 +67,25 @@ def test_poses_depth_and_lens_meet_the_surfaces(name, reference):
         assert (
             np.abs(distance_m - true_m)[known].max() < 0.02
         )  # whole mm; depth of faces of 60 px, inexact left out
+
+
+def test_the_pinhole_as_lichtfeld_studio_reads_it(reference):
+    """Its convention (``src/io/formats/transforms.cpp``, ``fastgs/.../kernels_forward.cuh``, read in 2026): the
+    camera's y and z are reversed, the world is turned about Y, a point is seen at x fx + cx, pixel centres at .5.
+    """
+    folder = reference / "set/exports/nerfstudio/pinhole"
+    lens = json.loads((folder / "transforms.json").read_text())
+    frames = {frame.key: frame for frame in dataset.open(reference / "set")}
+    for entry in lens["frames"]:
+        frame = frames[Path(entry["file_path"]).stem]
+        to_world = np.array(entry["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+        to_camera = np.linalg.inv(to_world) @ np.diag([-1, 1, -1, 1])  # of its world
+        rays, depth = frame.camera.unproject(), frame.layer("depth")
+        seen = np.isfinite(depth) & (depth > 0)
+        points_w = frame.pose.to_world((depth[..., None] * rays.directions)[seen])
+        points = points_w * (-1, 1, -1) @ to_camera[:3, :3].T + to_camera[:3, 3]
+        pixels = points[:, :2] / points[:, 2:] * (lens["fl_x"], lens["fl_y"]) + (lens["cx"], lens["cy"])
+        np.testing.assert_allclose(pixels, frame.camera.pixels()[seen], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", LENSES)
