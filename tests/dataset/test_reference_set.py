@@ -70,9 +70,8 @@ def test_poses_depth_and_lens_meet_the_surfaces(name, reference):
 
 
 def test_the_pinhole_as_lichtfeld_studio_reads_it(reference):
-    """Its convention (``src/io/formats/transforms.cpp``, ``fastgs/.../kernels_forward.cuh``, read in 2026): the
-    camera's y and z are reversed, the world is turned about Y, a point is seen at x fx + cx, pixel centres at .5.
-    """
+    """As its ``transforms.cpp`` and ``kernels_forward.cuh`` of 2026 have it: the camera's y and z turn round,
+    the world is turned about Y, a point is seen at x fx + cx, pixel centres are at .5."""
     folder = reference / "set/exports/nerfstudio/pinhole"
     lens = json.loads((folder / "transforms.json").read_text())
     frames = {frame.key: frame for frame in dataset.open(reference / "set")}
