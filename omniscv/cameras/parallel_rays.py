@@ -76,9 +76,8 @@ class PushBroom(Camera):
         return (u / self.width - 0.5)[..., None] * self.travel
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
-        x, part = points[..., 0], np.zeros(points.shape[:-1])
-        if not self.readout:  # at rest all columns see one plane
-            part = x / self.travel[0]
+        x = points[..., 0]
+        part = np.zeros_like(x) if self.readout else x / self.travel[0]  # at rest all columns see one plane
         ahead = points - part[..., None] * self.travel
         z = ahead[..., 2]
         pixels = (part + 0.5) * self.width, self.height / 2 + self.focal * ahead[..., 1] / z

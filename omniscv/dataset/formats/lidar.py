@@ -82,17 +82,16 @@ class KittiLidar(Format):
                 values = np.zeros((len(points), 4), "<f4")
                 for column, name in enumerate(("x", "y", "z", "intensity")):
                     values[:, column] = points[name] if name in points.dtype.fields else 0
-                written.append(write_bytes(out / "velodyne" / f"{i:06d}.bin", values.tobytes()))
-                seconds = points["time"].astype("<f4")
-                written.append(write_bytes(out / "seconds" / f"{i:06d}.bin", seconds.tobytes()))
+                of_scan = {"velodyne": values, "seconds": points["time"].astype("<f4")}
                 if "label" in points.dtype.fields:
                     classes = points["class"] if "class" in points.dtype.fields else 0
                     labels = (points["label"].astype("<u4") << 16) | classes
-                    written.append(
-                        write_bytes(out / "labels" / f"{i:06d}.label", labels.astype("<u4").tobytes())
-                    )
+                    of_scan["labels"] = labels.astype("<u4")
                 if "doubt" in points.dtype.fields:
-                    written.append(write_bytes(out / "doubt" / f"{i:06d}.bin", points["doubt"].tobytes()))
+                    of_scan["doubt"] = points["doubt"]
+                for name, array in of_scan.items():
+                    suffix = "label" if name == "labels" else "bin"
+                    written.append(write_bytes(out / name / f"{i:06d}.{suffix}", array.tobytes()))
             axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
             rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
             lines = (

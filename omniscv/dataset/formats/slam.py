@@ -100,22 +100,18 @@ class Kalibr(Format):
 
 
 def _chain(rig: Rig, on_imu: bool = False) -> str:
-    first = next(iter(rig.cameras)) if on_imu else None
-    seen = rig.seen_from(first) if first is not None else rig
-    chain = yaml.safe_load(
-        KALIBR.write({f"cam{i}": mounted for i, mounted in enumerate(seen.cameras.values())}, rig=True)
-    )
-    numbered = {f"cam{i}": mounted for i, mounted in enumerate(rig.cameras.values())}
-    for entry, mounted in zip(chain.values(), numbered.values(), strict=True):
+    seen = rig.seen_from(next(iter(rig.cameras))) if on_imu else rig
+    numbered = {f"cam{i}": mounted for i, mounted in enumerate(seen.cameras.values())}
+    chain = yaml.safe_load(KALIBR.write(numbered, rig=True))
+    for entry, (camera_name, mounted) in zip(chain.values(), rig.cameras.items(), strict=True):
         if on_imu:
             entry |= {"T_cam_imu": matrix_of_pose(mounted.pose.inverse()), "timeshift_cam_imu": 0.0}
-    for camera_name, entry, mounted in zip(rig.cameras, chain.values(), numbered.values(), strict=True):
         sizes = mounted.camera.width, mounted.camera.height
         pixels = np.meshgrid(*(np.linspace(0, size, _SAMPLES) for size in sizes))
         rays = mounted.camera.unproject(np.stack(pixels, axis=-1))
         directions = rays.directions[rays.valid]  # of points far away
         entry["rostopic"], entry["cam_overlaps"] = f"/{camera_name}", []
-        for i, other in enumerate(numbered.values()):
+        for i, other in enumerate(rig.cameras.values()):
             R_other_camera = other.pose.rotation.T @ mounted.pose.rotation
             if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
                 entry["cam_overlaps"].append(i)
@@ -164,12 +160,10 @@ class Euroc(Format):
         track, root, written, names = track_of(frames), out / "mav0", list[Path](), ""
         for i, (name, mine) in enumerate(by_camera(frames).items()):
             folder, names = root / f"cam{i}", f"{names}cam{i} {name}\n"
-            pictures = [f"{frame.time_ns or 0:019d}.png" for frame in mine]
-            for picture, frame in zip(pictures, mine, strict=True):
-                written.append(write_color(folder / "data" / picture, frame))
-            rows = "".join(
-                f"{frame.time_ns or 0},{picture}\n" for picture, frame in zip(pictures, mine, strict=True)
-            )
+            stamps = [frame.time_ns or 0 for frame in mine]
+            for stamp, frame in zip(stamps, mine, strict=True):
+                written.append(write_color(folder / "data" / f"{stamp:019d}.png", frame))
+            rows = "".join(f"{stamp},{stamp:019d}.png\n" for stamp in stamps)
             written.append(write_text(folder / "data.csv", f"#timestamp [ns],filename\n{rows}"))
             written.append(_sensor(folder, "camera", track.on_body(mine[0]), _camera(mine)))
         samples, body = track.samples(), Pose(np.zeros(3), np.eye(3))
