@@ -31,7 +31,6 @@ export: [webdataset]
 """
 FORMATS = (
     "coco",
-    "omni3d",
     "webdataset",
     "ply",
     "flow",

@@ -3,11 +3,12 @@
 import json
 from pathlib import Path
 
+import failures
 import numpy as np
 import pytest
 from PIL import Image
 
-from omniscv.chart import accuracy, central, drawing, failures
+from omniscv.chart import accuracy, central, drawing
 from omniscv.chart.drawing import Dot, Look
 from omniscv.cli import reports, run
 

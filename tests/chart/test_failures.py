@@ -3,10 +3,9 @@
 import json
 from pathlib import Path
 
+import failures
 import pytest
-
-from omniscv.chart import failures
-from omniscv.chart.failures import Cause, Row
+from failures import Cause, Row
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -86,23 +86,3 @@ def test_planar_presets_are_refused_for_other_cameras(scale, tmp_path):
         format.check_options(format.read_options({"scale": scale}), {"cam": PANORAMA})
     with pytest.raises(ArgumentError, match="scale: expected a preset"):
         export(tmp_path, np.ones((16, 32)), PANORAMA, scale=scale)
-
-
-@pytest.mark.parametrize(
-    ("scale", "half", "off"), [("symmetric", 32767.5, 0.501), ("matterport", 32768, 1.0)]
-)
-def test_normals(scale, half, off, tmp_path):
-    draw = np.random.default_rng(2)
-    normals = draw.normal(size=(16, 32, 3))
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    normals[0, 0], normals[0, 1], normals[0, 2] = 0, (1, 0, 0), (0, 0, -1)
-    frame = frame_of(tmp_path, {"normals": normals.astype(np.float32)}, PANORAMA, POSE)
-    path, meaning = get("normals_png").export([frame], tmp_path, {"scale": scale})
-    read = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1]
-    assert read.dtype == np.uint16
-    assert read[0, 0].tolist() == [0, 0, 0]
-    assert read[0, 1, 0] == 65535
-    error = np.abs(read - half * (1 + normals.astype(np.float32).astype(float)))
-    assert error[1:].max() <= 0.501
-    assert error[0, 1:].max() <= off
-    assert json.loads(meaning.read_text())["replaced"] == {"cam": 1}

@@ -111,7 +111,6 @@ truth: {poses: true, flow: {backward: true}, tolerance: {abs_m: 0.03}}
 export:
   - {format: ply, voxel: 0.1, max_relative_error: 0.001}
   - {format: depth-png, scale: stanford2d3d}
-  - normals_png
   - poses
   - {format: kalibr, cameras: [lens]}
   - {format: colmap, points: 0.2}

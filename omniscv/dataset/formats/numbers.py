@@ -1,4 +1,4 @@
-"""Layers as PNG of whole numbers: ``depth_png`` and ``normals_png``.
+"""Depth as PNG of whole numbers.
 
 ``depth_png`` writes ``depth/STEM.png``, and ``depth/depth.json``, which describes the numbers.
 
@@ -6,21 +6,9 @@ The option ``scale`` names one of ``PRESETS``; ``mm`` is that of nerfstudio, too
 Planar depth is measured along the camera's axis, and exists for pinhole cameras only. Depth that the numbers
 cannot hold becomes the preset's none; nothing is clamped. ``depth.json`` counts by frame what became none:
 ``beyond`` the numbers, ``infinite``, and ``outside`` the field of view. Half a step is rounded to even.
-
-``normals_png`` writes ``normals/STEM.png`` of 16 bits, RGB, and ``normals/normals.json``.
-
-Unit vectors in the camera frame (x right, y down, z forward), x in red, each component n as a number of 16
-bits, by the option ``scale``:
-
-``symmetric`` (default)
-    ``32767.5 (1 + n)``: exact at both ends, at most half a step off.
-``matterport``
-    ``32768 (1 + n)``; n = 1, which would be 65536, is 65535, a step off.
-
-(0, 0, 0), which is no unit vector, stands for none; ``normals.json`` counts such pixels by frame.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -120,32 +108,6 @@ def _axis_cosines(camera: Camera) -> NDArray[np.float64]:
     return np.nan_to_num(camera.unproject().directions[..., 2])
 
 
-def write_numbers(
-    frames: Sequence[Frame],
-    folder: Path,
-    encode: Callable[[Frame], tuple[NDArray[Any], Any]],
-    description: Mapping[str, Any],
-) -> list[Path]:
-    """Write a layer of frames as whole numbers: ``KEY.png``, and ``FOLDER.json``, which describes them.
-
-    Args:
-        frames: with the layer.
-        folder: of the files; made if it is not there.
-        encode: returns the pixels of a frame, and what of them is replaced, for the description.
-        description: plain values.
-    """
-
-    def write(frame: Frame) -> tuple[Path, Any]:
-        pixels, replaced = encode(frame)
-        return write_pixels(folder / f"{frame.key}.png", pixels), replaced
-
-    folder.mkdir(parents=True, exist_ok=True)
-    written = side_by_side(write, frames)
-    replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
-    content = {**description, "replaced": replaced}
-    return [*(path for path, _ in written), write_json(folder / f"{folder.name}.json", content)]
-
-
 @record
 class DepthPngOptions:
     """Options of the format."""
@@ -175,51 +137,14 @@ class DepthPng(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: DepthPngOptions) -> list[Path]:
         kinds = options.kinds({frame.camera_name: frame.camera for frame in frames})
         preset = PRESETS[options.scale]
-        description = {"scale": options.scale, **asdict(preset), "kind": kinds}
-        return write_numbers(
-            frames,
-            out / "depth",
-            lambda frame: encode(frame.layer("depth"), frame.camera, preset),
-            description,
-        )
 
+        def write(frame: Frame) -> tuple[Path, Any]:
+            pixels, replaced = encode(frame.layer("depth"), frame.camera, preset)
+            return write_pixels(folder / f"{frame.key}.png", pixels), replaced
 
-# -- normals ---------------------------------------------------------------------------------------------
-
-_SCALES = {"symmetric": 32767.5, "matterport": 32768.0}
-
-
-@record
-class NormalsPngOptions:
-    """Options of the format."""
-
-    scale: str = checked(one_of, words=_SCALES, default="symmetric", help="how numbers are scaled")
-
-
-@register
-class NormalsPng(Format):
-    """See the module."""
-
-    name = "normals_png"
-    needs = ("normals",)
-    options = NormalsPngOptions
-
-    def write(self, frames: Sequence[Frame], out: Path, options: NormalsPngOptions) -> list[Path]:
-        half = _SCALES[options.scale]
-        description = {
-            "scale": options.scale,
-            "half": half,
-            "none": [0, 0, 0],
-            "frame": "camera: x right, y down, z forward",
-        }
-        return write_numbers(
-            frames, out / "normals", lambda frame: encode_normals(frame.layer("normals"), half), description
-        )
-
-
-def encode_normals(normals: NDArray[np.float32], half: float) -> tuple[NDArray[np.uint16], int]:
-    """Return (H, W, 3) normals as whole numbers around ``half``, and how many pixels have none."""
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)  # 0 or NaN without a normal
-    known = length > 0
-    codes = np.rint(half * (1 + np.where(known, normals, -1).astype(np.float64)))
-    return np.minimum(codes, 65535).astype(np.uint16), int(np.count_nonzero(~known))
+        folder = out / "depth"
+        folder.mkdir(parents=True, exist_ok=True)
+        written = side_by_side(write, frames)
+        replaced = {frame.key: counts for frame, (_, counts) in zip(frames, written, strict=True)}
+        content = {"scale": options.scale, **asdict(preset), "kind": kinds, "replaced": replaced}
+        return [*(path for path, _ in written), write_json(folder / "depth.json", content)]
