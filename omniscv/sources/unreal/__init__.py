@@ -64,10 +64,11 @@ def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener
 @_opener
 def open_unreal(address: str, connect: Connect, host: ExitStack) -> Source:
     """Open ``unreal://host:port`` or ``unreal+unix:///path``."""
+    endpoint = _endpoint(address)
     if "camera=" in urlsplit(address).query:
         expected = "expected no ?camera, as captures are of a camera that is spawned"
         raise ArgumentError(f"source: {expected}, got {shown(address)}; give --position, --yaw and --pitch")
-    return connect(_endpoint(address))
+    return connect(endpoint)
 
 
 @_opener
