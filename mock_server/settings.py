@@ -8,7 +8,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2", "Dev"]
+DialectName = Literal["N3", "1.x", "0.3.10", "L", "M", "N1", "N2"]
 """Dialects by name. The letters are those of the protocol reference; ``1.x`` is the newest of them."""
 
 Depth = Literal["half", "float32"]

@@ -76,8 +76,7 @@ def _limited(angle: float) -> float:
 class Camera:
     """A capture camera; ``actor`` is the name of its actor if it was spawned.
 
-    ``manual`` is whether its exposure is; ``bias`` is of its exposure, in stops. The files of one that
-    ``is_fast`` come after the replies.
+    ``manual`` is whether its exposure is; ``bias`` is of its exposure, in stops.
     """
 
     name: str
@@ -88,7 +87,6 @@ class Camera:
     actor: str = ""
     manual: bool = False
     bias: float = 0.0
-    is_fast: bool = False
     cine: Cine = field(default_factory=Cine)
 
     def has_pixels(self) -> bool:

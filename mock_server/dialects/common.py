@@ -9,7 +9,6 @@ import os
 import re
 import tempfile
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +58,6 @@ _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
     # 0 for no digits, 2^31 - 1 for ten and more
     "[uint]": (r"(\d*)", lambda digits: int(digits or 0) if len(digits) < 10 else (1 << 31) - 1),
-    "[camera_id]": (r"(\d*|CID-[\w-]*)", str),
     "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
 }
 
@@ -76,7 +74,7 @@ class Command:
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
         self.template, self.description, self.handler = template, description, handler
         self.verb = template.partition(" ")[0]
-        parts = re.split(r"(\[(?:str|uint|float|camera_id)\])", template)
+        parts = re.split(r"(\[(?:str|uint|float)\])", template)
         patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
         self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
         self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
@@ -100,7 +98,6 @@ class OutputFolder:
 
     def __init__(self, folder: Path | None = None, anywhere: bool = False) -> None:
         self._folder, self._anywhere, self._numbers = folder, anywhere, itertools.count(1)
-        self._frames: deque[list[tuple[str, bytes]]] = deque([[], []])  # files to write later
         self._opened = contextlib.ExitStack()
         self.close = self._opened.close
 
@@ -118,16 +115,6 @@ class OutputFolder:
     def named(self, name: str) -> str:
         """Return the path that a reply names."""
         return os.path.join(self.path, name)
-
-    def write_late(self, name: str, data: bytes) -> None:
-        """Write a file when the next frame ends."""
-        self._frames[-1].append((name, data))
-
-    def tick(self) -> None:
-        """Write the files of the frame before."""
-        for file in self._frames.popleft():
-            self.write(*file)
-        self._frames.append([])
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file and make its folders; a file that cannot be written is missing, as with an engine."""
@@ -187,7 +174,6 @@ class Dialect(ABC):
         if self._next_world is not None:
             self.begin(self._next_world)
             self._next_world = None
-        self.files.tick()
         if self.world.tick() or self.follows_while_paused:
             self.world.player.publish()
             camera = self.world.cameras[0]

@@ -1,12 +1,10 @@
 """The 1.x commands: plugin 1.0.1 (dialect N1), the branches before (M), branch 5.2 (N2), plugin 1.1.0 (N3).
 
-Plugin 1.1.0 lists its commands, and has cine cameras; on Windows it also shares memory. The closed Dev build
-adds to it, as far as it is documented: each command may be missing from a real one.
+Plugin 1.1.0 lists its commands, and has cine cameras; on Windows it also shares memory.
 """
 
-import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -23,7 +21,6 @@ from mock_server.dialects.common import (
     ok,
     paint,
     sets,
-    with_target,
 )
 from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
@@ -166,8 +163,7 @@ class Plugin1(Dialect):
             data = _ENCODERS[kind](self.world.image(view, shown if window else mode, camera))
         if form.lower() == kind:
             return data
-        write = self.files.write_late if camera.is_fast else self.files.write
-        write(form, data)  # the plugin does not report a file that it cannot write
+        self.files.write(form, data)  # the plugin does not report a file that it cannot write
         return form
 
     def _spawn_cube(self, *_: str) -> Reply:
@@ -340,53 +336,3 @@ def _bones(_: SceneObject, names: str = "", space: str = "component") -> Reply:
 
 def _set_fov(camera: Camera, fov: float) -> None:
     camera.fov = min(max(fov, 1.0), 179.0)
-
-
-class PluginDev(Plugin11):
-    """The commands of plugin 1.1.0, with stable ids of cameras, and some of its own."""
-
-    version = "2.0.0"
-
-    def rows(self) -> list[Row]:
-        rows = [
-            (template.replace("/camera/[uint]", "/camera/[camera_id]"), *rest)
-            for template, *rest in super().rows()
-        ]
-        camera, cam, intensity = self.with_camera, "/camera/[camera_id]", "/light/directional/intensity"
-        own: list[Row] = [
-            ("vget /unrealcv/list_cmd", "Templates of all commands", self._list),
-            ("vget /cameras/ids", "Index and stable id of each camera", self._ids),
-            ("vset /world/pause_all_except_pawn", "Pauses all but the pawn", lambda: self._freeze(True)),
-            ("vset /world/resume_all", "Goes on", lambda: self._freeze(False)),
-            ("vset /annotation/object/[str]", "Annotates it", self.with_object(sets("annotated", True))),
-            ("vset /annotation/world", "Annotates all objects", lambda: self._annotate(True)),
-            ("vset /annotation/world/clear", "Annotates none", lambda: self._annotate(False)),
-            (f"vget {cam}/use_fast_capture", "Whether files come late", camera(lambda c: f"{c.is_fast:d}")),
-            (f"vset {cam}/use_fast_capture [uint]", "Sets it", camera(sets("is_fast"))),
-            (f"vget {intensity}", "Intensity of the sun", lambda: "3.14"),
-            (f"vset {intensity} [float]", "Sets it", "Set DirectionalLight intensity to {:.2f}".format),
-        ]
-        return [*rows, *own]  # type: ignore[list-item]
-
-    def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
-        """As for other dialects; a camera has a number and a stable id."""
-        return with_target(self._cameras, act, missing or self.no_camera)
-
-    def _cameras(self) -> Mapping[str, Camera]:
-        numbers = {str(number): camera for number, camera in enumerate(self.world.cameras)}
-        return numbers | {_stable_id(camera): camera for camera in self.world.cameras}
-
-    def _ids(self) -> str:
-        return json.dumps([{"index": i, "id": _stable_id(c)} for i, c in enumerate(self.world.cameras)])
-
-    def _annotate(self, annotated: bool) -> None:
-        for actor in self.world.objects.values():
-            actor.annotated = annotated
-
-    def _freeze(self, paused: bool) -> str:
-        self.world.paused = paused
-        return "World paused except pawn" if paused else "World resumed"
-
-
-def _stable_id(camera: Camera) -> str:
-    return f"CID-{camera.actor or camera.name}-00"

@@ -163,29 +163,6 @@ def test_a_level_is_another_scene_of_the_package(talk, caplog, dialect):
         assert request("vget /level/name") == "six-wall"
 
 
-def test_fast_captures_of_the_dev_build_come_after_their_replies(talk, tmp_path):
-    request = talk("Dev", folder=tmp_path, frames_per_s=1e-3)  # requests end frames, and nothing else does
-    late = {}
-    for fast in (1, 0):
-        assert request(f"vset /camera/0/use_fast_capture {fast}") == "ok"
-        assert request("vget /camera/0/use_fast_capture") == str(fast)
-        assert request(f"vget /camera/0/lit {fast}.png") == f"{fast}.png"
-        late[fast] = not (tmp_path / f"{fast}.png").exists()
-        for _ in range(3):
-            request("vget /unrealcv/version")
-        assert (tmp_path / f"{fast}.png").exists()
-    assert late == {1: True, 0: False}
-
-
-def test_the_dev_build_annotates_all_objects_or_none(talk):
-    request = talk("Dev")
-    mask = request("vget /camera/0/seg png")
-    assert request("vset /annotation/world/clear") == "ok"
-    assert not decode_png(request("vget /camera/0/seg png")).any()
-    request("vset /annotation/world")
-    assert request("vget /camera/0/seg png") == mask
-
-
 def test_clicks_come_by_themselves():
     with (
         mock_server.serve("four-wall", dialect="L", size=SIZE, faults=["clicked=0.02"]) as server,

@@ -134,7 +134,7 @@ class CameraDriver(ABC):
         known = self.table.capabilities(connection.plugin.dialect)
         self.capabilities = replace(known, can_set_exposure=connection.supports(EXPOSURE_METHOD))
         self.stale_frames = StaleFrames()
-        self.camera: int | str = 0
+        self.camera = 0
         self.mask_fov_deg: float | None = None
         self._version = ""
         self.scene_identity = SceneIdentity()

@@ -25,9 +25,7 @@ from omniscv.sources.unreal.protocol import (
     IS_PAUSED,
     OBJECTS,
     PAUSE,
-    PAUSE_ALL,
     RESUME,
-    RESUME_ALL,
     names,
     numbers,
 )
@@ -265,28 +263,6 @@ class TogglingClock(Clock):
         self._connection.set(["vset /camera/0/rotation {:.3f} {:.3f} {:.3f}".format(*rotation)])
 
 
-class FreezingClock(Clock):
-    """The clock of Dev builds: all but the pawn stands still, so that the player's camera can move.
-
-    Their replies are not documented, so every one that is no error counts as done.
-    """
-
-    _frozen = False
-
-    @property
-    def paused(self) -> bool:
-        return self._frozen or super().paused
-
-    def set(self, paused: bool) -> None:
-        if paused or self._frozen:
-            self._connection.reply(PAUSE_ALL if paused else RESUME_ALL)
-            self._frozen = paused
-        if not paused:
-            super().set(False)
-
-
 def clock_of(driver: CameraDriver) -> Clock:
     """Return the clock that a driver's server has the commands for."""
-    if driver.connection.supports(PAUSE_ALL) and driver.connection.supports(RESUME_ALL):
-        return FreezingClock(driver)
     return Clock(driver) if driver.connection.supports(IS_PAUSED) else TogglingClock(driver)

@@ -1,7 +1,6 @@
 """The camera driver of plugin 1.x (dialects M and N1 to N3): a spawned camera, commands in batches."""
 
 import logging
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -16,7 +15,6 @@ from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
 from omniscv.sources.unreal.protocol import (
-    CAMERA_IDS,
     CAMERAS,
     EXPOSURE_METHOD,
     MODERN,
@@ -29,13 +27,10 @@ from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 
 _log = logging.getLogger("omniscv")
 
-_STABLE_ID = re.compile(r"CID-[\w-]{1,200}", re.ASCII)
 _LIMITS_DEG = (1.0, 179.0)
 """Fields of view that engines do not clamp in silence."""
 _TRIED_PX, _TRIED_DEG = (64, 48), 100.0  # are set once, to be read back
 _TRIED = {"fov": "a field of view, degrees, of", "size": "a size, px, of"}
-_FAST_CAPTURE = re.compile(r"vset \S+/use_fast_capture \[\w+\]")
-"""A command of Dev builds, after which replies come before the pictures that they announce."""
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
 
@@ -72,12 +67,11 @@ class ModernDriver(CameraDriver):
             raise ServerRefusedError(f"expected plugin 0.3.10, or 1.x with {CAMERAS!r}, got: {no}") from no
         if count == 0:  # numbers of cameras would start at one that does not exist
             raise self._refused(f"the player's camera from {CAMERAS!r}, got no camera; start the game")
-        if not self._restore or self._is_lost(count):
+        if not self._restore or self.camera >= count:
             self._prepared = False
             self._spawn(count)
         if not self._prepared:  # after the camera: a game that starts again in between lacks it
             self._prepare()
-            self._capture_at_once()
             self._prepared = True
 
     def check(self, request: Request) -> None:
@@ -97,9 +91,6 @@ class ModernDriver(CameraDriver):
         self._changed_by_hand, self._stops, self._exposed_for = False, 0.0, None
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
         self.camera = number
-        if self.connection.supports(CAMERA_IDS):  # numbers change where a level gains or loses cameras
-            ids = _STABLE_ID.findall(self.connection.text(CAMERA_IDS))
-            self.camera = ids[number] if len(ids) == number + 1 else number
 
     def _spawn_another(self) -> None:
         """Spawn a camera as the game has them: what was set on the last one cannot be put back."""
@@ -107,14 +98,8 @@ class ModernDriver(CameraDriver):
         self._spawn(len(names(self.connection.text(CAMERAS))))
         self._restore += before
 
-    def _is_lost(self, count: int) -> bool:
-        if isinstance(self.camera, int):
-            return self.camera >= count
-        (reply,) = self.connection.texts([f"vget /camera/{self.camera}/fov"])
-        return reply.startswith("error")
-
     def _is_gone(self) -> bool:
-        return self._is_lost(len(names(self.connection.text(CAMERAS))))
+        return self.camera >= len(names(self.connection.text(CAMERAS)))
 
     def verify(self) -> None:
         for what, values in {"fov": (_TRIED_DEG,), "size": _TRIED_PX}.items():
@@ -124,12 +109,6 @@ class ModernDriver(CameraDriver):
                 return  # M reads no size; a game that has started again lacks the camera: captures find that
             if not np.allclose(numbers(read, len(values)), values, rtol=0, atol=_SAME_DEG):
                 raise self._refused(f"{_TRIED[what]} {text}, which was set, got {shown(read)}")
-
-    def _capture_at_once(self) -> None:
-        """Switch fast captures off where a server lists the command; its reply is not documented."""
-        commands = filter(_FAST_CAPTURE.fullmatch, self.connection.plugin.templates)
-        heads = [command.rpartition(" ")[0].replace("[uint]", str(self.camera)) for command in commands]
-        self.connection.texts([f"{head} 0" for head in heads])
 
     def expose(self, requests: Requests) -> None:
         colors = [request for request in requests if request.mode == "lit"]

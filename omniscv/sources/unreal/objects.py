@@ -15,7 +15,7 @@ from omniscv.geometry.unreal_frame import position_from_unreal, rotation_from_un
 from omniscv.sources.base import Color, ObjectTable
 from omniscv.sources.unreal import protocol
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.protocol import ANNOTATE, BOUNDS, OBJECTS, VERTICES, Reply, names
+from omniscv.sources.unreal.protocol import BOUNDS, OBJECTS, VERTICES, Reply, names
 
 _TOLERANCE = 3  # how far a channel of a mask may be off; the official client allows as much
 _EXACT = (0, *(value for value in range(122, 256) if value != 145))
@@ -48,8 +48,6 @@ def paint(connection: Connection, vertex_colors: bool) -> None:
     Raises:
         ServerRefusedError: the server refuses a colour that must change, or does not keep a colour.
     """
-    if connection.supports(ANNOTATE):  # Dev builds: its reply is not documented
-        connection.texts([ANNOTATE.replace("[str]", name) for name in names(connection.text(OBJECTS))])
     used = {(0, 0, 0)}  # the background's
     free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
     painted: dict[str, Color] = {}

@@ -1,8 +1,8 @@
 """The protocol: frames, commands of the plugins, readers of their replies, and the dialect of a server.
 
 Readers check the numbers and names that a server sends. Versions do not identify a dialect (protocol
-reference, section 0), so the server is asked for its commands. Plugin 1.1.0 and the closed Dev build list
-them; older ones print them in their help.
+reference, section 0), so the server is asked for its commands. Plugin 1.1.0 lists them; older ones
+print them in their help.
 """
 
 from __future__ import annotations
@@ -43,9 +43,6 @@ CAMERAS = "vget /cameras"
 LIT_VIEW_MODE = "vset /viewmode lit"
 IS_PAUSED = "vget /action/game/is_paused"
 BOUNDS, VERTICES = "vget /object/[str]/bounds", "vget /object/[str]/vertex_location"
-PAUSE_ALL, RESUME_ALL = "vset /world/pause_all_except_pawn", "vset /world/resume_all"
-ANNOTATE = "vset /annotation/object/[str]"
-CAMERA_IDS = "vget /cameras/ids"
 EXPOSURE_METHOD = "vset /camera/[uint]/exposure_method [str]"
 PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
@@ -85,7 +82,7 @@ class CameraTable:
     can_set_size: bool
     vertex_colors: bool
 
-    def image(self, camera: int | str, mode: str) -> str:
+    def image(self, camera: int, mode: str) -> str:
         """Return the command for a picture."""
         return f"vget /camera/{camera}/{self.images[mode][0]}"
 
@@ -234,7 +231,6 @@ DIALECTS = {
     "N1": Dialect("plugin 1.0.1, before 2026-03", "Unreal 4.27 and 5", False, _N1),
     "N2": Dialect("plugin 1.0.1, branch 5.2 from 2026-03", "Unreal 5.2 and later", True, _N2),
     "N3": Dialect("plugin 1.1.0 and later", "Unreal 5.2 and later", True, _N2),
-    "Dev": Dialect("UnrealCV Dev for UnrealZoo, 2.0.0 and later", "seen with Unreal 5.7", True, _N2),
 }
 
 
@@ -265,9 +261,8 @@ def identify(connection: Asked) -> Plugin:
     """
     listed = _templates(connection, _LIST)
     if _LIST in listed:
-        is_dev = any("/[camera_id]/" in template for template in listed)
-        templates = frozenset(template.replace("[camera_id]", "[uint]") for template in listed)
-        return Plugin("Dev" if is_dev else "N3", templates)
+        # The closed build of UnrealZoo's games has [camera_id].
+        return Plugin("N3", frozenset(template.replace("[camera_id]", "[uint]") for template in listed))
     dialect = _probed(connection)
     helped = _templates(connection, _HELP)[::2]  # descriptions are the other lines
     return Plugin(dialect, frozenset(helped) if _HELP in helped else DIALECTS[dialect].commands)

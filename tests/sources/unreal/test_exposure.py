@@ -85,7 +85,7 @@ def exposure_of(capture):
     return capture.provenance.get("exposure")
 
 
-@pytest.mark.parametrize("dialect", ["N2", "N3", "Dev"])
+@pytest.mark.parametrize("dialect", ["N2", "N3"])
 def test_a_game_without_faults_shows_the_same_with_manual_exposure(dialect):
     with mock_server.serve("four-wall", dialect=dialect) as server:
         with omniscv.open_source(server.uri, exposure="game") as source:

@@ -53,14 +53,14 @@ def test_a_list_that_does_not_hold_itself_is_not_believed():
     assert (plugin.dialect, supported(plugin)) == ("N1", HAVE["N1"])
 
 
-def test_the_dev_build_is_known_by_how_it_names_cameras():
+def test_the_dev_build_which_names_cameras_in_another_way_is_taken_for_n3():
     def dev(command, forward):
         reply = forward(command)
         return reply.replace(b"[uint]", b"[camera_id]") if command.endswith("/commands") else reply
 
     with serve("N3") as server, relayed(server, dev) as uri:
         plugin = plugin_of(uri)
-    assert plugin.dialect == "Dev"
+    assert plugin.dialect == "N3"
     assert CINE in plugin.templates
 
 

@@ -16,7 +16,7 @@ import omniscv.diagnostics.server
 from omniscv.cli import run
 
 
-@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2", "N3", "Dev"])
+@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2", "N3"])
 def test_a_report_holds_replies_timings_findings_and_captures(dialect, tmp_path, monkeypatch):
     monkeypatch.setattr(omniscv.diagnostics.server, "EDGE_PX", 64)
     with mock_server.serve("four-wall", dialect=dialect, size=(64, 64)) as server:
