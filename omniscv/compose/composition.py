@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 
 from omniscv import light, modalities
-from omniscv.compose.beat import compare
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
-from omniscv.compose.layers import Canvas, derived_layers, inexact, mark_beyond_reach
-from omniscv.compose.light_checks import BITS
+from omniscv.compose.layers import Canvas, derived_layers, inexact, mark_beyond_reach, round_depth
+from omniscv.compose.light_checks import BITS, compare
 from omniscv.compose.nearest import boundaries
-from omniscv.compose.rounding import round_depth
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seen_points import SeenPoints, Surfaces
 from omniscv.errors import BadReplyError, MissingCaptureError

@@ -19,9 +19,12 @@ has (``blank``) has no file. In the store ``fast`` every layer is an array of Bl
 are 0 and 255 there, too.
 """
 
+from __future__ import annotations
+
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
@@ -32,13 +35,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities, plugins
-from omniscv.arguments import one_of, shown
+from omniscv.arguments import one_of, shown, within
 from omniscv.arguments import stem as start_of_name
-from omniscv.compose.rounding import as_halves
-from omniscv.errors import ArgumentError
+from omniscv.compose.layers import as_halves
+from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
 from omniscv.pictures import b2nd, forms
-from omniscv.pictures.forms import ARRAY, FORMS, Form, Writer, form_of
+from omniscv.pictures.forms import ARRAY, FORMS, Form, Opened, Writer, form_of, open_picture
 from omniscv.sources.base import ObjectTable
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
@@ -245,3 +249,48 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def read(path: Path, name: str) -> NDArray[Any]:
+    """Return a layer from a file that :func:`omniscv.compose.files.write` wrote, as it was in memory.
+
+    Args:
+        path: the file.
+        name: the layer's row of :mod:`omniscv.modalities`.
+
+    Raises:
+        ArgumentError: the file cannot be read, or is no such layer.
+    """
+    row = modalities.get(name)
+    with within(path), _opened(path, row) as picture:
+        pixels = picture.pixels().reshape(picture.height, picture.width, -1)
+    pixels = pixels if row.channels else pixels[..., 0]
+    if row.mark:
+        return pixels > 0
+    return pixels.astype(np.float32) if row.file == "bound" else pixels
+
+
+def check_header(path: Path, name: str, size: tuple[int, int]) -> None:
+    """Raise ArgumentError unless a file is a picture of a layer in this width and height, px.
+
+    Only its header is read.
+    """
+    with _opened(path, modalities.get(name)) as picture:
+        if size != (picture.width, picture.height):
+            wanted = f"expected {size[0]}x{size[1]} px, as its camera has"
+            raise ArgumentError(f"{wanted}, got {picture.width}x{picture.height}")
+
+
+@contextmanager
+def _opened(path: Path, row: Modality) -> Iterator[Opened]:
+    """Yield the open picture of a layer, whose channels and type fit it."""
+    try:
+        picture = open_picture(path)
+        dtypes = ("uint8",) if row.mark else row.dtypes
+        dtypes = ("float16", "float32") if row.file == "bound" else dtypes
+        if picture.channels != (row.channels or 1) or picture.dtype not in dtypes:
+            got = f"{picture.dtype} of shape {(picture.height, picture.width, picture.channels)}"
+            raise ArgumentError(f"expected {' or '.join(row.dtypes)} pixels of {row.name}, got {got}")
+        yield picture
+    except (OSError, BadReplyError) as fault:
+        raise ArgumentError(f"expected a picture of {row.name}, got: {fault}") from fault

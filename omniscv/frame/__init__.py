@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from omniscv.arguments import within
 from omniscv.cameras import Camera
 from omniscv.cameras.rolling_shutter import path_of
+from omniscv.compose.files import read
 from omniscv.compose.layers import MARKS, doubt_of
-from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import forms
 from omniscv.frame.classes import ClassTable

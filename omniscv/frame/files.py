@@ -19,8 +19,7 @@ from typing import Any
 
 from omniscv import modalities, plugins
 from omniscv.arguments import shown, text, whole_number, within
-from omniscv.compose.files import formats
-from omniscv.compose.reading import check_header
+from omniscv.compose.files import check_header, formats
 from omniscv.errors import ArgumentError, DatasetError, MissingFileError
 from omniscv.pictures.forms import ARRAY
 from omniscv.storage import Folder

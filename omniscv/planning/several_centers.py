@@ -19,12 +19,12 @@ from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
 from omniscv.planning.hits import Hits
 from omniscv.planning.patches import Doubt
-from omniscv.planning.plan import Plan
+from omniscv.planning.plan import Plan, Strategy
 from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.refinement import STUCK, Choice, Refinement, first_view
+from omniscv.planning.refinement import STUCK, Choice, OneCenter, Refinement, first_view
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, pixels_of
-from omniscv.planning.strategies import capture_around, occlusion
+from omniscv.planning.strategies import Exact, capture_around, occlusion
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.sources.base import Capture, View
 
@@ -274,3 +274,28 @@ class SeveralCenters(Refinement):
         rows = np.concatenate(wrong)
         self._was_wrong[rows] = True
         return rows
+
+
+class Auto(Strategy):
+    """Capture finer until an image reaches the accuracy that the options ask for.
+
+    Without one, cameras with many optical centres have an aim of its own; of few, each is captured, as
+    :class:`Exact` does.
+    """
+
+    name, own_centers = "auto", True
+
+    def rounds(self, plan: Plan) -> Rounds:
+        return Exact().rounds(plan) if plan.aim is None else _refinement(plan).counted()
+
+    def aim(self, plan: Plan) -> float | None:
+        if plan.options.accuracy is not None or plan.rays.one_center:
+            return plan.options.accuracy
+        return tuned.DEFAULT_AIM if plan.scattered or len(plan.rays.groups()) > tuned.FEW_CENTERS else None
+
+    def expected(self, plan: Plan) -> tuple[int, int]:
+        return super().expected(plan) if plan.aim is None else _refinement(plan).expected()
+
+
+def _refinement(plan: Plan) -> Refinement:
+    return OneCenter(plan) if plan.rays.origins is None else SeveralCenters(plan)

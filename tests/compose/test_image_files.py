@@ -19,8 +19,8 @@ from support.full_disk import largest_file
 import mock_server
 import omniscv
 from omniscv.compose import files
-from omniscv.compose.reading import read
-from omniscv.compose.rounding import round_depth
+from omniscv.compose.files import read
+from omniscv.compose.layers import round_depth
 from omniscv.errors import ArgumentError, OmniscvError, StorageError
 from omniscv.sources.scene import SceneSource
 

@@ -10,8 +10,8 @@ import mock_server
 import omniscv
 from omniscv import dataset
 from omniscv.cli import run
+from omniscv.compose.files import read
 from omniscv.compose.light_checks import BITS
-from omniscv.compose.reading import read
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.sources.recording import RecordedSource, Recording

@@ -11,7 +11,7 @@ import pytest
 from support.datasets import enter, image, job_file, made, tree
 
 from omniscv import dataset
-from omniscv.compose.reading import check_header, read
+from omniscv.compose.files import check_header, read
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.job import load

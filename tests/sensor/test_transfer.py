@@ -133,7 +133,7 @@ def test_motion_blur_is_the_mean_of_light(tmp_path):
             pose = path.at(round(1e9 * late), steps_beyond=1)
             image = omniscv.render(job.cameras["eye"], pose, source, face_size=32)
             total = total + light.light_of_codes(image.lit, "srgb") / 3
-    shown = omniscv.compose.reading.read(tmp_path / "eye-0.lit.png", "lit")
+    shown = omniscv.compose.files.read(tmp_path / "eye-0.lit.png", "lit")
     assert np.abs(shown - 255 * light.light_to_srgb(total)).max() <= 0.5 + 1e-3
 
 

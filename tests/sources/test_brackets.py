@@ -10,7 +10,7 @@ from mock_server import load_scene
 from omniscv import light
 from omniscv.cameras import create
 from omniscv.cli import run
-from omniscv.compose.reading import read
+from omniscv.compose.files import read
 from omniscv.errors import ArgumentError, BadReplyError, SourceError
 from omniscv.job.file import load
 from omniscv.make import costs, make
