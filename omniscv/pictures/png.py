@@ -1,9 +1,7 @@
 """PNG: what comes from servers and files is read strictly, within a bound, in silence; writing is fast.
 
 libpng prints its complaints on the standard error, and inflates what lies behind the picture to its end: a
-megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header. zlib-ng deflates in
-half of zlib's time or less, and inflates in a quarter of it. isal is faster, but one process in a hundred
-made other bytes of the same picture: a dataset that is resumed must not depend on that.
+megabyte can stand for a gigabyte. Here nothing is inflated beyond the size in the header.
 
 A PNG is a signature and chunks: a header, the rows as one zlib stream, and the end. Each row starts with the
 number of its filter, which says what was subtracted from its bytes.
@@ -29,7 +27,7 @@ _SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: pro
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _COLOR_TYPE = {(): 0, (1,): 0, (3,): 2, (4,): 6}
 _LEVEL = 2
-"""By measurement: colours and masks in half of zlib's fastest time, or less, and fewer bytes."""
+"""Of zlib-ng. Level 1 takes six tenths of the time, but a frame is a quarter larger."""
 
 Pixels = NDArray[np.uint8]
 HEADER_BYTES = 33
@@ -175,6 +173,24 @@ def _unfilter(rows: Any, step: int, padded: Any) -> bool:
     return True
 
 
+def deflated(data: NDArray[np.uint8]) -> bytes:
+    """Return a zlib stream, the same bytes on every machine: of PNG and of the blocks of EXR.
+
+    Parts of a dataset are made on several machines, and one that is resumed must be as if it had not been
+    stopped. Of a frame of 1920x960, 16.6 MB of rows of PNG and 11.1 MB of blocks of EXR, on one core:
+
+    ============== ======== ====== ======== ====== ===========================================
+    level          PNG, ms  MB     EXR, ms  MB     bytes
+    ============== ======== ====== ======== ====== ===========================================
+    zlib-ng 2      13.2     0.55   38.7     2.40   equal on six kinds of x86-64, and on ARM64
+    libdeflate 1   43.1     0.52   35.3     2.35   the same
+    isal 2         5.4      0.62   11.4     2.46   equal on x86-64, others on ARM64
+    isal 3         31.5     0.64   26.9     2.48   others with SSE, AVX2, AVX-512, and on ARM64
+    ============== ======== ====== ======== ====== ===========================================
+    """
+    return zlib_ng.compress(data, _LEVEL)
+
+
 def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
     """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels.
 
@@ -200,4 +216,4 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -
 
     header = block(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, kind, 0, 0, 0))
     color = block(b"sRGB", b"\0") + block(b"gAMA", struct.pack(">I", 45455)) if srgb else b""
-    return SIGNATURE + header + color + block(b"IDAT", zlib_ng.compress(rows, _LEVEL)) + block(b"IEND", b"")
+    return SIGNATURE + header + color + block(b"IDAT", deflated(rows)) + block(b"IEND", b"")
