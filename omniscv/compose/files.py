@@ -41,7 +41,7 @@ from omniscv.compose.layers import as_halves
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
-from omniscv.pictures import b2nd, forms
+from omniscv.pictures import forms
 from omniscv.pictures.forms import ARRAY, FORMS, Form, Opened, Writer, form_of, open_picture
 from omniscv.sources.base import ObjectTable
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
@@ -86,7 +86,7 @@ def check_format(image_format: str = "png", store: str = "files", depth_format: 
     """
     one_of("depth_format", depth_format, DEPTH_FORMATS)
     if one_of("store", store, STORES) == "fast":
-        b2nd.package()
+        forms.blosc2_package()
     if image_format not in formats():
         advice = "; png is lossless, too" if image_format == "jxl" else ""
         expected = f"image_format: expected one of {', '.join(formats())}"

@@ -16,7 +16,7 @@ from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.job import load
 from omniscv.make import make
-from omniscv.pictures import b2nd
+from omniscv.pictures.forms import encode_array
 
 PICTURES = (".png", ".exr")
 
@@ -133,10 +133,10 @@ SPOILED = {
     "no array": b"\x89PNG" * 99,
     "nothing": b"",
     "cut": array(FAR)[:-20],
-    "another size": b2nd.encode(np.zeros((24, 49), np.float32)),
-    "another type": b2nd.encode(np.zeros((24, 48), np.float64)),
-    "channels": b2nd.encode(np.zeros((24, 48, 3), np.float32)),
-    "one dimension": b2nd.encode(np.zeros(24 * 48, np.float32)),
+    "another size": encode_array(np.zeros((24, 49), np.float32)),
+    "another type": encode_array(np.zeros((24, 48), np.float64)),
+    "channels": encode_array(np.zeros((24, 48, 3), np.float32)),
+    "one dimension": encode_array(np.zeros(24 * 48, np.float32)),
     "texts": array(np.full((24, 48), "x" * 400)),
     "many chunks": array(FAR, chunks=(8, 8)),
     "a chunk beyond the array": array(FAR, chunks=(64, 64), blocks=(64, 64)),

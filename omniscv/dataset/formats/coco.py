@@ -15,7 +15,7 @@ instance id. Objects without a class, and stuff, have no annotation.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,26 +38,6 @@ _FROM_TRUTH = {
     "amodal": {"visib_fract": "visib_fract", "px_all": "area_amodal", "bbox": "bbox_amodal"},
 }
 """By truth: fields of its records, and their names in annotations."""
-
-
-def entries(
-    frames: Sequence[Frame],
-    image: Callable[[Frame, int], dict[str, Any]],
-    objects: Callable[[Frame], Iterable[dict[str, Any]]],
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the entries of ``images`` and ``annotations`` of frames, numbered from 1.
-
-    Args:
-        frames: in their order.
-        image: returns the entry of a frame and its number.
-        objects: returns the annotations of a frame, without ids.
-    """
-    images, annotations = [], list[dict[str, Any]]()
-    for number, frame in enumerate(frames, start=1):
-        images.append(image(frame, number))
-        for entry in objects(frame):
-            annotations.append({"id": len(annotations) + 1, "image_id": number, **entry})
-    return images, annotations
 
 
 def image_entry(frame: Frame, number: int, out: Path) -> dict[str, Any]:
@@ -186,11 +166,11 @@ class Coco(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: CocoOptions) -> list[Path]:
         ordered = sorted(frames, key=lambda frame: frame.key)
-        images, annotations = entries(
-            ordered,
-            lambda frame, number: image_entry(frame, number, out),
-            lambda frame: object_entries(frame, split=options.seam == "split"),
-        )
+        images, annotations = [], list[dict[str, Any]]()
+        for number, frame in enumerate(ordered, start=1):
+            images.append(image_entry(frame, number, out))
+            for entry in object_entries(frame, split=options.seam == "split"):
+                annotations.append({"id": len(annotations) + 1, "image_id": number, **entry})
         content = {
             "info": {},
             "licenses": [],
