@@ -8,7 +8,6 @@ mean.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from omniscv.compiled import njit
 from omniscv.compose.atlas import Atlas
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Pixels, run
+from omniscv.geometry.arrays import Floats, Pixels, Rows, run
 from omniscv.planning.densities import Footprints
 from omniscv.sources.base import View
 
@@ -29,29 +28,6 @@ _SPACING = 1.5
 level of 255; with 1.75, they lose one to two."""
 
 _SMALLEST_LEVEL = 8  # px, width or height of a view at its coarsest level
-
-
-class _Placed(NamedTuple):
-    """Rays, and how each is averaged: its mip level, the counts of its grid of samples and the steps between
-    them, px of that level."""
-
-    view: Ints
-    x: Floats
-    y: Floats
-    edges: Floats
-    level: Ints
-    counts: Ints
-    spacing: Floats
-
-
-class _Sampled(NamedTuple):
-    """Places in a picture, how each is averaged, and its values."""
-
-    x: Floats
-    y: Floats
-    counts: Ints
-    spacing: Floats
-    out: Pixels
 
 
 class AreaSampling:
@@ -78,9 +54,8 @@ class AreaSampling:
         R_c_d = np.ascontiguousarray([view.pose.R_w_c.T @ R_w_d for view in views])
         projections = np.array([view.projection for view in views])
         coarsest = max(0, int(np.log2(min(first.width, first.height) / _SMALLEST_LEVEL)))
-        at = lookup.view, lookup.x, lookup.y, footprints.edges
-        rows = _Placed(*at, level, self._counts, self._spacing)
-        support = run(_place, rows, R_c_d, projections, first.width, first.height, coarsest)
+        rows = lookup.view, lookup.x, lookup.y, footprints.edges, level, self._counts, self._spacing
+        support = run(_place, rows, R_c_d, projections, (first.width, first.height, coarsest), as_one=True)
         used = level[lookup.view >= 0]
         self.levels = range(int(used.min()), int(used.max()) + 1) if len(used) else range(0)
         self.support = max(support, default=0)
@@ -100,9 +75,9 @@ class AreaSampling:
         last = planes.shape[2] - 1
         out = np.empty((len(x), last + 1), picture.dtype)
         half = np.float32(0.5 if picture.dtype.kind == "u" else 0)
-        rows = _Sampled(x, y, self._counts, self._spacing, out)
+        rows = x, y, self._counts, self._spacing, out
         for k in range(0, last + 1, 3):
-            run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half)
+            run(_sample, rows, planes, k, min(k + 1, last), min(k + 2, last), half, as_one=True)
         return out.reshape(-1, *picture.shape[2:])
 
     @property
@@ -124,9 +99,10 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
 
 
 @njit(cache=True, nogil=True)
-def _place(rays: _Placed, R_c_d: Array, projections: Array, width: int, height: int, coarsest: int) -> int:
-    """Write how rays are averaged; return how far samples reach beyond their view, px."""
-    view, x, y, edges, level, counts, spacing = rays
+def _place(rays: Rows, R_c_d: Array, projections: Array, sizes: tuple[int, int, int]) -> int:
+    """Write how rays are averaged: the mip level of each, the counts of its grid of samples and the steps
+    between them, px of that level. Return how far samples reach beyond their view, px."""
+    (view, x, y, edges, level, counts, spacing), (width, height, coarsest) = rays, sizes
     support = 0
     spans = np.empty((2, 2))
     for i in range(view.shape[0]):
@@ -167,7 +143,7 @@ def _place(rays: _Placed, R_c_d: Array, projections: Array, width: int, height: 
 
 
 @njit(cache=True, nogil=True)
-def _sample(rows: _Sampled, picture: Pixels, k0: int, k1: int, k2: int, half: np.float32) -> None:
+def _sample(rows: Rows, picture: Pixels, k0: int, k1: int, k2: int, half: np.float32) -> None:
     """Write means of three channels."""
     x, y, counts, spacing, out = rows
     one = np.float32(1)

@@ -9,7 +9,6 @@ sees it, the view's own edge is continued.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ from omniscv.compose.interpolation import LARGEST_PX, sample_bicubic, sample_bil
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, pinhole
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, run
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, Rows, run
 from omniscv.parallel import side_by_side
 from omniscv.sources.base import View
 
@@ -82,17 +81,6 @@ def _ring(width: int, height: int, support: int) -> Ints:
     left, right = np.arange(-support, 0), np.arange(width, width + support)
     bands = [(across, above), (across, below), (left, down), (right, down)]
     return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])
-
-
-class _Laid(NamedTuple):
-    """Rays looked up in views, their mip levels, and where they lie in an atlas."""
-
-    view: Ints
-    x: Floats
-    y: Floats
-    level: Ints
-    out_x: Floats
-    out_y: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +182,8 @@ class Atlas:
         level = np.zeros(len(x), np.uint8) if level is None else level
         corners = np.array([level.corners for level in self.levels], dtype=np.float64)
         scales = 0.5 ** np.arange(self._first + len(self.levels))
-        rays = _Laid(lookup.view, lookup.x, lookup.y, level, x, y)
-        run(_to_atlas, rays, corners, scales, self._first)
+        rays = lookup.view, lookup.x, lookup.y, level, x, y
+        run(_to_atlas, rays, corners, scales, self._first, as_one=True)
         return x, y
 
 
@@ -207,7 +195,7 @@ def _halved(face: Pixels) -> Pixels:
 
 
 @njit(cache=True, nogil=True)
-def _to_atlas(rays: _Laid, corners: Array, scales: Array, first: int) -> None:
+def _to_atlas(rays: Rows, corners: Array, scales: Array, first: int) -> None:
     view, x, y, level, out_x, out_y = rays
     for i in range(view.shape[0]):
         k = view[i]

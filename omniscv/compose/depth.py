@@ -17,7 +17,7 @@ import numpy as np
 from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, run, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Rows, run, stacked
 from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, rounding, stored_length
 from omniscv.geometry.surfaces import (
     Shape,
@@ -109,43 +109,6 @@ class DepthPictures(NamedTuple):
         return self.depth.nbytes + self.off.nbytes + self.bends.nbytes
 
 
-class _Gathered(NamedTuple):
-    """What pictures show around some rays.
-
-    Attributes:
-        around: (4, N) depths of 2 x 2 pixels.
-        at: (3, N) px from the first of them, across and down, and the length of its stored ray.
-        start: (N,) its index in the picture.
-        bends: (N,) there, as :class:`DepthPictures` has them.
-    """
-
-    around: Floats
-    at: Array
-    start: Ints
-    bends: Ints
-
-
-class _Displaced(NamedTuple):
-    """Rays that start ``offsets_w`` from the views' centre, their depth, and its error and parallax."""
-
-    view: Ints
-    x: Floats
-    y: Floats
-    distance: Floats
-    error: Floats
-    parallax: Floats
-    offsets_w: Array
-
-
-class _Surroundings(NamedTuple):
-    """What surrounds each pixel, (V, h, w) float32: px to the next edge of a surface, and the least and
-    greatest depth within reach."""
-
-    edge_px: Floats
-    least: Floats
-    most: Floats
-
-
 def sample_depth(
     pictures: DepthPictures,
     lookup: RayLookup,
@@ -172,18 +135,15 @@ def sample_depth(
     reach_px = int(np.ceil(farthest_m * pictures.projections[:, :2].max() / least * _MARGIN)) + 2
     around = [_surroundings(face, reach_px) for face in faces]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
-    run(
-        _displace,
-        _Displaced(lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w),
-        pictures,
-        _Surroundings(*map(np.stack, zip(*around, strict=True))),
-        R_c_w,
-    )
+    rays = lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w
+    surroundings = tuple(map(np.stack, zip(*around, strict=True)))
+    run(_displace, rays, pictures, surroundings, R_c_w, as_one=True)
     return SampledDepth(distance, error, parallax)
 
 
 def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
-    """Return the surroundings of the pixels of one face, as :class:`_Surroundings` has them."""
+    """Return what surrounds each pixel of a face: px to the next edge of a surface, and the least and the
+    greatest depth within reach."""
     size = 2 * min(reach_px, max(face.shape)) + 1
     window = np.ones((1, size), np.uint8)
     least, most = face, face
@@ -239,7 +199,7 @@ def _sample(
     view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: DepthPictures, nearest: bool
 ) -> None:
     """Sample rays that follow each other in one view together, in vector instructions."""
-    block = _Gathered(
+    block = (
         np.empty((4, _BLOCK), np.float32),
         np.empty((3, _BLOCK)),
         np.empty(_BLOCK, np.int32),
@@ -263,17 +223,18 @@ def _sample(
             if not pictures.bends.size or not distance[i] > 0.0:
                 distance[i], error[i] = _one_ray(pictures, k, px, py)
             if nearest:
-                stored = _nearest_distance(pictures, k, px, py)
+                stored = _nearest(pictures.depth, pictures, k, px, py) * _ray_length(pictures, k, px, py)
                 error[i] += abs(stored - distance[i]) if distance[i] < np.inf else 0.0
                 distance[i] = stored
             if pictures.off.size:
-                error[i] += _off_at(pictures, k, px, py) * _ray_length(pictures, k, px, py)
+                error[i] += _nearest(pictures.off, pictures, k, px, py) * _ray_length(pictures, k, px, py)
         first = last
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
-def _gather(k: int, x: Floats, y: Floats, pictures: DepthPictures, block: _Gathered) -> None:
-    """Write what a view shows around points."""
+def _gather(k: int, x: Floats, y: Floats, pictures: DepthPictures, block: Rows) -> None:
+    """Write what a view shows around points: depths of 2 x 2 pixels; px from the first of them, across and
+    down, and the length of its stored ray; its index in the picture, and the bends there."""
     around, at, start, bends = block
     depth, (height, width), focal = pictures.depth, pictures.shape, pictures.projections[k, 0]
     for j in range(x.shape[0]):
@@ -300,7 +261,7 @@ def _interpolate(
     x: Floats,
     y: Floats,
     pictures: DepthPictures,
-    block: _Gathered,
+    block: Rows,
     distance: Floats,
     error: Floats,
 ) -> None:
@@ -333,19 +294,11 @@ def _one_ray(pictures: DepthPictures, k: int, x: float, y: float) -> tuple[float
 
 
 @inner(cache=True, nogil=True)
-def _nearest_distance(pictures: DepthPictures, k: int, x: float, y: float) -> float:
-    """Return the nearest pixel's planar depth as a distance along the ray; +inf no surface."""
+def _nearest(values: Floats, pictures: DepthPictures, k: int, x: float, y: float) -> float:
+    """Return the value of the nearest pixel of a picture."""
     height, width = pictures.shape
     r, c = nearest_pixel(pictures.shape, x, y)
-    return float(pictures.depth[(k * height + r) * width + c] * _ray_length(pictures, k, x, y))
-
-
-@inner(cache=True, nogil=True)
-def _off_at(pictures: DepthPictures, k: int, x: float, y: float) -> float:
-    """Return how far planar depth may be off as captures say, metres."""
-    height, width = pictures.shape
-    r, c = nearest_pixel(pictures.shape, x, y)
-    return float(pictures.off[(k * height + r) * width + c])
+    return float(values[(k * height + r) * width + c])
 
 
 @inner(cache=True, nogil=True)
@@ -357,9 +310,9 @@ def _ray_length(pictures: DepthPictures, k: int, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _displace(rays: _Displaced, pictures: DepthPictures, around: _Surroundings, R_c_w: Array) -> None:
-    """Add the error of rays that start elsewhere than at the centre; write their parallax."""
-    view, x, y, distance, error, parallax, offsets_w = rays
+def _displace(rays: Rows, pictures: DepthPictures, around: Rows, R_c_w: Array) -> None:
+    """Add the error of rays that start ``offsets_w`` from the views' centre; write their parallax."""
+    (view, x, y, distance, error, parallax, offsets_w), (edge_px, least, most) = rays, around
     shape, depth, offset = pictures.shape, pictures.depth, np.empty(3)
     for i in range(view.shape[0]):
         k, parallax[i] = view[i], 0.0
@@ -378,7 +331,7 @@ def _displace(rays: _Displaced, pictures: DepthPictures, around: _Surroundings, 
         size = np.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         aside = np.sqrt(max(0.0, size * size - along * along))
         r, c = nearest_pixel(shape, px, py)
-        near = max(around.least[k, r, c], LEAST_M)
+        near = max(least[k, r, c], LEAST_M)
         parallax[i] = _MARGIN * aside / (near * length)
         first = k * shape[0] * shape[1]
         point = surface_point(depth, first, shape, px, py, fx, pictures.precision)
@@ -393,7 +346,7 @@ def _displace(rays: _Displaced, pictures: DepthPictures, around: _Surroundings, 
                 shift = max(shift, abs(a * offset[0] + b * offset[1] + e * offset[2]))
             off = point.error
             if pictures.off.size:
-                off += _off_at(pictures, k, px, py) * point.inverse * point.inverse
+                off += _nearest(pictures.off, pictures, k, px, py) * point.inverse * point.inverse
             error[i] += distance[i] * (_CURVED * shift + _SLOPE_ERRORS * off * focal * aside)
-        if around.edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
-            error[i] += _MARGIN * (around.most[k, r, c] - around.least[k, r, c]) * length + size
+        if edge_px[k, r, c] <= parallax[i] * focal * length * length + _AHEAD_PX:
+            error[i] += _MARGIN * (most[k, r, c] - least[k, r, c]) * length + size

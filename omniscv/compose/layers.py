@@ -183,9 +183,8 @@ surface."""
 _DIGITS = 6
 """Binary digits of bounds. Half floats, in which files have them, have 11: the last ones say nothing, and by
 measurement all 11 take twice the bytes."""
-_HALF_LARGEST, _HALF_LEAST = 65504.0, 2.0**-14
-"""The largest half float; and the least one with all its digits, below which they are evenly spaced."""
-_HALF_STEP = _HALF_LEAST * 2.0 ** (1 - _DIGITS)
+_HALF_LARGEST, _HALF_STEP = 65504.0, 2.0 ** (-13 - _DIGITS)
+"""The largest half float, and the distance between the least ones of so few digits."""
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 
 
@@ -202,10 +201,9 @@ def round_depth(depth: Floats, error: Floats) -> tuple[Floats, Floats]:
 
 def as_halves(bounds: Floats) -> NDArray[np.float16]:
     """Return bounds (H, W) >= 0 as half floats: exact where they are rounded, else rounded up."""
-    halves = np.empty(bounds.size, np.uint16)
-    flat = np.ascontiguousarray(bounds).reshape(-1)
-    run(_as_halves, (flat, flat.view(np.int32), halves))
-    return halves.view(np.float16).reshape(bounds.shape)
+    with np.errstate(over="ignore"):
+        halves = bounds.astype(np.float16)
+        return np.where(halves < bounds, np.nextafter(halves, np.float16(np.inf)), halves)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -224,14 +222,3 @@ def _round_depth(depth: Floats, error: Floats, rounded: Floats, bound: Floats) -
         above = np.ceil(wider / above_step) * above_step
         rounded[i] = np.rint(d / step) * step if moves else d
         bound[i] = above if above <= _HALF_LARGEST else np.inf
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _as_halves(bounds: Floats, bits: Ints, halves: Ints) -> None:
-    """The bits of floats have the order of their values: exponent, then 23 digits of float32 or 10 of half
-    floats."""
-    for i in range(bounds.shape[0]):
-        kept = bits[i] + ((1 << (24 - _DIGITS)) - 1) >> (24 - _DIGITS)  # rounded up
-        kept = min(kept - ((127 - 15) << (_DIGITS - 1)), 0x1F << (_DIGITS - 1))  # at most +inf
-        tiny = np.int32(np.ceil(min(bounds[i], np.float32(_HALF_LEAST)) / np.float32(_HALF_STEP)))
-        halves[i] = (kept if bounds[i] >= np.float32(_HALF_LEAST) else tiny) << (11 - _DIGITS)

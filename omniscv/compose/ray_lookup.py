@@ -3,13 +3,12 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from omniscv.compiled import inner, njit
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Floats, Ints, Mask, run
+from omniscv.geometry.arrays import Floats, Ints, Mask, Rows, run
 from omniscv.sources.base import View
 
 _BLOCK = 64
@@ -61,24 +60,6 @@ class RayLookup:
         return sum(array.nbytes for array in (self.view, self.x, self.y, *kept))
 
 
-class _Views(NamedTuple):
-    """Views of one size, whose axes are in the frame of rays.
-
-    Attributes:
-        R_c_d: (V, 3, 3).
-        projections: (V, 4) fx, fy, cx, cy, px.
-        half: of their width and height, px.
-        sure: (V,) as :func:`_sure_px` returns it.
-        used: (V,) bool, set for those that see rays.
-    """
-
-    R_c_d: Array
-    projections: Array
-    half: tuple[float, float]
-    sure: Array
-    used: Mask
-
-
 def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None) -> RayLookup:
     """Return the view and the pixel that serve each ray from the views' common centre.
 
@@ -92,7 +73,7 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
     R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
     projections = np.array([v.projection for v in views])
     half, used = (views[0].width / 2, views[0].height / 2), np.zeros(len(views), np.bool_)
-    seen_by = _Views(R_c_d, projections, half, _sure_px(views, R_c_d), used)
+    seen_by = R_c_d, projections, half, _sure_px(views, R_c_d), used
     margins = run(_look_up, (directions, view, x, y), seen_by)
     return RayLookup(view, x, y, float(min(margins)), used)
 
@@ -124,8 +105,11 @@ def _nearest(view: Ints, x: Floats, y: Floats, pixels: Ints, height: int, width:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: _Views) -> float:
-    """Look up rays block by block. Most blocks lie in the view of the last ray: that loop is vectorized."""
+def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -> float:
+    """Look up rays block by block, and set which views are ``used``.
+
+    Most blocks lie in the view of the last ray: that loop is vectorized.
+    """
     R_c_d, projections, (half_width, half_height), sure, used = views
     last, most_u, most_v, block = 0, 0.0, 0.0, np.empty((3, _BLOCK))
     for first in range(0, directions.shape[0], _BLOCK):
@@ -168,7 +152,7 @@ def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: _Views)
             if which >= 0:
                 used[which] = True
                 last, most_u, most_v = which, max(most_u, abs(best_u)), max(most_v, abs(best_v))
-    return min(half_width - most_u, half_height - most_v)
+    return float(min(half_width - most_u, half_height - most_v))
 
 
 @inner(cache=True, nogil=True, error_model="numpy")

@@ -15,6 +15,8 @@ Mask = NDArray[np.bool_]
 Pixels = NDArray[Any]
 Faces = Sequence[Pixels] | Pixels
 """Pictures of one size, as a sequence or as one array (V, h, w, ...)."""
+Rows = tuple[Any, ...]
+"""What a kernel unpacks: arrays of N rows, and numbers."""
 
 
 ROUNDING = 1e-12
@@ -44,22 +46,24 @@ def stacked(faces: Faces) -> Pixels:
     return stack
 
 
-def run(kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any) -> list[Any]:
+def run(
+    kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any, as_one: bool = False
+) -> list[Any]:
     """Call a kernel on blocks of rows, in parallel.
 
     Args:
         kernel: called with a block of each array of ``rows``, then with ``others``; releases the GIL.
-        rows: arrays of N rows; a named tuple of them is one argument.
+        rows: arrays of N rows.
         others: arguments that are passed whole.
+        as_one: whether the kernel takes the rows as one tuple.
 
     Returns:
         The results, one for each block.
     """
-    make = getattr(rows, "_make", None)
 
     def call(block: slice) -> Any:
-        parts = [array[block] for array in rows]
-        return kernel(*parts, *others) if make is None else kernel(make(parts), *others)
+        parts = tuple(array[block] for array in rows)
+        return kernel(parts, *others) if as_one else kernel(*parts, *others)
 
     return blocks(call, len(rows[0]))
 
