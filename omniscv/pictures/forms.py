@@ -112,10 +112,10 @@ def _open_npy(path: Path) -> Opened:
 
 def _open_array(path: Path) -> Opened:
     """Open an array of Blosc2: only its header is read."""
-    blosc2 = blosc2_package()
+    blosc2, data = blosc2_package(), read_bytes(path, MOST_PICTURE_BYTES)
     try:
         # Not blosc2.open, which makes other objects of files that ask for it.
-        reader = blosc2.ndarray_from_cframe(read_bytes(path, MOST_PICTURE_BYTES))
+        reader = blosc2.ndarray_from_cframe(data)
         shape, dtype = tuple(reader.shape), np.dtype(reader.dtype)
     except (RuntimeError, ValueError, TypeError, SyntaxError, MemoryError) as cause:
         raise ArgumentError(f"expected an array of Blosc2, got: {shown(str(cause))}") from cause
