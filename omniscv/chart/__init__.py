@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from mock_server import Scene
 
 
-WRONG = 0.01
-"""The relative error from which depth is wrong."""
-
-
 class Tracer(Protocol):
     """A scene of the mock server, or a source that traces (:meth:`omniscv.sources.Source.trace`)."""
 
@@ -43,10 +39,3 @@ def traced_mean(scene: Scene, camera: Camera, pose: Pose, across: int = 4) -> ND
         hits = scene.trace(pose.to_world(rays.origins), rays.directions @ pose.rotation.T)
         total += np.where(rays.valid[..., None], hits.color, np.nan)
     return np.asarray(total / across**2)
-
-
-def wrong_depth(depth: NDArray[Any], hits: Any) -> NDArray[np.bool_]:
-    """Return where depth is off by more than 1 %, or endless on one side only."""
-    endless = np.isposinf(depth) & np.isposinf(hits.distance)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(~endless & ~(np.abs(depth - hits.distance) <= WRONG * hits.distance))

@@ -11,8 +11,9 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from omniscv.cameras import Camera, create
-from omniscv.chart import Tracer, drawing, traced, wrong_depth
+from omniscv.chart import Tracer, drawing, traced
 from omniscv.chart.drawing import COLORS, INK, MARKERS, MUTED, Dot, Look
+from omniscv.chart.failures import wrong_depth
 from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.renderer import render
 from omniscv.geometry import Pose

@@ -83,14 +83,14 @@ class Own:
 @app.command(epilog="Example: omniscv chart central --quick --out charts")
 @options.with_blocks
 def chart(
-    kind: Annotated[Literal["accuracy", "central"], Argument(help="What is drawn.")],
+    kind: Annotated[Literal["accuracy", "central", "failures", "stability"], Argument(help="What is drawn.")],
     out: Annotated[Path, Option(help="Folder for the JSON and the pictures.")] = Path("charts"),
     quick: Annotated[bool, Option("--quick", help="Tiny images: shows that it works.")] = False,
     progress: StyleOption = None,
     *,
     own: Own,
 ) -> None:
-    """Draw the cost of images against their error."""
+    """Draw cost against error; what makes images fail; models at their limits."""
     given = {name: value for name, value in asdict(own).items() if value}
     if given and (kind != "accuracy" or quick):
         raise ArgumentError(f"--{min(given)}: expected none, with --quick or a chart that is not 'accuracy'")

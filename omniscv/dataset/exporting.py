@@ -87,7 +87,7 @@ class Format(WithOptions, ABC):
 
 _MODULES = {
     **{"horizonnet": "layouts", "depth_png": "numbers", "kitti_lidar": "lidar", "pcd": "lidar"},
-    **dict.fromkeys(("euroc", "kalibr", "poses"), "slam"),
+    **dict.fromkeys(("euroc", "kalibr", "poses", "tum_mono"), "slam"),
     **dict.fromkeys(("coco", "colmap", "flow", "nerfstudio", "ply", "rosbag2", "webdataset", "yolo")),
 }
 """The formats of this package, and the modules that register them; None: that of the format's name."""
@@ -98,7 +98,6 @@ _GONE = {
     "hf": "coco or webdataset",
     "omni3d": "the truth boxes3d, which KEY.truth.json has",
     "normals_png": "KEY.normals.exr",
-    "tum_mono": "euroc; KEY.sensor.png has the pictures",
 }
 """Formats of earlier versions, and what to use instead."""
 

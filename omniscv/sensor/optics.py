@@ -1,8 +1,18 @@
 """Effects of a lens on light: shading, blur, veiling glare, lateral colour.
 
 Composed pixels are radiance. A lens turns it into irradiance, and shading is the ratio of the two.
+
+Here are also the photometric files of TUM's monocular visual odometry datasets, which DSO reads. An image is
+``I = G(t V B)``: irradiance B, vignette V, exposure time t, response G.
+
+pcalib.txt     one line of 256 increasing numbers: the inverse response, light 0 to 255 of each code
+vignette.png   grey, 16 bits when written, of the image's size: the vignette, relative to its largest value
+times.txt      a line for each image: its name or number, its time in seconds, its exposure in milliseconds
+
+Source: Engel, Usenko, Cremers, A photometrically calibrated benchmark for monocular visual odometry, 2016.
 """
 
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,13 +25,18 @@ from omniscv.cameras.fisheyes import Fisheye
 from omniscv.cameras.radial import Lens
 from omniscv.errors import ArgumentError
 from omniscv.geometry.arrays import Floats, Mask
-from omniscv.pictures import foreign
+from omniscv.geometry.trajectory import decimal
+from omniscv.light import light_of_codes
+from omniscv.pictures import foreign, png
+from omniscv.storage.local import whole_file, write_text
 
 Shading = str | tuple[tuple[float, float], ...]
 """``natural``, the path of a vignette, or (degrees off the axis, share of light)."""
 
 NATURAL = "natural"
 _STEP_PX = 1e-3
+
+RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
 
 
 @lru_cache(8)
@@ -145,6 +160,12 @@ def magnified(camera: Camera, share: float) -> Camera:
     return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})
 
 
+def write_response(path: Path, transfer: str) -> Path:
+    """Write the inverse response of a transfer of :mod:`omniscv.light`, and return the path."""
+    light = light_of_codes(np.arange(256), transfer)
+    return write_text(path, " ".join(f"{value:.9g}" for value in 255 * light / light[-1]) + "\n")
+
+
 def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
     """Return the vignette (H, W), relative to its largest value.
 
@@ -161,3 +182,17 @@ def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
         wanted = f"expected a vignette of the image's size, {size[1]} x {size[0]}"
         raise ArgumentError(f"{path}: {wanted}, got {pixels.shape[1]} x {pixels.shape[0]}")
     return np.asarray(pixels[..., 0] / np.float32(max(1, pixels.max())), np.float32)
+
+
+def write_vignette(path: Path, shading: Any) -> Path:
+    """Write shares of light (H, W) as 16 bits of the largest, and return the path."""
+    largest = float(np.max(shading)) or 1.0
+    with whole_file(path) as part:
+        part.write_bytes(png.encode(np.rint(65535 * np.asarray(shading) / largest).astype(np.uint16)))
+    return path
+
+
+def write_times(path: Path, frames: Iterable[tuple[str, int, float]]) -> Path:
+    """Write ``times.txt`` of (name, nanoseconds, exposure in seconds), and return the path."""
+    lines = [f"{name} {decimal(time)} {1e3 * exposure:.9g}\n" for name, time, exposure in frames]
+    return write_text(path, "".join(lines))

@@ -40,7 +40,7 @@ CONE = {"half_angle_deg": 60.0, "distance": 0.3}
 
 @pytest.mark.parametrize(("name", "key", "limit", "closed", "others"), LIMITS)
 def test_one_ulp_beyond_is_refused(name, key, limit, closed, others):
-    """``scripts/limits.py`` approaches the limits themselves."""
+    """``chart.limits`` approaches the limits themselves."""
     beyond = float(np.nextafter(limit, np.inf)) if closed else float(limit)
     sign = "<=" if closed else "<"
     with pytest.raises(

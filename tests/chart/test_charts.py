@@ -3,12 +3,11 @@
 import json
 from pathlib import Path
 
-import failures
 import numpy as np
 import pytest
 from PIL import Image
 
-from omniscv.chart import accuracy, central, drawing
+from omniscv.chart import accuracy, central, drawing, failures, stability
 from omniscv.chart.drawing import Dot, Look
 from omniscv.cli import reports, run
 
@@ -36,6 +35,11 @@ CHARTS = {
         failures,
         lambda: of_docs(failures, "chart-failures")[:8],
         ("found by the doctor",),
+    ),
+    "stability": (
+        stability,
+        lambda: stability.measure(models=["equirectangular", "octahedral"]),
+        ("octahedral",),
     ),
 }
 

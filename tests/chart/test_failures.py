@@ -3,9 +3,10 @@
 import json
 from pathlib import Path
 
-import failures
 import pytest
-from failures import Cause, Row
+
+from omniscv.chart import failures
+from omniscv.chart.failures import Cause, Row
 
 ROOT = Path(__file__).resolve().parents[2]
 

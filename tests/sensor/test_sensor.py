@@ -145,7 +145,7 @@ def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
 
 def test_a_vignette_of_a_file_is_relative_to_the_job(recorded, tmp_path):
     share = np.linspace(0.2, 1, 48 * 48).reshape(48, 48)
-    cv2.imwrite(str(tmp_path / "vignette.png"), np.rint(65535 * share).astype(np.uint16))
+    optics.write_vignette(tmp_path / "vignette.png", share)
     np.testing.assert_allclose(optics.read_vignette(tmp_path / "vignette.png"), share, atol=1e-5)
     (tmp_path / "job.yaml").write_text(
         f"source: {recorded}\nposes: [{{position: [0, 0, 1.2]}}]\nface_size: 32\n"

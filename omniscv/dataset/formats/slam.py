@@ -1,6 +1,7 @@
-"""Formats of SLAM and visual odometry: trajectories, Kalibr's chains, EuRoC's folders."""
+"""Formats of SLAM and visual odometry: trajectories, Kalibr's chains, EuRoC's folders, TUM's mono folders."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from omniscv.calibration.forms import matrix_of_pose
 from omniscv.calibration.kalibr import KALIBR
+from omniscv.calibration.table import DSO
 from omniscv.cameras import Camera, Lidar, PushBroom, RollingShutter
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.dataset.exporting import Format, register
-from omniscv.dataset.pictures import without_limit, write_color
+from omniscv.dataset.pictures import without_limit, write_color, write_pixels
 from omniscv.dataset.sequences import by_camera, rigs, timed, trajectory
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.trajectory import NS
 from omniscv.geometry.trajectory_files import write_euroc, write_kitti, write_kitti_times, write_tum
-from omniscv.records import NoOptions
+from omniscv.records import NoOptions, checked, mapping, optional, record
+from omniscv.sensor import Sensor, optics
 from omniscv.sensor.imu import ImuTrack
 from omniscv.storage.local import write_text
 
@@ -205,3 +209,65 @@ def _csv(folder: Path, units: Mapping[str, str], times: NDArray[np.int64], *colu
     lines = [",".join(["#timestamp [ns]", *names])]
     lines += [",".join(map(str, (stamp, *row))) for stamp, row in rows]
     return write_text(folder / "data.csv", "\n".join(lines) + "\n")
+
+
+@record
+class TumMonoOptions:
+    """Options of the format."""
+
+    sensor: Mapping[str, Any] | None = checked(
+        optional(mapping), default=None, help="the job's sensor, whose exposure and shading are written"
+    )
+
+
+@register
+class TumMono(Format):
+    """Photometric calibration as in TUM's monocular visual odometry datasets, which DSO reads.
+
+    Each camera has a folder of its pictures behind the sensor, in the order of their times::
+
+        CAMERA/images/00000.png ...   the layer 'sensor'
+        CAMERA/times.txt              a line for each picture: number, seconds, milliseconds of exposure
+        CAMERA/pcalib.txt             light, 0 to 255, of each code: the inverse of sRGB
+        CAMERA/vignette.png           16 bits: the sensor's shading, or white
+        CAMERA/camera.txt             the lens, where DSO has its model
+
+    :mod:`omniscv.sensor.optics` reads and writes these files.
+    """
+
+    name = "tum_mono"
+    needs = ("sensor",)
+    keys = ("sensor",)
+    options = TumMonoOptions
+
+    def check_options(self, options: TumMonoOptions, cameras: Mapping[str, Camera]) -> None:
+        """Refuse shading of a file, which is a vignette already."""
+        if isinstance((options.sensor or {}).get("shading"), Mapping):
+            wanted = "expected natural shading or a table"
+            raise ArgumentError(
+                f"tum_mono: {wanted}, got a file, which is the vignette; leave the format out"
+            )
+
+    def write(self, frames: Sequence[Frame], out: Path, options: TumMonoOptions) -> list[Path]:
+        sensor, written = Sensor(**(options.sensor or {})), []
+        for name, mine in by_camera(frames).items():
+            folder, camera = out / name, mine[0].camera
+            numbered = [(f"{i:05d}", frame) for i, frame in enumerate(mine)]
+            for number, frame in numbered:
+                written.append(write_pixels(folder / "images" / f"{number}.png", frame.layer("sensor")))
+            times = [
+                (number, i * NS if frame.time_ns is None else frame.time_ns, sensor.exposure_s)
+                for i, (number, frame) in enumerate(numbered)
+            ]
+            shares = np.ones((camera.height, camera.width))
+            if sensor.shading is not None:
+                shares = np.asarray(optics.shading(camera, sensor.shading), np.float64)
+            lens = without_limit(camera.base if isinstance(camera, RollingShutter) else camera)
+            with suppress(ArgumentError):  # DSO has no such model
+                written.append(write_text(folder / "camera.txt", DSO.write({name: RigCamera(lens)})))
+            written += [
+                optics.write_times(folder / optics.TIMES, times),
+                optics.write_response(folder / optics.RESPONSE, "srgb"),
+                optics.write_vignette(folder / optics.VIGNETTE, shares),
+            ]
+        return written

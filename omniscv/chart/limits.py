@@ -22,10 +22,6 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 
 SIZE = 512
-STEPS = 10.0 ** -np.arange(0.25, 16, 0.25)
-"""What is left to the limit, as a fraction."""
-BOUND_PX = 1e-6
-"""The promised precision."""
 AZIMUTHS = np.linspace(-np.pi, np.pi, 13)[1:] - 0.1
 
 Pixels = Callable[[Camera, float], Array]

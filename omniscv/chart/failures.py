@@ -18,19 +18,21 @@ from matplotlib.axes import Axes
 
 from omniscv import light
 from omniscv.cameras import Camera, create
-from omniscv.chart import WRONG as _DEPTH
-from omniscv.chart import drawing, traced, wrong_depth
+from omniscv.chart import drawing, traced
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import render
 from omniscv.diagnostics.doctor import examine_address
 from omniscv.errors import OmniscvError
 from omniscv.geometry import Array, Pose
+from omniscv.geometry.arrays import Mask
 from omniscv.progress import Steps, counted
 from omniscv.sources.registry import Deadlines, open_source
 from omniscv.sources.scene import open_scene
 
 if TYPE_CHECKING:
-    from mock_server import Scene
+    from mock_server import Hits, Scene
+
+QUICK = {"width": 32, "causes": ("radial depth",)}
 
 ANSWERS = {
     "holds": ("#b6bcc6", "holds"),
@@ -54,7 +56,7 @@ _MODES = ("lit", "object_mask", "depth")
 _FACE = 96 / 128  # px of a face for each of the image's width
 _RADIUS_M = 0.4
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
-_LEVELS = 8 / 255  # error from which colours are wrong
+_LEVELS, _DEPTH = 8 / 255, 0.01  # errors from which colours, and depth (relative), are wrong
 _SLACK = _DEPTH / 10  # relative error that a bound of depth may miss
 _BROKEN, _UNMARKED = 0.002, 0.001  # least increase of wrong and of unmarked pixels that counts, as a share
 _LEAST = 1e-4  # an error of 0 is drawn here
@@ -232,6 +234,13 @@ def _color(scene: Scene, origins: Array, directions: Array, fault: str, name: st
     color = hits.color.copy()
     color[at] = light.light_to_srgb((light.srgb_to_light(color[at]) + light.srgb_to_light(other)) / 2)
     return color
+
+
+def wrong_depth(depth: Array, hits: Hits) -> Mask:
+    """Return where depth is off by more than 1 %, or endless on one side only."""
+    endless = np.isposinf(depth) & np.isposinf(hits.distance)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(~endless & ~(np.abs(depth - hits.distance) <= _DEPTH * hits.distance))
 
 
 def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[str] = ()) -> list[Row]:

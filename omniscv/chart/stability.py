@@ -1,24 +1,24 @@
-#!/usr/bin/env python3
-"""Draw docs/stability.png: the round-trip error of every camera model as a parameter or a pixel runs into its limit.
-
-Usage: scripts/draw-stability [FOLDER]     (in the project's environment, .venv; docs/ if not given)
-"""
+"""Round-trip error of every camera model as a parameter or a pixel runs into its limit."""
 
 from __future__ import annotations
-
-import argparse
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from limits import BOUND_PX, STEPS, approaches
 from matplotlib.axes import Axes
 
 from omniscv import cameras
 from omniscv.chart import drawing
+from omniscv.chart.limits import approaches
+from omniscv.progress import Steps, counted
 
+QUICK = {"models": ("equirectangular", "division")}
+
+STEPS = 10.0 ** -np.arange(0.25, 16, 0.25)
+"""What is left to the limit, as a fraction."""
+BOUND_PX = 1e-6
 _FLOOR_PX = 1e-15  # where an error of 0 is drawn
 _COLUMNS, _HEIGHT_IN = 6, 1.08
 _BEYOND = {"refused": drawing.COLORS[0], "marked": drawing.COLORS[1], "in domain": drawing.COLORS[2]}
@@ -43,10 +43,15 @@ class Row:
     known_px: tuple[float, ...] | None
 
 
-def measure() -> list[Row]:
-    """Measure every approach to a limit."""
+def measure(progress: Steps | None = None, models: Sequence[str] | None = None) -> list[Row]:
+    """Measure every approach to a limit.
+
+    Args:
+        progress: called with (models done, models in total).
+        models: their names; all that are registered if not given.
+    """
     rows: list[Row] = []
-    for name in cameras.names():
+    for name in counted(cameras.names() if models is None else models, progress):
         rows += [
             Row(
                 name,
@@ -103,11 +108,3 @@ def _draw(axes: Axes, name: str, rows: Sequence[Row]) -> None:
     axes.set_title(
         name.replace("noncentral", "nc").replace("catadioptric", "cata"), fontsize=7.5, loc="left", pad=2
     )
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
-    folder = parser.parse_args().folder
-    for path in write(measure(), folder):
-        print(path)
