@@ -1,13 +1,22 @@
-"""Faults of posed pictures within their convention, with their sizes: a robust fit to pairs that overlap."""
+"""Faults of posed pictures within their convention, with their sizes: a robust fit to pairs that overlap.
+
+Poses have errors, too: of each frame by itself, or adding up along the path. How large they are is estimated
+with the faults (restricted maximum likelihood), and residuals are weighed by what that leaves.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from itertools import product
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cholesky
+from scipy.linalg.lapack import dtrtri
+from scipy.ndimage import map_coordinates
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from omniscv.geometry import Array
@@ -26,7 +35,7 @@ class Parameter(NamedTuple):
         name: in words.
         step: of derivatives.
         matters: size below which it is not named.
-        most: of one step of the fit.
+        most: that is likely.
         unit: of the size that is told, which is ``scale`` times the parameter.
     """
 
@@ -42,73 +51,75 @@ PARAMETERS = (
     Parameter("scale of depth", 2e-3, 2e-3, 0.1, "%", 100),
     Parameter("focal length", 2e-3, 2e-3, 0.1, "%", 100),
     Parameter("aspect", 2e-3, 3e-3, 0.1, "%", 100),
-    Parameter("centre, x", 0.2, 0.12, 4, "px"),
-    Parameter("centre, y", 0.2, 0.12, 4, "px"),
-    Parameter("radial distortion k1", 4e-3, 4e-3, 0.1, ""),
-    Parameter("planar depth, towards along the ray", 0.03, 0.08, 0.5, "of 1"),
-    Parameter("time of pictures after poses", 0.05, 0.06, 0.5, "frames"),
-    Parameter("rolling shutter, top to bottom", 0.05, 0.1, 0.5, "frames"),
+    Parameter("centre, x", 0.2, 0.12, 10, "px"),
+    Parameter("centre, y", 0.2, 0.12, 10, "px"),
+    Parameter("radial distortion k1", 4e-3, 4e-3, 0.2, ""),
+    Parameter("planar depth, towards along the ray", 0.03, 0.08, 1.0, "of 1"),
+    Parameter("time of pictures after poses", 0.05, 0.06, 1.0, "frames"),
+    Parameter("rolling shutter, top to bottom", 0.05, 0.1, 1.0, "frames"),
     Parameter("offset of depth", 2e-3, 2e-3, 0.1, "of its median"),
-    Parameter("focal length of colours", 4e-3, 4e-3, 0.1, "%", 100),
-    Parameter("colours, x", 0.25, 1.0, 4, "px"),
-    Parameter("colours, y", 0.25, 1.0, 4, "px"),
 )
-SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET, COLOR, COLOR_X, COLOR_Y = range(13)
-OF_COLOR = (COLOR, COLOR_X, COLOR_Y)
-OF_PANORAMA = (SCALE, TIME, OFFSET, COLOR_X, COLOR_Y)
-_TURN, _MOVE = 1e-3, 1e-3  # of poses, for derivatives: radians, and a share of the median depth
+SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET = range(len(PARAMETERS))
+_OF_PANORAMA = (SCALE, TIME, OFFSET)
+_STEPS, _MATTERS, _LIKELY = (
+    np.array([getattr(p, key) for p in PARAMETERS]) for key in ("step", "matters", "most")
+)
 
 _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
 _FAR_OFF = 0.2  # log depth of another surface
-_TUKEY, _SIGMA = 4.7, 5.0
-_BLOCKS = (16, 8, 4)  # of time, over which errors of pairs are alike
+_TUKEY, _SIGMA, _LIKELY_SIGMA = 4.7, 5.0, 3.0
+_BLOCKS = (16, 8, 4)  # of time, over which residuals may be alike
+_TOGETHER = 10  # pairs in a row, whose errors of poses are related
 _RELATED = 4.0  # points of a pair count as a quarter of independent ones
-_MOST_FAULTS, _ROUNDS, _LEAST_POINTS, _LEAST_OF_PAIR = 5, 6, 200, 30
-_INEXACT, _INEXACT_COLOR, _OF_MATTERS = 0.02, 0.1, 0.05  # shares of sizes that the fit's model is off by
+_MOST_FAULTS, _ROUNDS, _EVALUATIONS, _LEAST_POINTS = 5, 2, 6, 200
+_INEXACT, _OF_MATTERS = 0.02, 0.05  # shares of sizes that the fit's model is off by
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
-_POSE_NOISE = (1e-5, 1e-4, 3e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.02)  # radians, and shares of the median depth
+_POSE_NOISE = (1e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.02)  # radians; shares of the median depth
 _MOST_TURN = np.radians(25)  # from frame to frame, of a video
 
 
 class Fault(NamedTuple):
     """A parameter that is off, by how much, with its standard deviation, and what explains the same."""
 
-    parameter: int
+    parameter: Parameter
     size: float
     sigma: float
-    others: tuple[int, ...] = ()
+    others: tuple[Parameter, ...] = ()
 
 
-@dataclass
-class Normal:
-    """Normal equations by pair (P, n, n) and (P, n), poses of pairs marginalized, and residuals."""
+class Found(NamedTuple):
+    """Faults; what is left of log depth (P, n), NaN where none is compared; how large errors of poses are.
 
-    matrix: Array
-    right: Array
-    pose: Array
-    depth: Array
+    ``drift`` is in radians, and in shares of the median depth, of a frame.
+    """
 
-    def solve(self, chosen: list[int], at: Array) -> tuple[Array, Array, float]:
-        """Return the step, its standard deviations, robust over blocks of time, and the gain.
+    faults: list[Fault]
+    left: Array
+    drift: float
 
-        ``at`` is (P,) where in time pairs are, 0 to 1.
-        """
-        H, g = self.matrix[:, chosen][:, :, chosen], self.right[:, chosen]
-        inverse = np.linalg.pinv(H.sum(axis=0), rcond=1e-12)
-        total = g.sum(axis=0)
+
+class System(NamedTuple):
+    """Derivatives (P, m, k) and residuals (P, m), free of errors of poses, and what frees others of them."""
+
+    J: Array
+    r: Array
+    left: Array
+    drift: float
+    white: Callable[[Array], Array]
+
+    def solve(self, chosen: list[int]) -> tuple[Array, Array, float]:
+        """Return the step of parameters, their standard deviations, robust over time, and the gain."""
+        J = self.J[..., chosen]
+        inverse = np.linalg.pinv(np.einsum("pni,pnj->ij", J, J), rcond=1e-12)
+        total = np.einsum("pni,pn->i", J, self.r)
         step = -inverse @ total
-        scores = g + H @ step
-        variance = _RELATED * np.diag(inverse)
-        for count in _BLOCKS:  # of several lengths: the drift of poses lasts longer than some
-            block = (at * count).astype(int)
-            of_block = np.stack([scores[block == i].sum(axis=0) for i in np.unique(block)])
-            more = len(of_block) / max(1, len(of_block) - 1)
-            robust = np.diag(inverse @ (more * of_block.T @ of_block) @ inverse)
-            variance = np.maximum(variance, robust + _RELATED * np.diag(inverse))
-        halves = [np.linalg.pinv(H[half].sum(axis=0)) @ g[half].sum(axis=0) for half in (at < 0.5, at >= 0.5)]
-        variance = np.maximum(variance, ((halves[0] - halves[1]) / 2) ** 2)
+        scores, variance = np.einsum("pni,pn->pi", J, self.r + J @ step), np.diag(inverse)
+        for count in _BLOCKS:
+            blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, count)])
+            robust = inverse @ (blocks.T @ blocks) @ inverse * count / (count - 1)
+            variance = np.maximum(variance, np.diag(robust))
         return step, np.sqrt(np.maximum(variance, 1e-18)), float(total @ inverse @ total)
 
 
@@ -122,61 +133,64 @@ class Fit:
     """
 
     def __init__(self, pictures: PosedPictures, R: Array, t: Array, along: bool) -> None:
-        self.pictures, self.along = pictures, float(along)
-        frames = pictures.frames
-        self.pairs = np.concatenate([pictures.pairs, pictures.pairs[:, ::-1]])
+        self.pictures, self.along, frames = pictures, float(along), pictures.frames
+        pairs = np.concatenate([pictures.pairs, pictures.pairs[:, ::-1]])
+        self.pairs = pairs[np.argsort(frames[pairs].sum(axis=1), kind="stable")]
         self.a, self.b = self.pairs.T[:, :, None]
         height, width = pictures.depth.shape[1:]
-        random = np.random.default_rng(1)
-        shape = len(self.pairs), _POINTS
+        random, shape = np.random.default_rng(1), (len(self.pairs), _POINTS)
         rows, columns = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
         self.u, self.v = columns + 0.5, rows + 0.5
         known = pictures.depth > 0
         inverse = np.where(known, 1 / np.where(known, pictures.depth, 1), 0).astype(np.float32)
         smooth = np.stack([_smooth(*both) for both in zip(inverse, known, strict=True)])
-        self.inverse = np.where(smooth, inverse, np.float32(np.nan))
+        self.inverse = np.where(smooth, inverse, np.float32(np.nan)).reshape(-1, width)
         self.stored = (pictures.depth * smooth)[self.a, rows, columns].astype(np.float64)
         self.median = float(np.median(pictures.depth[known]))
-        motion = moves(R[frames], t[frames], self.pairs)
-        self.R, self.t = motion[..., :3], motion[..., 3]
+        self.R, self.t = moves(R[frames], t[frames], self.pairs)
+        self.into_b = R[frames][self.pairs[:, 1]].swapaxes(1, 2)
         before, after = np.maximum(np.arange(len(R)) - 1, 0), np.minimum(np.arange(len(R)) + 1, len(R) - 1)
         spans = np.maximum(after - before, 1)[:, None]
         turns = Rotation.from_matrix(R[before].swapaxes(1, 2) @ R[after]).as_rotvec() / spans
         steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
-        self.is_video = bool(np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN)
         self.turns, self.steps = turns[frames], steps[frames]
-        self.at = frames[self.pairs[:, 0]] / len(R)
+        is_video = np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN
+        possible = _OF_PANORAMA if pictures.panorama else range(len(PARAMETERS))
+        self.possible = [i for i in possible if is_video or i not in (TIME, ROLLING)]
+        first, second = frames[self.pairs].T
+        walk = np.minimum.outer(np.arange(len(R)), np.arange(len(R)))
+        self.alike = [  # errors of poses of pairs, of frames by themselves, and adding up
+            C[second][:, second] - C[second][:, first] - C[first][:, second] + C[first][:, first]
+            for C in (np.eye(len(R)), walk)
+        ]
 
-    def residuals(self, theta: Array, pose: Array | None = None, grey: bool = True) -> tuple[Array, Array]:
-        """Return (P, n) log of observed over expected depth, and the difference of grey; NaN where none."""
-        pictures, a, b = self.pictures, self.a, self.b
-        height = pictures.depth.shape[1]
+    def residuals(self, theta: Array, pose: Array | None = None) -> Array:
+        """Return (P, n) log of observed over expected depth; NaN where none is compared.
+
+        ``pose`` is (6,) a turn and a move, of which second cameras are off, world axes.
+        """
+        a, b, height = self.a, self.b, self.pictures.depth.shape[1]
         scale, offset, kind = np.exp(theta[SCALE]), theta[OFFSET] * self.median, self.along + theta[RAY]
         rays = self._rays(theta)
-        away = np.linalg.norm(rays, axis=-1) ** kind
-        p = rays * ((self.stored * scale + offset) / away)[..., None]
-        rolls = theta[TIME] or theta[ROLLING]
-        if rolls:
+        p = rays * ((self.stored * scale + offset) / np.linalg.norm(rays, axis=-1) ** kind)[..., None]
+        if is_late := bool(theta[TIME] or theta[ROLLING]):
             tau = (theta[TIME] + theta[ROLLING] * (self.v / height - 0.5))[..., None]
             p = _turned(tau * self.turns[a], p) + tau * self.steps[a]
         q = p @ self.R.swapaxes(1, 2) + self.t[:, None]
-        tau_b: Any = np.full((*self.v.shape, 1), theta[TIME])
+        tau = np.full((*self.v.shape, 1), theta[TIME])
         for _ in range(3 if theta[ROLLING] else 1):
-            there = _turned(-tau_b * self.turns[b], q - tau_b * self.steps[b]) if rolls else q
+            there = _turned(-tau * self.turns[b], q - tau * self.steps[b]) if is_late else q
             if pose is not None:
-                there = there + np.cross(pose[:3], there) + pose[3:]
+                turn, move = self.into_b @ pose[:3], self.into_b @ pose[3:]
+                there = there + np.cross(turn[:, None], there) + move[:, None]
             u, v, expected = self._projected(there, theta, kind)
-            tau_b = (theta[TIME] + theta[ROLLING] * (v / height - 0.5))[..., None]
-        seen = self._inside(u, v) & (self.stored > 0)
+            tau = (theta[TIME] + theta[ROLLING] * (v / height - 0.5))[..., None]
+        width = self.pictures.depth.shape[2]
+        seen = (self.stored > 0) & (u > 1.5) & (v > 1.5) & (u < width - 1.5) & (v < height - 1.5)
+        at = np.where(seen, b * height + v - 0.5, 0), np.where(seen, u - 0.5, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            off = -np.log(self._sample(self.inverse, b, u, v) * (expected - offset) / scale)
-        off = np.where(seen & np.isfinite(off), off, np.nan)
-        if pictures.grey is None or not grey:
-            return off, np.full_like(off, np.nan)
-        here, beside = self._of_color(self.u, self.v, theta, a), self._of_color(u, v, theta, b)
-        inside = self._inside(*here) & self._inside(*beside) & (np.abs(off) < _FAR_OFF)
-        differences = self._sample(pictures.grey, b, *beside) - self._sample(pictures.grey, a, *here)
-        return off, np.where(inside, differences, np.nan)
+            off = -np.log(map_coordinates(self.inverse, at, order=1) * (expected - offset) / scale)
+        return np.where(seen & np.isfinite(off), off, np.nan)
 
     def _lens(self, theta: Array, frame: Any) -> tuple[Array, Array, Array, Array]:
         fx, fy, cx, cy = np.moveaxis(self.pictures.lenses[frame], -1, 0)
@@ -187,24 +201,20 @@ class Fit:
         if self.pictures.panorama:
             return self.pictures.rays(self.pairs[:, 0], self.u, self.v)
         fx, fy, cx, cy = self._lens(theta, self.a)
-        x0, y0 = (self.u - cx) / fx, (self.v - cy) / fy
-        x, y = x0, y0
+        bent = np.stack([(self.u - cx) / fx, (self.v - cy) / fy], axis=-1)
+        straight = bent
         for _ in range(4 if theta[K1] else 0):
-            bent = 1 + theta[K1] * (x * x + y * y)
-            x, y = x0 / bent, y0 / bent
-        return np.stack([x, y, np.ones_like(x)], axis=-1)
+            straight = bent / (1 + theta[K1] * (straight**2).sum(axis=-1, keepdims=True))
+        return np.concatenate([straight, np.ones_like(bent[..., :1])], axis=-1)
 
     def _projected(self, p: Array, theta: Array, kind: float) -> tuple[Array, Array, Array]:
         """Return pixels and the depth that is expected there."""
-        height, width = self.pictures.depth.shape[1:]
         x, y, z = np.moveaxis(p, -1, 0)
         if self.pictures.panorama:
+            height, width = self.pictures.depth.shape[1:]
             far = np.linalg.norm(p, axis=-1)
-            return (
-                (0.5 + np.arctan2(x, z) / (2 * np.pi)) * width,
-                (0.5 + np.arcsin(y / far) / np.pi) * height,
-                far,
-            )
+            u, v = (0.5 + np.arctan2(x, z) / (2 * np.pi)) * width, (0.5 + np.arcsin(y / far) / np.pi) * height
+            return u, v, far
         ahead = np.where(z > 1e-6, z, np.nan)
         x, y = x / ahead, y / ahead
         square = x * x + y * y
@@ -212,69 +222,59 @@ class Fit:
         fx, fy, cx, cy = self._lens(theta, self.b)
         return x * bent * fx + cx, y * bent * fy + cy, ahead * (1 + square) ** (kind / 2)
 
-    def _of_color(self, u: Any, v: Any, theta: Array, frame: Any) -> tuple[Array, Array]:
-        _, _, cx, cy = self._lens(theta, frame)
-        larger = np.exp(theta[COLOR])
-        return (u - cx) * larger + cx + theta[COLOR_X], (v - cy) * larger + cy + theta[COLOR_Y]
+    def derivatives(self, theta: Array, chosen: list[int]) -> Array:
+        """Return (P, n, k) those of residuals by parameters."""
+        steps = np.diag(_STEPS)[chosen]
+        ends = [self.residuals(theta + step) - self.residuals(theta - step) for step in steps]
+        return np.asarray(np.stack(ends, axis=-1) / (2 * _STEPS[chosen]))
 
-    def _inside(self, u: Array, v: Array) -> NDArray[np.bool_]:
-        height, width = self.pictures.depth.shape[1:]
-        return np.asarray((u > 1.5) & (v > 1.5) & (u < width - 1.5) & (v < height - 1.5))
-
-    @staticmethod
-    def _sample(stack: NDArray[Any], frame: Any, u: Array, v: Array) -> Array:
-        """Return bilinear values inside pictures; NaN where one of the four pixels is NaN."""
-        height, width = stack.shape[1:]
-        x, y = np.nan_to_num(u) - 0.5, np.nan_to_num(v) - 0.5
-        left = np.clip(x, 0, width - 2).astype(np.int64)
-        top = np.clip(y, 0, height - 2).astype(np.int64)
-        x, y = x - left, y - top
-        upper = (1 - x) * stack[frame, top, left] + x * stack[frame, top, left + 1]
-        lower = (1 - x) * stack[frame, top + 1, left] + x * stack[frame, top + 1, left + 1]
-        return np.asarray((1 - y) * upper + y * lower)
-
-    def normal(self, theta: Array, candidates: list[int], use_depth: bool, use_grey: bool) -> Normal | None:
-        """Return the normal equations of parameters at ``theta``; None where too few points are compared."""
-        depth, grey = self.residuals(theta, grey=use_grey)
-        known = np.abs(depth) < _FAR_OFF
+    def system(self, theta: Array) -> System | None:
+        """Return the equations of all parameters at ``theta``; None where too few points are compared."""
+        off, unit = self.residuals(theta), np.diag([1.0] * 3 + [self.median] * 3)
+        step = 1e-3  # of poses
+        ends = [self.residuals(theta, step * pose) - self.residuals(theta, -step * pose) for pose in unit]
+        J, A = self.derivatives(theta, self.possible), np.stack(ends, axis=-1) / (2 * step)
+        X = np.concatenate([J, off[..., None]], axis=-1)
+        known = np.isfinite(X).all(axis=-1) & np.isfinite(A).all(axis=-1) & (np.abs(off) < _FAR_OFF)
         if known.sum() < _LEAST_POINTS:
             return None
-        sigma = self._spread(depth, known)
-        weights = [_tukey(depth, sigma)] if use_depth else []
-        if use_grey:
-            near = np.isfinite(grey) & (np.abs(depth) < 5 * sigma + 0.01)
-            if near.sum() < _LEAST_POINTS:
-                return None
-            weights.append(
-                _tukey(np.where(near, grey, np.nan), 1.4826 * np.median(np.abs(grey[near])) + 1e-3)
-            )
-        of = [values for values, used in ((depth, use_depth), (grey, use_grey)) if used]
-        columns = [self._derivative(theta, PARAMETERS[i].step, use_depth, use_grey, i) for i in candidates]
-        sizes = [_TURN] * 3 + [_MOVE * self.median] * 3
-        columns += [
-            self._derivative(theta, size, use_depth, use_grey, -1 - i) for i, size in enumerate(sizes)
-        ]
-        J, r, w = np.stack(columns, axis=-1), np.concatenate(of, axis=1), np.concatenate(weights, axis=1)
-        w = np.where(np.isfinite(J).all(axis=-1) & np.isfinite(r), w, 0)
-        J, r = np.nan_to_num(J), np.nan_to_num(r)
-        used = w > 0
-        steep = 6 * np.quantile(np.abs(J[used]), 0.95, axis=0) + 1e-12 if used.any() else np.inf
-        w = np.where((np.abs(J) > steep).any(axis=-1), 0, w)  # at the edges of pictures
-        return self._marginalized(J, r, w, len(candidates), depth)
+        both = np.abs(np.concatenate([J, A], axis=-1))
+        edges = (both > 6 * np.quantile(both[known], 0.95, axis=0) + 1e-12).any(axis=-1)
+        root = np.sqrt(np.where(known & ~edges, _tukey(off, self._spread(off, known)), 0) / _RELATED)
+        Q, T = np.linalg.qr(root[..., None] * np.nan_to_num(A))
+        X = root[..., None] * np.nan_to_num(X)
+        Y = Q.swapaxes(1, 2) @ X
+        rest = np.einsum("pni,pnj->ij", X, X) - np.einsum("pni,pnj->ij", Y, Y)
+        blocks = np.array_split(np.arange(len(Q)), -(-len(Q) // _TOGETHER))
 
-    def _derivative(self, theta: Array, step: float, use_depth: bool, use_grey: bool, i: int) -> Array:
-        """Return the derivative of the residuals by a parameter; of poses by -1 to -6."""
-        ends = []
-        for sign in (1, -1):
-            moved, pose = theta.copy(), None
-            if i >= 0:
-                moved[i] += sign * step
-            else:
-                pose = np.zeros(6)
-                pose[-1 - i] = sign * step
-            depth, grey = self.residuals(moved, pose, use_grey)
-            ends.append(np.concatenate([depth] * use_depth + [grey] * use_grey, axis=1))
-        return np.asarray((ends[0] - ends[1]) / (2 * step))
+        def free(factors: list[Array], y: Array) -> Array:
+            both = zip(factors, blocks, strict=True)
+            of = [F @ y[block].reshape(len(F), -1) for F, block in both]
+            return np.concatenate(of).reshape(y.shape)
+
+        trials = []
+        for alike, share in product(self.alike, _POSE_NOISE):
+            factors = []
+            for block in blocks:
+                F = share * T[block].reshape(-1, 6)
+                of_pairs = np.kron(alike[np.ix_(block, block)], np.ones((6, 6)))
+                L = cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True)
+                factors.append(dtrtri(L, lower=1)[0])
+            Z = free(factors, Y)
+            H = rest + np.einsum("pni,pnj->ij", Z, Z)
+            prior = H[:-1, :-1] + np.diag(_LIKELY[self.possible] ** -2.0)
+            cost = H[-1, -1] - H[-1, :-1] @ np.linalg.solve(prior, H[:-1, -1])
+            cost += np.linalg.slogdet(prior)[1] - 2 * sum(np.log(np.diag(F)).sum() for F in factors)
+            trials.append((float(cost), share, factors))
+        _, share, factors = min(trials, key=lambda trial: trial[0])
+
+        def white(values: Array) -> Array:
+            x = root[..., None] * np.nan_to_num(values)
+            y = Q.swapaxes(1, 2) @ x
+            return np.concatenate([x - Q @ y, free(factors, y)], axis=1)
+
+        X = white(np.concatenate([J, off[..., None]], axis=-1))
+        return System(X[..., :-1], X[..., -1], off, share, white)
 
     def _spread(self, off: Array, known: NDArray[np.bool_]) -> Array:
         """Return (P, n) the noise of log depth, by depth."""
@@ -284,92 +284,69 @@ class Fit:
         noise = np.array([1.4826 * np.median(s) + 2e-5 if s.size else 1.0 for s in spreads])
         return np.asarray(noise[of_point])
 
-    def _marginalized(self, J: Array, r: Array, w: Array, count: int, depth: Array) -> Normal:
-        enough = (w > 0).sum(axis=1) >= _LEAST_OF_PAIR
-        J, r, w = J[enough], r[enough], w[enough]
-        H = np.einsum("pni,pn,pnj->pij", J, w, J, optimize=True)
-        g = np.einsum("pni,pn,pn->pi", J, w, r, optimize=True)
-        pose = slice(count, None)
-        Hq, gq = H[:, pose, pose] / _RELATED, g[:, pose] / _RELATED
-        best, sigma = -np.inf, np.ones(6)
-        for share in _POSE_NOISE:  # the noise of poses that is most likely
-            trial = share * np.array([1.0] * 3 + [self.median] * 3)
-            A = Hq + np.diag(trial**-2)
-            fit = (gq * np.linalg.solve(A, gq[..., None])[..., 0]).sum()
-            likely = fit - np.linalg.slogdet(A)[1].sum() - 2 * len(Hq) * np.log(trial).sum()
-            if likely > best:
-                best, sigma = likely, trial
-        right = np.concatenate([H[:, pose, :count], g[:, pose, None]], axis=-1)
-        X = np.linalg.solve(H[:, pose, pose] + np.diag(_RELATED * sigma**-2), right)
-        matrix, total = np.zeros((len(enough), count, count)), np.zeros((len(enough), count))
-        matrix[enough] = H[:, :count, :count] - H[:, :count, pose] @ X[..., :-1]
-        total[enough] = g[:, :count] - np.einsum("pij,pj->pi", H[:, :count, pose], X[..., -1])
-        return Normal(matrix, total, sigma, depth)
+    def _settled(self, theta: Array, chosen: list[int], system: System) -> tuple[Array, System | None]:
+        """Return parameters with those of ``chosen`` fitted, and the equations there."""
 
-    def faults(
-        self, theta: Array, candidates: list[int], use_depth: bool, use_grey: bool
-    ) -> tuple[list[Fault], Array, Normal | None]:
-        """Return what is off beyond doubt, the greatest gain first, with all parameters and equations.
+        def at(x: Array) -> Array:
+            moved = theta.copy()
+            moved[chosen] = x
+            return moved
 
-        Args:
-            theta: (13,) to begin with; those of ``candidates`` that are not 0 are among the faults.
-            candidates: parameters.
-            use_depth, use_grey: whether depth, and the brightness of colours are compared.
-        """
-        theta, others, refused = theta.copy(), dict[int, tuple[int, ...]](), set[int]()
-        chosen = [c for c in candidates if theta[c]]
+        def left(x: Array) -> Array:
+            return white(np.clip(self.residuals(at(x)), -_FAR_OFF, _FAR_OFF)[..., None]).ravel()
 
-        def settle(trial: list[int]) -> bool:
-            """Fit some of the candidates; return whether all are beyond doubt."""
-            for _ in range(_ROUNDS):
-                if (normal := self.normal(theta, trial, use_depth, use_grey)) is None:
-                    return False
-                step, sigma, _ = normal.solve([*range(len(trial))], self.at)
-                most = np.array([PARAMETERS[i].most for i in trial])
-                theta[trial] += np.clip(step, -most, most)
-                if (np.abs(step) < 0.1 * sigma).all():
-                    break
-            return all(self._is_firm(theta[i], s, i) for i, s in zip(trial, sigma, strict=True))
+        def slopes(x: Array) -> Array:
+            return white(self.derivatives(at(x), chosen)).reshape(-1, len(chosen))
 
-        if chosen and not settle(chosen):
-            theta[chosen], chosen = 0, []
-        while (normal := self.normal(theta, candidates, use_depth, use_grey)) and len(chosen) < _MOST_FAULTS:
-            at = [candidates.index(c) for c in chosen]
-            gains = []
-            for c in (c for c in candidates if c not in chosen and c not in refused):
-                step, sigma, gain = normal.solve([*at, candidates.index(c)], self.at)
-                matters = abs(step[-1]) > 0.5 * PARAMETERS[c].matters
-                if matters and abs(step[-1]) > 0.6 * _SIGMA * sigma[-1]:
-                    gains.append((gain - (normal.solve(at, self.at)[2] if at else 0), c))
-            if not gains:
-                break
-            most, c = max(gains)
-            before = theta.copy()
-            if settle([*chosen, c]):
-                others[c] = tuple(i for gain, i in gains if i != c and gain > _AS_WELL * most)
-                chosen.append(c)
+        after = system
+        for _ in range(_ROUNDS):
+            white = after.white
+            fit = least_squares(
+                left, theta[chosen], slopes, method="lm", x_scale=_STEPS[chosen], max_nfev=_EVALUATIONS
+            )
+            theta = at(fit.x)
+            if (again := self.system(theta)) is None:
+                return theta, None
+            after = again
+        return theta, after
+
+    def _gains(self, system: System, chosen: list[int], refused: set[int]) -> list[tuple[float, int]]:
+        """Return what parameters that may be off would gain beside those chosen, the least first."""
+        gains, at = [], [self.possible.index(c) for c in chosen]
+        known = system.solve(at)[2] if at else 0.0
+        for i, c in enumerate(self.possible):
+            if c not in (*chosen, *refused):
+                step, sigma, gain = system.solve([*at, i])
+                if abs(step[-1]) > max(0.5 * _MATTERS[c], _LIKELY_SIGMA * sigma[-1]):
+                    gains.append((gain - known, c))
+        return sorted(gains)
+
+    def find(self) -> Found:
+        """Return what is off beyond doubt, the greatest gain first."""
+        theta, chosen, refused, others = np.zeros(len(PARAMETERS)), list[int](), set[int](), list[list[int]]()
+        if (system := self.system(theta)) is None:
+            return Found([], np.full((1, 1), np.nan), 0.0)
+        sigmas = np.zeros(0)
+        while len(chosen) < _MOST_FAULTS and (gains := self._gains(system, chosen, refused)):
+            *less, (most, c) = gains
+            trial = [*chosen, c]
+            fitted, after = self._settled(theta, trial, system)
+            of_trial = (
+                after.solve([self.possible.index(c) for c in trial])[1] if after else np.full(1, np.inf)
+            )
+            if after and (np.abs(fitted[trial]) > np.maximum(_SIGMA * of_trial, _MATTERS[trial])).all():
+                others.append([i for gain, i in less if gain > _AS_WELL * most])
+                theta, system, chosen, sigmas = fitted, after, trial, of_trial
             else:
-                theta = before
                 refused.add(c)
-        if not chosen or normal is None:
-            return [], theta, normal
-        faults, noise = [], 1.4826 * float(np.nanmedian(np.abs(normal.depth)))
-        sigmas = normal.solve([candidates.index(c) for c in chosen], self.at)[1]
-        for c, sigma in zip(chosen, sigmas.tolist(), strict=True):
-            model = (_INEXACT_COLOR if c in OF_COLOR else _INEXACT + _PER_NOISE * noise) * theta[c]
-            doubt = float(np.hypot(np.hypot(sigma, model), _OF_MATTERS * PARAMETERS[c].matters))
-            faults.append(Fault(c, float(theta[c]), doubt, others.get(c, ())))
-        return faults, theta, normal
-
-    def color_cost(self, theta: Array) -> float:
-        """Return the mean difference of grey, no difference above 1."""
-        grey = self.residuals(theta)[1]
-        grey = grey[np.isfinite(grey)]
-        return float(np.minimum(np.abs(grey), 1).mean()) if grey.size > _LEAST_POINTS else 9.0
-
-    @staticmethod
-    def _is_firm(size: float, sigma: float, parameter: int) -> bool:
-        return abs(size) > max(_SIGMA * sigma, PARAMETERS[parameter].matters)
+        noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
+        model = np.hypot((_INEXACT + _PER_NOISE * noise) * theta[chosen], _OF_MATTERS * _MATTERS[chosen])
+        rows = zip(chosen, np.hypot(sigmas, model).tolist(), others, strict=True)
+        faults = [
+            Fault(PARAMETERS[c], float(theta[c]), doubt, tuple(PARAMETERS[i] for i in also))
+            for c, doubt, also in rows
+        ]
+        return Found(faults, system.left, system.drift)
 
 
 def _smooth(inverse: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -388,8 +365,5 @@ def _tukey(values: Array, sigma: Any) -> Array:
 
 
 def _turned(w: Array, p: Array) -> Array:
-    """Return points (..., 3) turned by rotation vectors (..., 3)."""
-    angle = np.linalg.norm(w, axis=-1, keepdims=True)
-    across = np.cross(w, p)
-    half = np.sinc(angle / (2 * np.pi))
-    return np.asarray(p + np.sinc(angle / np.pi) * across + 0.5 * half**2 * np.cross(w, across))
+    """Return points (P, n, 3) turned by rotation vectors (P, n, 3)."""
+    return Rotation.from_rotvec(w.reshape(-1, 3)).apply(p.reshape(-1, 3)).reshape(p.shape)

@@ -12,38 +12,30 @@ import numpy as np
 
 from omniscv.arguments import one_of
 from omniscv.diagnostics import Finding
-from omniscv.diagnostics.posed_faults import (
-    COLOR,
-    COLOR_X,
-    COLOR_Y,
-    LEAST_FRAMES,
-    OF_COLOR,
-    OF_PANORAMA,
-    PAIRS,
-    PARAMETERS,
-    ROLLING,
-    TIME,
-    WIDTH,
-    Fault,
-    Fit,
-    Normal,
-)
+from omniscv.diagnostics.posed_faults import LEAST_FRAMES, PAIRS, WIDTH, Fault, Fit, Found, Parameter
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.sources.base import Request, Source
 from omniscv.sources.recording.asking import read_pictures, words_of
-from omniscv.sources.recording.conventions import Verdict, Words, ask, placed
-from omniscv.sources.recording.overlap import Indices, PosedPictures, Shot, agreement, moves
+from omniscv.sources.recording.conventions import Words, ask
+from omniscv.sources.recording.overlap import PosedPictures, Shot, moves
 from omniscv.sources.recording.posed_frames import Options
 from omniscv.sources.recording.sequences import find_sequence, sequences
 
+OF_COLORS = (
+    Parameter("focal length of colours", 4e-3, 4e-3, 0.14, "%", 100),
+    Parameter("colours, x", 0.5, 1.0, 6.0, "px"),
+    Parameter("colours, y", 0.5, 1.0, 6.0, "px"),
+)
+"""How colours may lie beside depth."""
 _POINTS, _TOLERANCE = 900, 0.03
-_CLEAR, _CLEARER = 4.0, 0.05  # standard errors, and correlation, by which other colours fit better
+_GAIN, _INEXACT = 0.05, 0.1  # share of what correlation lacks, that others gain; of sizes
+_CLEAR, _CLEARER = 3.0, 0.05  # standard errors, and correlation, by which other colours fit better
+_REACHES, _TRIALS, _ROUNDS, _SIGMA, _BLOCKS = (1.0, 0.4), 15, 4, 5.0, 8  # of a search for colours
 _PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
 _STEPS, _COARSE = 0.2, 0.01  # distinct values of all; a step, as a share of depth
 _SAMPLE = 200_000
-_FEWER = 0.8  # of the differences of colours, which remain if they are put right
-_AT_SOURCE = "check the file of poses, and the lens, that belong to these pictures"
+_OVERLAP = "frames that see the same surfaces"
 
 
 def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Finding]:
@@ -92,124 +84,116 @@ def examine_views(source: Source) -> list[Finding]:
 def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Finding]:
     """Return the convention that pictures support, and what is off within it."""
     if pictures is None:
-        return [
-            Finding("convention", "no two frames overlap", "warning", "frames that see the same surfaces")
-        ]
+        return [Finding("convention", "no two frames overlap", "warning", _OVERLAP)]
     verdict = ask(pictures, words)
     value = verdict.line().removeprefix("pictures").lstrip(": ")
-    findings = [
-        Finding.unless(not verdict.contradicts, "convention", value, "bad", f"write {_advice(verdict)}")
-    ]
     if verdict.why or verdict.best is None:
-        return [
-            Finding("convention", value, "warning", "frames that see the same surfaces"),
-            *_values(pictures),
-        ]
+        return [Finding("convention", value, "warning", _OVERLAP), *_values(pictures)]
+    remedy = f"write {verdict.advice('')}"
+    findings = [Finding.unless(not verdict.contradicts, "convention", value, "bad", remedy)]
+    R, t = verdict.best.convention.poses(*words.written(pictures.R, pictures.t))
     along = verdict.best.convention.along
-    R, t = placed(verdict.best.convention, words, pictures)
     findings += _colors(pictures, R, t, along)
     if len(R) >= LEAST_FRAMES:
-        findings += _faults(Fit(pictures, R, t, along))
+        findings += _faults(find(pictures, R, t, along))
     else:
         findings.append(Finding("faults", f"none is named from fewer than {LEAST_FRAMES} frames"))
     return [*findings, *_values(pictures)]
 
 
-def _advice(verdict: Verdict) -> str:
-    return verdict.advice("layout") if verdict.contradicts else ""
+def find(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Found:
+    """Return the faults of pictures: of depth and poses, or else of colours, which need both."""
+    found = Fit(pictures, R, t, along).find()
+    return found if found.faults else found._replace(faults=_colors_beside(pictures, R, t, along))
 
 
-def _faults(fit: Fit) -> Iterator[Finding]:
-    found, normal = find(fit)
-    for fault in found:
-        what = PARAMETERS[fault.parameter]
-        value = (
-            f"off by {what.scale * fault.size:+.3g} +- {what.scale * fault.sigma:.1g} {what.unit}".rstrip()
-        )
-        if fault.others:
-            names = " or ".join(PARAMETERS[other].name for other in fault.others)
-            value += f"; or explained by {names}"
-        yield Finding(what.name, value, "bad", _AT_SOURCE)
-    if normal is None:
+def _faults(found: Found) -> Iterator[Finding]:
+    """Yield what is off, the noise, and whether things move."""
+    faults, left, drift = found
+    off = left[np.isfinite(left)]
+    if not off.size:
         yield Finding("faults", "too few points are seen twice", "warning", "frames that overlap more")
         return
-    if not found:
+    yield from map(_fault, faults)
+    if not faults:
         yield Finding("lens, scale and time", "nothing is off beyond doubt")
-    noise = np.nanmedian(np.abs(normal.depth[np.abs(normal.depth) < _LEAST_OFF])) * 1.4826
-    turn, move = np.degrees(normal.pose[0]), normal.pose[3]
-    yield Finding("noise", f"depth {noise:.2%}; poses of pairs {turn:.2g} degrees, {move:.2g} of its unit")
-    yield _moving(normal, float(noise))
-
-
-def find(fit: Fit) -> tuple[list[Fault], Normal | None]:
-    """Return the faults of pictures: of depth and poses, then of colours."""
-    possible = [*OF_PANORAMA] if fit.pictures.panorama else [*range(13)]
-    possible = [i for i in possible if fit.is_video or i not in (TIME, ROLLING)]
-    of_depth, of_color = [i for i in possible if i not in OF_COLOR], [i for i in possible if i in OF_COLOR]
-    found, theta, normal = fit.faults(np.zeros(13), of_depth, True, False)
-    if fit.pictures.grey is None or normal is None:
-        return found, normal
-    before = fit.color_cost(theta)
-    colors, theta, _ = fit.faults(_near_colors(fit, theta, of_color), of_color, False, True)
-    clearly = fit.color_cost(theta) < _FEWER * before
-    return [*found, *(colors if clearly else [])], normal
-
-
-def _near_colors(fit: Fit, theta: Array, candidates: list[int]) -> Array:
-    """Return parameters near which colours fit: they may lie far beside depth."""
-    start = best = fit.color_cost(theta)
-    result = theta
-    for share in (1.0, 0.4):
-        for c, reach, count in ((COLOR, 0.14, 15), (COLOR_X, 6, 9), (COLOR_Y, 6, 9)):
-            for by in share * np.linspace(-reach, reach, count) if c in candidates else ():
-                trial = result.copy()
-                trial[c] += by
-                if (value := fit.color_cost(trial)) < best - 0.002:
-                    best, result = value, trial
-    return result if best <= _FEWER * start else theta
-
-
-def _moving(normal: Normal, noise: float) -> Finding:
-    off = normal.depth[np.isfinite(normal.depth)]
+    noise = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF])))
+    value = f"depth {noise:.2%}; poses of frames {np.degrees(drift):.2g} degrees, {drift:.2g} of depth"
+    yield Finding("noise", value)
     share = float((off > max(_OF_SIGMA * noise, _LEAST_OFF)).mean())
     remedy = "things move, or poses are wrong in places: frames of a still world"
-    return Finding.unless(share < _BEHIND, "surfaces that are gone", f"{share:.1%}", "warning", remedy)
+    yield Finding.unless(share < _BEHIND, "surfaces that are gone", f"{share:.1%}", "warning", remedy)
+
+
+def _fault(fault: Fault) -> Finding:
+    name, *_, unit, scale = fault.parameter
+    value = f"off by {scale * fault.size:+.3g} +- {scale * fault.sigma:.1g} {unit}".rstrip()
+    others = " or ".join(other.name for other in fault.others)
+    value += f"; or explained by {others}" if others else ""
+    return Finding(name, value, "bad", "check the file of poses, and the lens, that belong to these pictures")
 
 
 def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterator[Finding]:
     """Yield whether colours belong to depth: as they are, not mirrored, and of the same frame."""
     if pictures.grey is None:
         return
-    motion = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
-    flips = {"": (1, 1), "mirrored": (1, -1), "upside down": (-1, 1), "turned by 180 degrees": (-1, -1)}
-    shifts = [
-        by for by in range(-3, 4) if by == 0 or np.isin(pictures.frames + by, pictures.frames).mean() > 0.6
-    ]
-    scores = dict[tuple[str, int], Array]()
-    for (name, (down, across)), by in product(flips.items(), shifts):
-        at = np.abs(pictures.frames[:, None] - (pictures.frames + by)).argmin(axis=0)
-        grey = np.ascontiguousarray(pictures.grey[at][:, ::down, ::across])
-        scores[name, by] = _correlation(pictures, grey, motion, along)
-    best = max(scores, key=lambda key: float(scores[key].mean()))
-    better = scores[best] - scores["", 0]
-    margin, sigma = better.mean(), better.std() / np.sqrt(len(better)) + 1e-9
-    said = f"correlation {scores['', 0].mean():.2f}"
-    if best == ("", 0) or margin < max(_CLEARER, _CLEAR * sigma):
+    frames, how = pictures.frames, (_POINTS, _TOLERANCE, along)
+    motion = moves(R[frames], t[frames], pictures.pairs)
+    flips = {"": (1, 1), "mirrored": (-1, 1), "upside down": (1, -1), "turned by 180 degrees": (-1, -1)}
+    scores = dict[str, Array]()
+    for by in sorted(range(-3, 4), key=abs):
+        if by == 0 or np.isin(frames + by, frames).mean() > 0.6:
+            at = np.abs(frames[:, None] - (frames + by)).argmin(axis=0)
+            late = f"of {abs(by)} frames {'later' if by > 0 else 'earlier'}" if by else ""
+            others = replace(pictures, grey=pictures.grey[at])
+            for name, flip in flips.items():
+                said = " and ".join(filter(None, (name, late)))
+                scores[said] = others.agreements(*motion, how, (*flip, 0, 0))[:, 1]
+    best, as_said = max(scores, key=lambda said: float(scores[said].mean())), scores[""]
+    better = scores[best] - as_said
+    sigma = better.std() / np.sqrt(len(better))
+    said = f"correlation {as_said.mean():.2f}"
+    if best and better.mean() > max(_CLEARER, (_CLEAR + 1) * sigma):
+        value, remedy = f"{best}: {scores[best].mean():.2f}", "give each depth the colours of its own frame"
+        yield Finding("colours over depth", f"{value}; as said {said}", "bad", remedy)
+    else:
         yield Finding("colours over depth", said)
-        return
-    name, by = best
-    late = f"of {abs(by)} frames {'later' if by > 0 else 'earlier'}" if by else ""
-    value = (
-        f"{' and '.join(word for word in (name, late) if word)}: {scores[best].mean():.2f}; as said {said}"
-    )
-    yield Finding("colours over depth", value, "bad", "give each depth the colours of its own frame")
 
 
-def _correlation(pictures: PosedPictures, grey: Any, motion: Array, along: bool) -> Array:
-    points = replace(pictures, grey=grey).points(_POINTS)
-    second: Indices = pictures.pairs[:, 1].copy()
-    how = (along, pictures.panorama, _TOLERANCE)
-    return np.asarray(agreement(points, motion, second, pictures.depth, grey, pictures.lenses, how)[:, 1])
+def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> list[Fault]:
+    """Return by how much colours lie beside depth: where they agree best from picture to picture."""
+    if pictures.grey is None:
+        return []
+    motion = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
+    steps = np.diag([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
+    x, sigma = np.zeros(3), np.full(3, np.inf)
+
+    def scores(x: Array) -> Array:
+        scale = float(np.exp(x[0]))
+        return pictures.agreements(*motion, (_POINTS, _TOLERANCE, along), (scale, scale, x[1], x[2]))[:, 1]
+
+    def slopes_at(x: Array) -> Array:
+        return np.stack([scores(x + step) - scores(x - step) for step in steps], axis=-1) / 2
+
+    before = scores(x)
+    for reach, (i, parameter) in product(_REACHES, enumerate(OF_COLORS)):
+        trials = x + np.eye(3)[i] * np.linspace(-reach, reach, _TRIALS)[:, None] * parameter.most
+        x = max([x, *trials], key=lambda trial: float(scores(trial).mean()))
+    for _ in range(_ROUNDS):
+        slopes = slopes_at(x)
+        bend = np.stack([(slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2 for step in steps])
+        inverse = np.linalg.pinv(bend)
+        x = x - np.diag(steps) * np.clip(inverse @ slopes.mean(axis=0), -3, 3)
+        blocks = np.stack(
+            [block.sum(axis=0) for block in np.array_split(slopes - slopes.mean(axis=0), _BLOCKS)]
+        )
+        sigma = np.diag(steps) * np.linalg.norm(blocks / len(slopes) @ inverse, axis=0)
+    better = scores(x) - before
+    if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
+        return []
+    sigma = np.hypot(sigma, _INEXACT * x)
+    found = zip(OF_COLORS, x.tolist(), sigma.tolist(), strict=True)
+    return [Fault(p, size, s) for p, size, s in found if abs(size) > max(p.matters, _SIGMA * s)]
 
 
 def _values(pictures: PosedPictures) -> Iterator[Finding]:

@@ -1,14 +1,18 @@
-"""Pictures of rooms with poses, drawn by formulas that the product does not share, and what spoils them.
+"""Pictures of worlds with poses, drawn by code that the product does not share, and what spoils them.
 
-Rooms are a box with boxes in it; rays meet them by their slabs. Colours are sums of waves over the surface.
+Rays meet triangles, or what MuJoCo holds. Colours are sums of waves over the surface.
 """
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
+import cv2
 import numpy as np
+import pytest
+from numba import njit
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from omniscv.geometry.pinhole import Projection
 from omniscv.sources.recording.conventions import PAIRS, WIDTH, Convention, ask
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 
@@ -63,8 +67,123 @@ def walk(at, seed=0, step_deg=9.0, straight=False, still=False):
     return Rotation.from_euler("zyx", np.stack(angles, axis=1)).as_matrix() @ level, t
 
 
-def room(seed=0, boxes=9, width=96, height=72, plain=False, k1=0.0, late=0.0, rolling=0.0, **path):
-    """Shots of a room of 6 x 5 x 3 m with boxes; ``plain``: bare walls of one colour each.
+_BOX = np.array(list(np.ndindex(2, 2, 2)), float)[
+    [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6],
+     [0, 6, 4], [1, 3, 7], [1, 7, 5]]
+]  # fmt: skip
+
+
+def _boxes(random, boxes):
+    """Triangles (T, 3, 3) of a room of 6 x 5 x 3 m and its boxes, none of them in the way."""
+    low = np.array(
+        [[-3.0, -2.5, 0], *([*random.uniform(-2.6, 2.2, 2), random.uniform(0, 1.6)] for _ in range(boxes))]
+    )
+    size = np.array(
+        [[6.0, 5, 3], *([*random.uniform(0.3, 1.1, 2), random.uniform(0.3, 1.4)] for _ in range(boxes))]
+    )
+    away = np.abs((low + size / 2)[:, :2]).max(axis=1) > 1.75
+    away[0] = True
+    return _met([a + b * _BOX for a, b in zip(low[away], size[away], strict=True)])
+
+
+def _mesh(random, boxes):
+    """A dented cave of loose triangles, stairs in it, and prisms, tilted."""
+    ball = random.normal(size=(260, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    cave = (ball * random.uniform(2.7, 3.6, (len(ball), 1)))[ConvexHull(ball).simplices] + [0, 0, 1.4]
+    stairs = [[1.8 + 0.2 * i, -0.8, 0] + _BOX * [0.2, 1.6, 0.18 * (i + 1)] for i in range(6)]
+
+    def thrown(shape, size):
+        angle, turn = random.uniform(0.6, 5.7), Rotation.from_rotvec(random.normal(size=3)).as_matrix()
+        return shape * random.uniform(*size, 3) @ turn + [
+            2.2 * np.cos(angle),
+            2.2 * np.sin(angle),
+            random.uniform(0.4, 2.4),
+        ]
+
+    prisms = [thrown(_BOX[[0, 1, 4, 5, 8, 9]], (0.4, 0.9)) for _ in range(7)]
+    loose = [thrown(random.normal(size=(1, 3, 3)), (0.2, 0.4)) for _ in range(20)]
+    return _met([cave, np.concatenate(stairs), *prisms, np.concatenate(loose)])
+
+
+def _met(parts):
+    """Return what rays meet first in a world of triangles, and the number of its parts."""
+    corners, part = np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(each) for each in parts])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    axis = np.abs(normals).argmax(axis=1)
+    side = 2 * axis + (normals[np.arange(len(axis)), axis] > 0)
+
+    def trace(origins, rays):
+        lengths, index = _meet(origins, rays, corners)
+        return lengths, part[index], side[index]
+
+    return trace, len(parts)
+
+
+@njit(cache=True)
+def _meet(origins, rays, corners):
+    """Return the length of each ray to the first triangle, and which that is (Moeller and Trumbore)."""
+    lengths, nearest = np.full(len(origins), np.inf), np.zeros(len(origins), np.int64)
+    for k in range(len(corners)):
+        a, u, v = corners[k, 0], corners[k, 1] - corners[k, 0], corners[k, 2] - corners[k, 0]
+        for i in range(len(origins)):
+            dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
+            px, py, pz = dy * v[2] - dz * v[1], dz * v[0] - dx * v[2], dx * v[1] - dy * v[0]
+            volume = u[0] * px + u[1] * py + u[2] * pz
+            if volume == 0:
+                continue
+            sx, sy, sz = origins[i, 0] - a[0], origins[i, 1] - a[1], origins[i, 2] - a[2]
+            first = (sx * px + sy * py + sz * pz) / volume
+            qx, qy, qz = sy * u[2] - sz * u[1], sz * u[0] - sx * u[2], sx * u[1] - sy * u[0]
+            second = (dx * qx + dy * qy + dz * qz) / volume
+            t = (v[0] * qx + v[1] * qy + v[2] * qz) / volume
+            if first >= 0 and second >= 0 and first + second <= 1 and 0 < t < lengths[i]:
+                lengths[i], nearest[i] = t, k
+    return lengths, nearest
+
+
+def _mujoco(random, boxes):
+    """A room with round things that MuJoCo meets."""
+    mujoco = pytest.importorskip("mujoco")
+    rows = [
+        ("box", [9, 9, 9], at, [0, 0, 0]) for at in np.array([12.5, 11.8, 10.6]) * [*np.eye(3), *-np.eye(3)]
+    ]
+    for kind in ("sphere", "capsule", "cylinder", "ellipsoid") * 3:
+        at = 2.2 * np.exp(1j * random.uniform(0, 6.3))
+        size, turn = random.uniform(0.15, 0.45, 3), random.uniform(0, 180, 3)
+        rows.append((kind, size, [at.real, at.imag, random.uniform(-1.2, 1)], turn))
+    text = "".join(
+        '<geom type="{}" size="{}" pos="{}" euler="{}"/>'.format(
+            kind, *(" ".join(map(str, each)) for each in numbers)
+        )
+        for kind, *numbers in rows
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody><body pos='0 0 1.5'>{text}</body></worldbody></mujoco>"
+    )
+    mujoco.mj_forward(model, data := mujoco.MjData(model))
+
+    def trace(origins, rays):
+        lengths, part = np.zeros(len(rays)), np.zeros(len(rays), np.int32)
+        for row in np.split(np.arange(len(rays)), np.flatnonzero(np.diff(origins, axis=0).any(axis=1)) + 1):
+            at, of = np.zeros(len(row)), np.zeros(len(row), np.int32)
+            mujoco.mj_multiRay(
+                model, data, origins[row[0]], rays[row].ravel(), None, 1, -1, of, at, None, len(row), 1e9
+            )
+            lengths[row], part[row] = at, of
+        return lengths, part, 0 * part
+
+    return trace, len(rows)
+
+
+WORLDS = {"boxes": _boxes, "mesh": _mesh, "mujoco": _mujoco}
+"""By name what rays meet; none of them knows the product's own scenes."""
+
+
+def room(
+    seed=0, boxes=9, width=96, height=72, plain=False, k1=0.0, late=0.0, rolling=0.0, world="boxes", **path
+):
+    """Shots of a world, by default a room of 6 x 5 x 3 m with boxes; ``plain``: walls of one colour each.
 
     Pictures have a distortion ``k1`` that their lens lacks, are taken ``late`` frames after their poses, and
     their rows within ``rolling`` frames.
@@ -72,43 +191,27 @@ def room(seed=0, boxes=9, width=96, height=72, plain=False, k1=0.0, late=0.0, ro
     random = np.random.default_rng(seed)
     count = path.pop("count", 8)
     R, t = walk(np.arange(count), seed, **path)
-    low = [[-3.0, -2.5, 0.0]] + [
-        [*random.uniform(-2.6, 2.2, 2), random.uniform(0, 1.6)] for _ in range(boxes)
-    ]
-    size = [[6.0, 5.0, 3.0]] + [
-        [*random.uniform(0.3, 1.1, 2), random.uniform(0.3, 1.4)] for _ in range(boxes)
-    ]
-    low, high = np.array(low), np.array(low) + size
-    away = (np.abs((low + high) / 2)[:, :2] + 0.0).max(axis=1) > 1.75  # of the walk
-    away[0] = True
-    low, high = low[away], high[away]
-    waves = random.normal(0, 1.0, (len(low), 6, 3)) * np.array([4, 7, 12, 18, 25, 35])[:, None]
-    phases, tones = random.uniform(0, 6.3, (len(low), 6)), random.uniform(60, 190, (len(low), 6, 3))
-    focal = 0.85 * width
-    shots = Shots(np.zeros((count, height, width)), None, R, t, (focal, focal, width / 2, height / 2))
-    lit = np.zeros((count, height, width, 3))
+    trace, parts = WORLDS[world](random, boxes)
+    waves = random.normal(0, 1.0, (parts, 6, 3)) * np.array([4, 7, 12, 18, 25, 35])[:, None]
+    phases, tones = random.uniform(0, 6.3, (parts, 6)), random.uniform(60, 190, (parts, 6, 3))
+    shots = Shots(
+        np.zeros((count, height, width)), None, R, t, (0.85 * width, 0.85 * width, width / 2, height / 2)
+    )
+    lit = []
     for i in range(count):
-        rows = i + late + rolling * ((np.arange(height) + 0.5) / height - 0.5)
-        turns, places = walk(rows, seed, **path)
-        d, origin = np.einsum("hij,hwj->hwi", turns, shots.rays(k1)), places[:, None]
-        nearest = np.full(d.shape[:2], np.inf)
-        for k, (a, b) in enumerate(zip(low, high, strict=True)):
-            ends = np.stack([(a - origin) / d, (b - origin) / d])
-            enter, leave = ends.min(axis=0), ends.max(axis=0)
-            axis = leave.argmin(axis=-1) if k == 0 else enter.argmax(axis=-1)
-            hit = leave.min(axis=-1) if k == 0 else enter.max(axis=-1)
-            met = (hit > 0) & (hit < nearest) & ((k == 0) | (enter.max(axis=-1) < leave.min(axis=-1)))
-            p = origin + d * hit[..., None]
-            face = 2 * axis + (np.take_along_axis(d, axis[..., None], -1)[..., 0] > 0)
-            texture = np.sin(p @ waves[k].T + phases[k]).sum(axis=-1) * (0 if plain else 18)
-            color = np.clip(tones[k][face] + texture[..., None], 0, 255)
-            nearest, lit[i] = np.where(met, hit, nearest), np.where(met[..., None], color, lit[i])
-        shots.depth[i] = nearest
-    return replace(shots, lit=np.round(lit).astype(np.uint8))
+        turns, places = walk(i + late + rolling * ((np.arange(height) + 0.5) / height - 0.5), seed, **path)
+        rays = np.einsum("hij,hwj->hwi", turns, shots.rays(k1)).reshape(-1, 3)
+        origins = np.repeat(places, width, axis=0)
+        lengths, part, side = trace(origins, rays)
+        points = origins + rays * lengths[:, None]
+        texture = sum(np.sin((points * waves[part, k]).sum(axis=1) + phases[part, k]) for k in range(6))
+        lit.append(np.clip(tones[part, side] + (0 if plain else 18) * texture[:, None], 0, 255))
+        shots.depth[i] = lengths.reshape(height, width)
+    return replace(shots, lit=np.round(lit).astype(np.uint8).reshape(count, height, width, 3))
 
 
 def noisy(shots, seed=0, much=1.0, moving=0.0):
-    """The shots of a structured-light camera: noise and steps that grow with depth, holes, drifting poses.
+    """The shots of a structured-light camera: noise and steps that grow with depth, holes, JPEG, drift.
 
     ``moving``: the share of pixels where something passes in front.
     """
@@ -119,6 +222,7 @@ def noisy(shots, seed=0, much=1.0, moving=0.0):
     edges = np.abs(np.diff(shots.depth, axis=2, append=shots.depth[:, :, -1:])) > 0.1
     depth[edges | (random.random(depth.shape) < 0.03 * much)] = 0
     lit = np.clip(shots.lit + random.normal(0, 3 * much, shots.lit.shape), 0, 255).astype(np.uint8)
+    lit = np.stack([cv2.imdecode(cv2.imencode(".jpg", each)[1], cv2.IMREAD_COLOR) for each in lit])
     count, height, width = depth.shape
     for i in range(count if moving else 0):
         edge = int(np.sqrt(moving * height * width))
@@ -176,14 +280,16 @@ MISDESCRIBED = {
 """By name what :func:`written` is told, with ``depth`` and ``ray`` of the pictures; and the convention."""
 
 
-def asked(shots, words, R=None, t=None, depth=1.0, ray=False, lit=True):
-    """The verdict on shots whose poses and depth are said to be as in words."""
-    R, t = (shots.R, shots.t) if R is None else (R, t)
+def read(shots, R=None, t=None, depth=1.0, ray=False, pairs=PAIRS, most=WIDTH):
+    """Shots as the product has them, with other poses and depth."""
     stored = depth * shots.depth * (np.linalg.norm(shots.rays(), axis=-1) if ray else 1)
-    lens = SimpleNamespace(**dict(zip(("fx", "fy", "cx", "cy"), shots.lens, strict=True)))
+    lens, fov = Projection(*shots.lens), 2 * np.arctan(shots.depth.shape[2] / 2 / shots.lens[0])
+    R, t = (shots.R, shots.t) if R is None else (R, t)
+    return PosedPictures.read(
+        R, t, lambda i, width: Shot.of(stored[i], shots.lit[i], lens, width), fov, pairs, most
+    )
 
-    def read(i, width):
-        return Shot.of(stored[i], shots.lit[i] if lit else None, lens, width)
 
-    fov = 2 * np.arctan(shots.depth.shape[2] / 2 / shots.lens[0])
-    return ask(PosedPictures.read(R, t, read, fov, PAIRS, WIDTH), words)
+def asked(shots, words, *told, **pictures):
+    """The verdict on shots whose poses and depth are said to be as in words."""
+    return ask(read(shots, *told, **pictures), words)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.trajectory_columns import axes_of, frame_of_axes
-from omniscv.sources.pictures import DepthForm
-from omniscv.sources.recording.conventions import PAIRS, WIDTH, Convention, Verdict, Words, ask, poses_by
+from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, ask
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 from omniscv.sources.recording.posed_frames import Frame, Sequence
 
@@ -33,44 +33,35 @@ def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, .
         return sequence, (f"{verdict.line()}; taken as said",)
     if verdict.words.asks and (right := put_right(sequence, verdict)) is not None:
         return right, (f"{verdict.line()}; taken as pictures show",)
-    by = {"nerfstudio": "format", "tum": "format", "latlong": "options", "pinhole": "options"}
-    said, words = (
-        verdict.described(verdict.words.convention),
-        verdict.advice(by.get(sequence.layout, "layout")),
-    )
-    expected = f"expected pictures that overlap as said, {said}"
-    raise ArgumentError(
-        f"{expected}; got {verdict.line()}; write {words}; or --trust-words takes them as said"
-    )
+    expected = f"expected pictures that overlap as said, {verdict.described(verdict.words.convention)}"
+    words = f"write {verdict.advice(sequence.layout)}; or --trust-words takes them as said"
+    raise ArgumentError(f"{expected}; got {verdict.line()}; {words}")
 
 
 def verdict_on(sequence: Sequence) -> Verdict | None:
     """Return what the pictures of a sequence say; None of frames without depth, or of one frame."""
-    frames = ordered(sequence)
     words = words_of(sequence)
-    if len(frames) < 2 or words is None:
+    if words is None or len(ordered(sequence)) < 2:
         return None
     pictures = read_pictures(sequence, PAIRS, WIDTH)
-    if pictures is None:
-        return Verdict(words, why="no two frames with depth can be compared")
-    return ask(pictures, words)
+    return (
+        ask(pictures, words) if pictures else Verdict(words, why="no two frames with depth can be compared")
+    )
 
 
 def words_of(sequence: Sequence) -> Words | None:
     """Return what is said of the poses and the depth of a sequence; None where there is no depth."""
-    frames = ordered(sequence)
-    if not frames:
+    if not (frames := ordered(sequence)):
         return None
-    form, words = sequence.form(frames[0]), sequence.words
-    return replace(words, along=form.ray, per_m=form.per_m or 1.0)
+    form = sequence.form(frames[0])
+    return replace(sequence.words, along=form.ray, per_m=form.per_m or 1.0)
 
 
 def ordered(sequence: Sequence) -> list[Frame]:
     """Return the frames with depth, in the order of the numbers in their names."""
 
-    def key(frame: Frame) -> list[tuple[int, str]]:
-        words = re.split(r"(\d+)", str(frame.files["depth"]))
-        return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
+    def key(frame: Frame) -> list[str]:
+        return [word.zfill(20) for word in re.split(r"(\d+)", str(frame.files["depth"]))]
 
     return sorted((frame for frame in sequence.frames if "depth" in frame.files), key=key)
 
@@ -93,11 +84,12 @@ def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures |
             return Shot.of(depth, lit, lens, most)
         return None
 
-    if (first := next((read for i in range(len(frames)) if (read := shot(i, width))), None)) is None:
+    first = next((read for i in range(len(frames)) if (read := shot(i, width))), None)
+    if first is None:
         return None
-    fov = 2 * np.pi
-    if first.lens is not None:
-        fov = np.radians(pinhole.fov_deg(first.depth.shape[1], first.lens[0]))
+    fov = (
+        2 * np.pi if first.lens is None else np.radians(pinhole.fov_deg(first.depth.shape[1], first.lens[0]))
+    )
     pairs = pairs if max(pixels) <= _LARGE else pairs // 3  # they take longer to read
     return PosedPictures.read(*poses_of(frames), shot, fov, pairs, width)
 
@@ -111,21 +103,21 @@ def poses_of(frames: list[Frame]) -> tuple[Array, Array]:
 def put_right(sequence: Sequence, verdict: Verdict) -> Sequence | None:
     """Return a sequence by another convention than its words; None where poses belong to other frames."""
     assert verdict.best is not None
-    convention: Convention = verdict.best.convention
+    convention = verdict.best.convention
     metres, per_m = verdict.units(convention)
-    depths = [frame.holds["depth"] for frame in sequence.frames if "depth" in frame.holds]
-    packed = any(files.form.encoding for files in depths)
+    packed = any(frame.holds["depth"].form.encoding for frame in sequence.frames if "depth" in frame.holds)
     if convention.shift or convention.quaternion or packed or sequence.options.depth:
         return None
     file = verdict.words.written(*poses_of(sequence.frames))
-    R, t = poses_by(convention._replace(ratio=verdict.words.metres / metres), *file)
-    W, _ = axes_of(frame_of_axes(np.reshape(convention.axes, (3, 3))))
-    form = DepthForm(convention.along, per_m)
+    W, _ = axes_of(frame_of_axes(convention.C))
+    R, t = convention._replace(ratio=verdict.words.metres / metres).poses(*file)
+    of_depth: dict[str, Any] = {
+        "kind": "ray" if convention.along else "planar",
+        "unit": f"1/{per_m!r}" if per_m != 1 else "",
+    }
     frames = []
     for frame, rotation, position in zip(sequence.frames, W @ R, t @ W.T, strict=True):
-        holds = dict(frame.holds)
-        if "depth" in holds:
-            unit = f"1/{per_m!r}" if per_m != 1 else ""
-            holds["depth"] = replace(holds["depth"], kind="ray" if form.ray else "planar", unit=unit)
+        holds = {**frame.holds}
+        holds |= {mode: replace(files, **of_depth) for mode, files in holds.items() if mode == "depth"}
         frames.append(replace(frame, pose=Pose(position, rotation), holds=holds))
     return replace(sequence, frames=frames)

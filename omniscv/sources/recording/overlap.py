@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
-from omniscv.geometry import Array
+from omniscv.geometry import Array, pinhole
 
 Indices = NDArray[np.int64]
 
@@ -24,7 +24,7 @@ _OVERLAPS, _TURNED = 0.45, 0.25  # shares of the field of view: the most that a 
 _MOST_FOV = 2.0  # radians; of a wider picture, no more counts
 _BESIDE = 24  # pairs of a gap that are looked at
 _LEAST_AGREE = 9  # points whose grey is compared
-_LEAST_SD = 6.0  # grey levels that are noise
+_LEAST_SD, _MIDDLE = 6.0, 100.0  # grey levels that are noise, of pictures whose median is the other
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class PosedPictures:
     R: Array
     t: Array
     panorama: bool = False
+    _points: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def read(
@@ -65,43 +66,50 @@ class PosedPictures:
             width: of pictures, px, at most.
         """
         chosen = choose_pairs(R, t, fov, pairs)
-        shots = {int(i): shot for i in np.unique(chosen) if (shot := read(int(i), width)) is not None}
-        sizes = Counter(shot.depth.shape for shot in shots.values())
-        usual = max(sizes, key=lambda size: sizes[size], default=None)
-        frames = [i for i, shot in shots.items() if shot.depth.shape == usual]
-        at = {frame: place for place, frame in enumerate(frames)}
-        held = [[at[a], at[b]] for a, b in chosen.tolist() if a in at and b in at]
+        shots = {i: shot for i in np.unique(chosen).tolist() if (shot := read(i, width)) is not None}
+        sizes = Counter(shot.depth.shape for shot in shots.values()).most_common(1)
+        frames = [i for i, shot in shots.items() if shot.depth.shape == sizes[0][0]]
+        held = [[frames.index(i) for i in pair] for pair in chosen.tolist() if {*pair} <= {*frames}]
         if not held:
             return None
         held += [pair[::-1] for pair in held] if len(held) < _FEW else []
-        of = [shots[frame] for frame in frames]
-        greys = [shot.grey for shot in of if shot.grey is not None]
-        grey = np.stack(greys) if len(greys) == len(of) else None
-        lenses = np.array([shot.lens or (1, 1, 0, 0) for shot in of], np.float64)
-        depth, panorama = np.stack([shot.depth for shot in of]), of[0].lens is None
-        return cls(depth, grey, lenses, np.array(frames), np.array(held), R, t, panorama)
+        depth, greys, lenses = zip(*(shots[frame] for frame in frames), strict=True)
+        grey = None if any(each is None for each in greys) else np.stack(greys)
+        of = np.array([lens or (1, 1, 0, 0) for lens in lenses], np.float64)
+        return cls(np.stack(depth), grey, of, np.array(frames), np.array(held), R, t, lenses[0] is None)
 
-    def points(self, count: int) -> Array:
-        """Return (P, count, 5) random points of the first pictures of pairs: unit ray, depth, and grey."""
-        height, width = self.depth.shape[1:]
-        first = self.pairs[:, 0]
-        random = np.random.default_rng(count)
-        shape = len(first), count
-        v, u = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
-        at = first[:, None], v, u
-        grey = np.zeros(shape) if self.grey is None else self.grey[at]
-        values = np.stack([self.depth[at], grey], axis=-1)
-        return np.concatenate([self.rays(first, u + 0.5, v + 0.5), values], axis=-1)
+    def agreements(
+        self, R: Array, t: Array, how: tuple[int, float, bool], warp: tuple[float, ...] = (1, 1, 0, 0)
+    ) -> Array:
+        """Return (P, 2) of pairs the agreement of depth, and the correlation of grey where it agrees.
+
+        Args:
+            R, t: rotations (P, 3, 3) and translations (P, 3) from first to second pictures, by :func:`moves`.
+            how: points of a pair, the tolerance of log depth, and whether depth is along the ray.
+            warp: scale across and down about the middle, and px across and down, of colours beside depth.
+        """
+        count, *flags = how
+        if count not in self._points:
+            height, width = self.depth.shape[1:]
+            first, random = self.pairs[:, :1], np.random.default_rng(count)
+            shape = len(first), count
+            v, u = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
+            values = np.stack([self.depth[first, v, u], u + 0.5, v + 0.5], axis=-1)
+            self._points[count] = np.concatenate([self.rays(first[:, 0], u + 0.5, v + 0.5), values], axis=-1)
+        grey = self.depth if self.grey is None else self.grey
+        pictures, motion = (self.lenses, self.depth, grey), np.concatenate([R, t[..., None]], axis=-1)
+        told = self.panorama, *map(float, (*flags, *warp))
+        return np.asarray(agreement(self._points[count], motion, self.pairs, *pictures, told))
 
     def rays(self, pictures: Indices, u: NDArray[Any], v: NDArray[Any]) -> Array:
         """Return unit rays of pixels (P, n) of pictures (P,), camera frame."""
-        height, width = self.depth.shape[1:]
         if self.panorama:
+            height, width = self.depth.shape[1:]
             theta, phi = (2 * u / width - 1) * np.pi, (0.5 - v / height) * np.pi
-            parts = [np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)]
-            return np.stack(parts, axis=-1)
-        fx, fy, cx, cy = self.lenses[pictures].T[..., None]
-        rays = np.stack([(u - cx) / fx, (v - cy) / fy, np.ones_like(u)], axis=-1)
+            return np.stack([np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1)
+        pixels, lenses = np.stack([u, v], axis=-1), self.lenses[pictures].tolist()
+        of = [pinhole.rays(px, pinhole.Projection(*lens)) for px, lens in zip(pixels, lenses, strict=True)]
+        rays = np.stack(of)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
@@ -121,28 +129,20 @@ class Shot(NamedTuple):
         height, width = depth.shape
         k = max(1, -(-width // most)) | 1
         rows, columns = height // k, width // k
-        cut = slice(k // 2, rows * k, k), slice(k // 2, columns * k, k)
-        near = np.where(np.isfinite(depth[cut]) & (depth[cut] > 0), depth[cut], 0)
-        grey = None
+        cut = depth[k // 2 : rows * k : k, k // 2 : columns * k : k]
+        near = np.where(np.isfinite(cut) & (cut > 0), cut, 0)
         if lit is not None:
-            lit = lit.astype(np.float32) if lit.dtype.kind == "f" else lit
-            if lit.shape[:2] != depth.shape:
+            lit = lit.astype(np.float32).mean(axis=-1)
+            if lit.shape != depth.shape:
                 lit = cv2.resize(lit, (width, height), interpolation=cv2.INTER_AREA)
-            lit = lit[: rows * k, : columns * k]
-            if k > 1:
-                lit = cv2.resize(lit, (columns, rows), interpolation=cv2.INTER_AREA)
-            grey = local_contrast(lit)
+            lit = cv2.resize(lit[: rows * k, : columns * k], (columns, rows), interpolation=cv2.INTER_AREA)
         small = lens and (lens.fx / k, lens.fy / k, lens.cx / k, lens.cy / k)
-        return cls(np.asarray(near, np.float32), grey, small)
+        return cls(np.asarray(near, np.float32), None if lit is None else local_contrast(lit), small)
 
 
-def local_contrast(colors: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the brightness (H, W) of colours without its local mean and contrast."""
-    grey = colors.astype(np.float32).mean(axis=-1)
-    if colors.dtype == np.uint16:
-        grey /= 257
-    elif colors.dtype.kind == "f":
-        grey = np.minimum(grey * (100 / max(float(np.median(grey)), 1e-9)), 1e3).astype(np.float32)
+def local_contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return brightness (H, W) of any unit without its local mean and contrast."""
+    grey = np.minimum(grey * (_MIDDLE / max(float(np.median(grey)), 1e-9)), 10 * _MIDDLE)
     sigma = max(1.2, grey.shape[1] / 260)
     size = (int(31 * sigma) | 1,) * 2
     grey = cv2.GaussianBlur(grey, (0, 0), sigma)
@@ -179,46 +179,57 @@ def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
     return np.asarray(pairs[best[chosen]])
 
 
-def moves(R: Array, t: Array, pairs: Indices) -> Array:
-    """Return (P, 3, 4) rotations and translations from the first camera of pairs to the second."""
+def moves(R: Array, t: Array, pairs: Indices) -> tuple[Array, Array]:
+    """Return rotations (P, 3, 3) and translations (P, 3) from the first camera of pairs to the second."""
     a, b = pairs.T
-    back = R[b].swapaxes(1, 2)
-    return np.concatenate([back @ R[a], back @ (t[a] - t[b])[..., None]], axis=-1)
+    return R[b].swapaxes(1, 2) @ R[a], np.einsum("pji,pj->pi", R[b], t[a] - t[b])
+
+
+@njit(cache=True, nogil=True)
+def _pixel(grey: NDArray[np.float32], x: float, y: float) -> float:
+    """Return the bilinear brightness at px from the first pixel's centre."""
+    left, top = int(x), int(y)
+    right, below = x - left, y - top
+    upper = (1 - right) * grey[top, left] + right * grey[top, left + 1]
+    lower = (1 - right) * grey[top + 1, left] + right * grey[top + 1, left + 1]
+    return float((1 - below) * upper + below * lower)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def agreement(
     points: Array,
     motion: Array,
-    second: Indices,
+    pairs: Indices,
+    lenses: Array,
     depth: NDArray[np.float32],
     grey: NDArray[np.float32],
-    lenses: Array,
-    how: tuple[bool, bool, float],
+    how: tuple[bool, float, float, float, float, float, float],
 ) -> Array:
     """Return (P, 2) of pairs the agreement of depth beyond chance, and the correlation of grey where it does.
 
     A point that another picture shows nearer may be hidden; one that it sees through contradicts.
 
     Args:
-        points: (P, n, 5) of the first pictures, by :meth:`PosedPictures.points`.
-        motion: (P, 3, 4) by :func:`moves`, lengths in units of depth.
-        second: (P,) the second pictures.
-        depth, grey, lenses: of all pictures.
-        how: whether depth is along the ray; whether pictures are panoramas; the tolerance of log depth.
+        points: (P, n, 6) of the first pictures: unit ray, depth, and pixel.
+        motion: (P, 3, 4) from first to second cameras, lengths in units of depth.
+        pairs: (P, 2) pictures.
+        lenses, depth, grey: of all pictures.
+        how: whether pictures are panoramas; the tolerance of log depth; 1 if depth is along the ray; the four
+            numbers of ``warp``.
     """
-    along, panorama, tolerance = how
+    panorama, tolerance, along, across, down, right, below = how
     height, width = depth.shape[1:]
-    result = np.zeros((len(points), 2))
+    result, middle, half = np.zeros((len(points), 2)), width / 2, height / 2
+    right, below = right + middle - 0.5, below + half - 0.5
     for p in range(len(points)):
-        b, m = second[p], motion[p]
+        (a, b), m = pairs[p], motion[p]
         fx, fy, cx, cy = lenses[b]
         expected_in, observed_in = np.zeros(_BINS), np.zeros(_BINS)
-        agree = against = hidden = known = 0.0
+        agree = against = hidden = known = both = 0.0
         s1 = s2 = s11 = s22 = s12 = 0.0
         for i in range(points.shape[1]):
             x, y, z = points[p, i, 0], points[p, i, 1], points[p, i, 2]
-            stored, own = points[p, i, 3], points[p, i, 4]
+            stored = points[p, i, 3]
             if stored <= 0 or (z <= 0 and not along):
                 continue
             known += 1
@@ -251,17 +262,20 @@ def agreement(
                 against += 1
                 continue
             agree += 1
-            there = grey[b, int(v), int(u)]
-            s1, s2, s11, s22, s12 = s1 + own, s2 + there, s11 + own**2, s22 + there**2, s12 + own * there
+            x, y = (points[p, i, 4] - middle) * across + right, (points[p, i, 5] - half) * down + below
+            u, v = (u - middle) * across + right, (v - half) * down + below
+            if min(x, y, u, v) >= 0 and max(x, u) < width - 1 and max(y, v) < height - 1:
+                own, there, both = _pixel(grey[a], x, y), _pixel(grey[b], u, v), both + 1
+                s1, s2, s11, s22, s12 = s1 + own, s2 + there, s11 + own**2, s22 + there**2, s12 + own * there
         compared = agree + against
         if compared == 0:
             continue
         chance = (expected_in * observed_in).sum() / compared**2
         base = max(compared + 0.3 * hidden, 0.12 * known)
         result[p, 0] = max((agree - chance * compared) / base / (1.08 - chance), -0.5)
-        if agree >= _LEAST_AGREE:
-            of_both = (s11 / agree - (s1 / agree) ** 2) * (s22 / agree - (s2 / agree) ** 2)
-            if of_both > 1e-18:
-                both = s12 / agree - s1 * s2 / agree**2
-                result[p, 1] = both / math.sqrt(of_both) * min(1.0, agree / base)
+        if both >= _LEAST_AGREE:
+            spread = (s11 / both - (s1 / both) ** 2) * (s22 / both - (s2 / both) ** 2)
+            if spread > 1e-18:
+                correlation = (s12 / both - s1 * s2 / both**2) / math.sqrt(spread)
+                result[p, 1] = correlation * min(1.0, agree / base)
     return result
