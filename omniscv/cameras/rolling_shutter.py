@@ -257,7 +257,7 @@ class RollingShutter(Camera):
         """Return the fractions (N,) between two ends at which the lines of points are read.
 
         Regula falsi (Illinois) if the point is seen at both ends, else bisection towards the border: unlike
-        those of ``monotone.increasing_root``, an end may be unknown.
+        those of ``distortion.increasing_root``, an end may be unknown.
         """
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
