@@ -33,9 +33,9 @@ from omniscv.sources.base import Color
 from omniscv.sources.codecs import UNREAL_SKY, show_light
 from omniscv.sources.recording.folders import INDEX, import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
-from omniscv.sources.unreal import exposure, open_connection, protocol
+from omniscv.sources.unreal import open_connection, protocol
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.driver import SETTLED
+from omniscv.sources.unreal.driver import SETTLED, matching_bias
 from omniscv.sources.unreal.objects import boxes, colors, paint_command, vertex_color_roundtrip
 from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LEGACY, LIT_VIEW_MODE, SCENE, VERSION
 
@@ -191,7 +191,7 @@ def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
     location_cm, _ = Pose.from_angles(camera.position).to_unreal()
     name, remedy = "manual exposure", "none: colours have the game's own"
     try:
-        bias = exposure.matching_bias(connection, camera.driver.camera, location_cm)
+        bias = matching_bias(connection, camera.driver.camera, location_cm)
     except ServerRefusedError as refused:
         return [Finding(name, str(refused), "warning", remedy)]
     if bias is None:

@@ -11,9 +11,8 @@ from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError, ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, Request, View
-from omniscv.sources.unreal import exposure
 from omniscv.sources.unreal.client import Client
-from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests
+from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests, by_hand, lumen, matching_bias
 from omniscv.sources.unreal.protocol import (
     CAMERAS,
     EXPOSURE_METHOD,
@@ -139,7 +138,7 @@ class ModernDriver(CameraDriver):
             self._spawn_another()
         self._changed_by_hand, why = True, "no manual exposure matches it"
         try:
-            bias = exposure.matching_bias(self.connection, self.camera, location_cm)
+            bias = matching_bias(self.connection, self.camera, location_cm)
         except ServerRefusedError as refused:
             if self._options.exposure is not None or self._is_gone():
                 raise
@@ -153,7 +152,7 @@ class ModernDriver(CameraDriver):
     def _set_exposure(self, chosen: Exposure) -> None:
         """Set all of an exposure but its bias, which is set with the next colour."""
         if chosen != "game":
-            self.connection.set(exposure.lumen(self.camera))
+            self.connection.set(lumen(self.camera))
             self.color_settings = {"exposure": exposure_to_text(chosen)}
         elif self._changed_by_hand:
             self._spawn_another()
@@ -174,7 +173,7 @@ class ModernDriver(CameraDriver):
             return []
         self._changed_by_hand = True
         bias = 0.0 if self._exposure == "game" else self._exposure
-        return exposure.by_hand(self.camera, bias + (stops or 0.0))
+        return by_hand(self.camera, bias + (stops or 0.0))
 
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
         """Yield captures until a frame may be stale.
