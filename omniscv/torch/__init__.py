@@ -14,8 +14,7 @@ except ImportError as cause:
 
 from omniscv.torch.faces import Faces
 from omniscv.torch.recordings import RandomTurns, RecordingDataset
-from omniscv.torch.samples import LAYERS, FolderDataset
-from omniscv.torch.shards import ShardDataset
+from omniscv.torch.samples import LAYERS, FolderDataset, ShardDataset
 
 __all__ = [
     "LAYERS",

@@ -13,7 +13,7 @@ import omniscv
 from omniscv import dataset
 from omniscv.errors import ArgumentError
 from omniscv.torch import FolderDataset, ShardDataset
-from omniscv.torch.shards import Share, shuffled
+from omniscv.torch.samples import Share, shuffled
 
 
 def keys(samples):
