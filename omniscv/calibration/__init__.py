@@ -19,8 +19,10 @@ from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.opencv import (
     from_opencv,
     from_opencv_fisheye,
+    from_opencv_omnidir,
     to_opencv,
     to_opencv_fisheye,
+    to_opencv_omnidir,
 )
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "formats",
     "from_opencv",
     "from_opencv_fisheye",
+    "from_opencv_omnidir",
     "load",
     "load_rig",
     "loads",
@@ -38,4 +41,5 @@ __all__ = [
     "save_rig",
     "to_opencv",
     "to_opencv_fisheye",
+    "to_opencv_omnidir",
 ]

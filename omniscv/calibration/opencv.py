@@ -285,7 +285,8 @@ def to_opencv(camera: Camera) -> tuple[Floats, Floats]:
 
     OpenCV projects points with z < 0 too, mirrored.
     """
-    return _arrays(OPENCV, camera)
+    K, D, _ = _arrays(OPENCV, camera)
+    return K, D
 
 
 def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> Camera:
@@ -306,18 +307,37 @@ def to_opencv_fisheye(camera: Camera) -> tuple[Floats, Floats]:
     OpenCV's ``projectPoints`` works on x / z, so it is right only for points with z > 0; it takes skew as
     its argument ``alpha``, ``K[0, 1] / K[0, 0]``.
     """
-    return _arrays(FISHEYE, camera)
+    K, D, _ = _arrays(FISHEYE, camera)
+    return K, D
 
 
-def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike) -> Camera:
+def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, height: int) -> Camera:
+    """Return the ``unified`` camera of ``cv2.omnidir``'s K, xi and D.
+
+    Args:
+        K: (3, 3) as :func:`from_opencv_fisheye` takes it.
+        xi: no unit.
+        D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
+        width, height: image size, px; the arrays do not hold it.
+    """
+    return _camera(OMNIDIR, width, height, K, D, xi=np.squeeze(np.asarray(xi, dtype=object)).tolist())
+
+
+def to_opencv_omnidir(camera: Camera) -> tuple[Floats, float, Floats]:
+    """Return K (3, 3), xi and D (4,) for ``cv2.omnidir``; 0.5 is taken from the principal point."""
+    K, D, values = _arrays(OMNIDIR, camera)
+    return K, values["xi"], D
+
+
+def _camera(form: Form, width: int, height: int, K: ArrayLike, D: ArrayLike, **more: Any) -> Camera:
     arrays = {"K": np.asarray(K, dtype=object).tolist(), "D": np.asarray(D, dtype=object).tolist()}
     if len(floats("K", arrays["K"])) != 9:
         raise ArgumentError(f"K: expected 3 x 3 finite numbers, got {shown(K)}")
-    row, values = form.row(Node(arrays), "none")
+    row, values = form.row(Node(arrays | more), "none")
     return form.camera(row, width, height, values)
 
 
-def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats]:
+def _arrays(form: Form, camera: Camera) -> tuple[Floats, Floats, Numbers]:
     row, values = form.held(camera)
     matrix, terms = (np.array(key.write(values)) for key in row.keys if len(key.names) > 1)
-    return matrix.reshape(3, 3), terms
+    return matrix.reshape(3, 3), terms, values

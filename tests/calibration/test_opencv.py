@@ -1,6 +1,5 @@
 """OpenCV's fisheye files and arrays, judged by OpenCV: its projection and its FileStorage."""
 
-import json
 from pathlib import Path
 
 import cv2
@@ -75,14 +74,15 @@ def omnidir(K: np.ndarray, xi: float, D: np.ndarray, points: np.ndarray) -> np.n
 )
 def test_omnidir_is_ccalibs(xi: float, D: list[float], skew: float) -> None:
     K = np.array([[40, 40 * skew, 30.25], [0, 42, 22.5], [0, 0, 1]])
-    file = {"camera_matrix": K.tolist(), "xi": xi, "distortion_coefficients": D}
-    text = json.dumps({**file, "image_width": 64, "image_height": 48})
-    (camera,) = calibration.loads(text, "opencv-omnidir").values()
+    camera = calibration.from_opencv_omnidir(K, xi, D, 64, 48)
     rays = camera.unproject()
     seen = rays.directions[rays.valid]
     assert len(seen) > 500
     theirs = omnidir(K, xi, np.array(D), seen)
     np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-8)
+    again = calibration.to_opencv_omnidir(camera)
+    for mine, given_ in zip(again, (K, xi, D), strict=True):
+        np.testing.assert_allclose(mine, given_, rtol=1e-15, atol=1e-15)
 
 
 CAMERAS = {
