@@ -14,11 +14,11 @@ from omniscv.compose.layers import Canvas, derived_layers, inexact, mark_beyond_
 from omniscv.compose.light_checks import BITS, compare
 from omniscv.compose.nearest import boundaries
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
-from omniscv.compose.seen_points import SeenPoints, Surfaces
+from omniscv.compose.seen_points import SeenPoints
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
-from omniscv.planning import Captures, Plan, Round, Viewpoint, captured, captured_progress, drive
+from omniscv.planning import Captures, KnownDepth, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
 from omniscv.planning.relief import depth_relief, lone_labels, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
@@ -197,25 +197,24 @@ class _Composing:
     def _compose(self, viewpoint: Viewpoint, captures: Mapping[str, Sequence[Capture]]) -> None:
         offsets_w = self._offsets_w(viewpoint)
         self._put_known(viewpoint, offsets_w)
-        known = viewpoint.known_depth
-        parallax = None if known is None else known.direction_error
-        if parallax is None and offsets_w is not None:
-            near_m = self._source.capabilities.near_m
-            parallax = np.asarray(np.linalg.norm(offsets_w, axis=-1) / near_m, np.float32)
-        surfaces = Surfaces(parallax)  # before depth is sampled
+        known: KnownDepth | SeenPoints | None = viewpoint.known_depth
+        if known is None:  # before depth is sampled
+            near_m, unknown = self._source.capabilities.near_m, np.zeros(0, np.float32)
+            off = None if offsets_w is None else np.linalg.norm(offsets_w, axis=-1) / near_m
+            known = KnownDepth(unknown, unknown, None if off is None else off.astype(np.float32))
         rows = [modalities.get(mode) for mode in self._modes]
         for row in sorted(rows, key=lambda row: row.interpolation != "surface"):  # depth gives the parallax
             of_mode = captures.get(row.captured_as or row.name)
             is_surface = row.interpolation == "surface"
-            if of_mode is None or (is_surface and known is not None):
+            if of_mode is None or (is_surface and viewpoint.known_depth is not None):
                 continue
             sampler = self._checked_sampler(row.name, viewpoint, of_mode)
             if is_surface:
-                surfaces = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
+                known = self._put_depth(viewpoint, sampler, of_mode, offsets_w)
             else:
                 self._put_marks(row, viewpoint, sampler, of_mode)
                 faces = self._faces(viewpoint, of_mode)
-                self._put_values(row, viewpoint, sampler, of_mode, faces, surfaces)
+                self._put_values(row, viewpoint, sampler, of_mode, faces, known)
             self._provenance = of_mode[0].provenance
 
     def _put_marks(
@@ -248,15 +247,13 @@ class _Composing:
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
-    ) -> Surfaces:
+    ) -> KnownDepth | SeenPoints:
         """Sample depth, and return what it says to other modalities.
 
         ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
         """
         faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
         precision, rays = codecs.precision(captures[0]), len(viewpoint.pixels)
-        seen: SeenPoints | None = None
-        doubtful: Mask | None = None
 
         def pictures_of() -> DepthPictures:
             return DepthPictures.of(faces, views, precision, rays, planar_errors(captures))
@@ -267,19 +264,20 @@ class _Composing:
             relief = self._once("relief", captures, lambda: depth_relief(captures))
             if relief.size:
                 off = sampler.sample("nearest", relief)
-                doubtful = inexact(depth.distance, off)
                 beside = 0 if offsets_w is None else depth.error  # the ray meets another part of the relief
-                depth = depth._replace(error=np.maximum(depth.error, off + beside))
+                error = np.maximum(depth.error, off + beside)
+                depth = depth._replace(error=error, relief=inexact(depth.distance, off))
+            known: KnownDepth | SeenPoints = depth
         else:
             depth = sampler.sample_depth(self._filter, pictures, None)
             rays_w = viewpoint.center_w + offsets_w, self._plan.directions_w(viewpoint.pixels)
-            seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
+            known = seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             behind = _may_begin_behind(depth.distance, depth.error)
-            self.canvas.put_part("unsure", viewpoint.pixels, seen.unsure | behind)
+            self.canvas.put_part("unsure", viewpoint.pixels, seen.known.unsure | behind)
         self.canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
         self.canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
-        return Surfaces(depth.parallax, seen, doubtful)
+        return known
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
         """Return the pixels of a viewpoint's captures: as one array where values are read in place of
@@ -296,7 +294,7 @@ class _Composing:
         sampler: Sampler,
         captures: Sequence[Capture],
         faces: Faces,
-        surfaces: Surfaces,
+        known: KnownDepth | SeenPoints,
     ) -> None:
         """Sample another modality, and mark where its values may be a neighbour's."""
         sample, transfer = SAMPLE[row.interpolation], self._source.capabilities.transfer
@@ -316,19 +314,17 @@ class _Composing:
             )
         if not row.marked_by:
             return
-        changes, seen = self._once("boundaries", captures, lambda: boundaries(faces)), surfaces.seen
-        if seen is None:
-            edges = sampler.label_edges(changes, surfaces.parallax)
-        else:
-            blocks = self._plan.rays.blocks(viewpoint.pixels, seen.toward_w)
+        changes = self._once("boundaries", captures, lambda: boundaries(faces))
+        if isinstance(known, SeenPoints):
+            blocks = self._plan.rays.blocks(viewpoint.pixels, known.toward_w)
             views = tuple(capture.view for capture in captures)
             there = self._make_sampler(lambda: blocks, np.eye(3), views, False)
-            edges = seen.label_edges(there, faces, changes, values)
-        if viewpoint.known_depth is not None:
-            edges |= viewpoint.known_depth.grazes
-        if surfaces.relief is not None:
-            lone = self._once("lone labels", captures, lambda: lone_labels(faces))
-            edges |= surfaces.relief & sampler.sample("nearest", lone)
+            edges = known.label_edges(there, faces, changes, values)
+        else:
+            edges = sampler.label_edges(changes, known.direction_error) | known.grazes
+            if known.relief.any():
+                lone = self._once("lone labels", captures, lambda: lone_labels(faces))
+                edges |= known.relief & sampler.sample("nearest", lone)
         self.canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:

@@ -29,6 +29,7 @@ from omniscv.geometry.surfaces import (
     turns,
 )
 from omniscv.parallel import side_by_side
+from omniscv.planning.hits import KnownDepth
 from omniscv.sources.base import View
 
 _AHEAD_PX = 1.5
@@ -45,22 +46,6 @@ _FEW = 24
 """Pixels of all pictures for each ray, beyond which finding their bends takes longer than it saves."""
 _BENT = np.uint32(0x7F807F80)
 """Twice the upper half of +inf."""
-
-
-class SampledDepth(NamedTuple):
-    """Depth along N rays.
-
-    Attributes:
-        distance: (N,) float32 metres along the ray; +inf no surface, 0 where no view sees it.
-        error: (N,) float32 metres, bound on the error of the distance along the pixel's own ray; +inf
-            where nothing bounds it.
-        parallax: (N,) float32 radians, how far from the ray its own surface may show; None for rays from
-            their own origins.
-    """
-
-    distance: Floats
-    error: Floats
-    parallax: Floats | None = None
 
 
 class DepthPictures(NamedTuple):
@@ -115,7 +100,7 @@ def sample_depth(
     views: Sequence[View],
     nearest: bool,
     offsets_w: Array | None = None,
-) -> SampledDepth:
+) -> KnownDepth:
     """Return depth along N rays.
 
     Args:
@@ -128,7 +113,7 @@ def sample_depth(
     distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
     run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
     if offsets_w is None or not len(offsets_w):
-        return SampledDepth(distance, error)
+        return KnownDepth(distance, error)
     parallax, faces = np.empty_like(lookup.x), pictures.faces
     least = max(float(faces.min()), LEAST_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
@@ -138,7 +123,7 @@ def sample_depth(
     rays = lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w
     surroundings = tuple(map(np.stack, zip(*around, strict=True)))
     run(_displace, rays, pictures, surroundings, R_c_w, as_one=True)
-    return SampledDepth(distance, error, parallax)
+    return KnownDepth(distance, error, parallax)
 
 
 def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:

@@ -14,13 +14,14 @@ import numpy as np
 
 from omniscv.compose.area import AreaSampling
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.depth import DepthPictures, SampledDepth, sample_depth
+from omniscv.compose.depth import DepthPictures, sample_depth
 from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
 from omniscv.compose.nearest import label_edges, normals_from_depth, sample_directions, sample_nearest
 from omniscv.compose.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.modalities import Interpolation
+from omniscv.planning.hits import KnownDepth
 from omniscv.planning.rays import RayBlock
 from omniscv.sources.base import View
 
@@ -93,14 +94,14 @@ class Sampler:
         picture = keep(name, lambda: atlas.picture(faces, used))
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
-    def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> SampledDepth:
+    def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> KnownDepth:
         """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
 
-        def sample(block: _Block) -> SampledDepth:
+        def sample(block: _Block) -> Sequence[Any]:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
-            return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)
+            return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)[:3]
 
-        return SampledDepth(*self._sampled(sample))
+        return KnownDepth(*self._sampled(sample))
 
     def label_edges(self, boundaries: Pixels, parallax: Floats | None) -> Mask:
         """Return (N,) marks of label boundaries; see :func:`omniscv.compose.nearest.label_edges`."""

@@ -30,13 +30,12 @@ class SeenPoints(NamedTuple):
     """The points that N rays meet.
 
     Attributes:
-        known: their depth along the rays, from the rays' own origins.
-        visible: (N,) bool, whether they are visible from the shared centre.
+        known: their depth along the rays, from the rays' own origins; what is not visible from the shared
+            centre counts as another surface.
         toward_w: (N, 3) from the shared centre to them, of any length; NaN where unknown.
     """
 
     known: KnownDepth
-    visible: Mask
     toward_w: Array
 
     @classmethod
@@ -58,7 +57,8 @@ class SeenPoints(NamedTuple):
         hits[better] = around[better]
         reach = np.where(np.isposinf(hits.reach), FAR_M, hits.reach)[:, None]
         toward_w = origins_w + reach * directions_w - center_w
-        return cls(hits.known_depth(), visible & ~better, toward_w)
+        known = hits.known_depth()
+        return cls(known._replace(grazes=known.grazes | ~visible | better), toward_w)
 
     def bound(self, distance: Floats) -> Floats:
         """Return (N,) the bound on the error of depth; +inf where nothing bounds it."""
@@ -67,11 +67,6 @@ class SeenPoints(NamedTuple):
             rounded = np.where(np.isfinite(distance), _ROUNDED * distance, 0)
         bound = off + self.known.error + rounded
         return np.nan_to_num(bound, nan=np.inf, posinf=np.inf).astype(np.float32)
-
-    @property
-    def unsure(self) -> Mask:
-        """(N,) bool, no capture verifies what the ray meets."""
-        return self.known.unsure
 
     def label_edges(self, toward: Sampler, faces: Faces, boundaries: Pixels, values: Pixels) -> Mask:
         """Return (N,) whether labels may be others than those at the points.
@@ -85,19 +80,4 @@ class SeenPoints(NamedTuple):
         seen = toward.sample("nearest", [np.ones(face.shape[:2], np.bool_) for face in faces])
         differs = (there != values).reshape(len(values), -1).any(axis=1)
         at_edge = toward.label_edges(boundaries, self.known.direction_error)
-        return np.asarray(differs | ~seen | at_edge | self.known.grazes | ~self.visible)
-
-
-class Surfaces(NamedTuple):
-    """What depth says of N pixels to other modalities.
-
-    Attributes:
-        parallax: (N,) radians, how far from its ray a pixel's surface may show; None for rays from their own
-            origins.
-        seen: the points that rays meet, if the plan asks to find them.
-        relief: (N,) whether relief makes depth doubtful; None: nowhere.
-    """
-
-    parallax: Floats | None
-    seen: SeenPoints | None = None
-    relief: Mask | None = None
+        return np.asarray(differs | ~seen | at_edge | self.known.grazes)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,27 +13,31 @@ _SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each oth
 _SHORT = 0.25
 """Of the reach: a hidden part up to this long widens the bound, a longer one makes the pixel unsure."""
 
+_NOWHERE: Mask = np.zeros((), np.bool_)
+
 FAR_M = 1e12
 """Distance at which the direction to a point of the sky is the ray's own."""
 
 
-@dataclass(frozen=True, eq=False)
-class KnownDepth:
-    """What a strategy knows of the depth of N pixels before their other modalities are captured.
+class KnownDepth(NamedTuple):
+    """What is known of the depth of N pixels, and what it says to other modalities.
 
     Attributes:
-        distance: (N,) float32 metres along the pixels' own rays, +inf no surface.
+        distance: (N,) float32 metres along the pixels' own rays, +inf no surface, 0 where no view sees it.
         error: (N,) float32 metres, bound on the error of ``distance``; +inf where nothing bounds it.
-        direction_error: (N,) float32 radians, bound on the resulting error of the lookup's directions.
+        direction_error: (N,) float32 radians, how far from where a pixel is looked up its own surface may
+            show; None for rays from their own origins.
         grazes: (N,) bool, whether a ray passes within a capture's pixel of another surface on its way.
         unsure: (N,) bool, not verified by any capture.
+        relief: (N,) bool, whether relief makes depth doubtful.
     """
 
     distance: Floats
     error: Floats
-    direction_error: Floats
-    grazes: Mask
-    unsure: Mask
+    direction_error: Floats | None = None
+    grazes: Mask = _NOWHERE
+    unsure: Mask = _NOWHERE
+    relief: Mask = _NOWHERE
 
 
 class Hits(np.recarray[Any, Any]):

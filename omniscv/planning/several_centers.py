@@ -185,7 +185,7 @@ class SeveralCenters(Refinement):
         known = viewpoint.known_depth
         if view is None and known is not None:  # masks coarser than depth may be wrong without a sign
             doubtful = self._shown_finer[rows] & self._doubtful(self._search.hits.of(rows))
-            known = replace(known, grazes=known.grazes | self._was_wrong[rows] | doubtful)
+            known = known._replace(grazes=known.grazes | self._was_wrong[rows] | doubtful)
         return replace(viewpoint, known_depth=known)
 
     def doubts(self, pixels: Ints) -> list[Doubt]:
@@ -231,7 +231,7 @@ class SeveralCenters(Refinement):
         rows, wrong = yield from self._capture_depth(choice)
         if len(wrong):  # until finer masks are captured
             search = self._search
-            known = replace(search.hits.of(wrong).known_depth(), unsure=np.ones(len(wrong), np.bool_))
+            known = search.hits.of(wrong).known_depth()._replace(unsure=np.ones(len(wrong), np.bool_))
             pixels = search.pixels[wrong]
             yield Round((Viewpoint(search.centers_w[0], (), pixels, modes=(), known_depth=known),))
             rows = np.union1d(rows, wrong)
