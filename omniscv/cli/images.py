@@ -31,7 +31,6 @@ _OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube m
 def render(
     job: JobArguments,
     stem: Annotated[str | None, Option(help="Start of the file names; else the camera's name.")] = None,
-    listed: Annotated[bool, Option("--list", help="Print the files' names, not only their number.")] = False,
     as_json: options.AsJson = False,
     progress: StyleOption = None,
 ) -> None:
@@ -55,8 +54,7 @@ def render(
     if as_json:
         console.as_json(names)
     else:
-        spent = f"{len(names)} files in {loaded.out}/\n{_spent(images, show.seconds)}"
-        console.document("\n".join(names) if listed else spent)
+        console.document(f"{len(names)} files in {loaded.out}/\n{_spent(images, show.seconds)}")
 
 
 def _spent(images: Sequence[tuple[float, float | None, Any]], seconds: float) -> str:

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from typer import Argument, Exit, Option, Typer
 
-from omniscv.arguments import one_of
 from omniscv.cli import console, options
 from omniscv.cli.console import StyleOption, display
 from omniscv.errors import ArgumentError
@@ -131,18 +130,16 @@ def merge(
     console.line(f"{without_secrets(out)}: {added} captures added")
 
 
-@app.command(epilog="Example: omniscv recording split room.sqlite --by place --out rooms")
+@app.command(epilog="Example: omniscv recording split room.sqlite --out rooms")
 def split(
     file: Recording,
     out: Annotated[str, Option(help="An empty or new folder: path or URL.")],
-    by: Annotated[str, Option(help="place: of optical centres near each other.")] = "place",
     distance: Annotated[float, Option(help="Metres between neighbours of one place, at most.")] = 0.5,
 ) -> None:
     """Write a recording for each place, with the captures that were made there."""
     from omniscv.sources import recording
     from omniscv.storage import folder
 
-    one_of("by", by, ("place",))
     for name, count in recording.split(file, out, distance):
         console.line(f"{folder(out)}/{name}: {count} captures")
 

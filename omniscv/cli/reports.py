@@ -44,7 +44,6 @@ def look(
     ),
     size: Annotated[str, Option(help="Of the panoramas of a recording, px.")] = "1024x512",
     rerun: Annotated[Path | None, Option(help="Also write NAME.rrd, for the Rerun viewer.")] = None,
-    open: Annotated[bool, Option("--open", help="Show the page in the browser.")] = False,
     progress: StyleOption = None,
 ) -> None:
     """Write a page to look around in: every layer as a sphere or flat, names and metres under the cursor.
@@ -60,11 +59,6 @@ def look(
     console.line(page)
     if rerun is not None:
         console.line(rest[-1])
-    if open:
-        import webbrowser
-
-        if not webbrowser.open(page.resolve().as_uri()):
-            console.error(f"expected a browser to show {page}, found none; open it yourself")
 
 
 @dataclass(frozen=True)
