@@ -35,7 +35,6 @@ MOST_VIEWPOINTS = 1_000_000
 """As an image has columns, at most."""
 
 LayoutSource = Literal["scene", "fitted"]
-Visibility = Literal["room", "full", "all"]
 layout_source = partial(one_of, words=get_args(LayoutSource))
 
 

@@ -21,7 +21,6 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
 from omniscv.geometry.scene_geometry import Room
-from omniscv.render_options import Visibility
 from omniscv.truth.layout_record import room_of
 from omniscv.truth.room_in_image import first_hits, inside, radians_per_pixel
 
@@ -47,9 +46,8 @@ def exact_maps(
     camera: Camera,
     edge_sigma: float = _EDGE_SIGMA,
     corner_sigma: float = _CORNER_SIGMA,
-    visibility: Visibility = "room",
 ) -> tuple[Map, Map]:
-    """Return (H, W) uint8 maps of edges and of corners: ``255 exp(-d^2 / 2 sigma^2)``.
+    """Return (H, W) uint8 maps of edges and corners that no wall hides: ``255 exp(-d^2 / 2 sigma^2)``.
 
     d is the distance, px, to the nearest sample of a curve or the nearest corner, also across the seam of a
     panorama. Outside the field of view maps are 0.
@@ -58,18 +56,15 @@ def exact_maps(
         record: of the layout in the image; see :mod:`omniscv.truth.layout_record`.
         camera: of the image.
         edge_sigma, corner_sigma: share of the pixels of a full turn at the image's middle.
-        visibility: ``room``: what no wall hides; ``full``: what nothing hides; ``all``.
 
     Raises:
-        ArgumentError: no record, or one without ``visible`` for ``full``.
+        ArgumentError: no record.
     """
-    flag = {"room": "visible_room", "full": "visible", "all": None}[visibility]
     try:
-        pieces = [piece for edge in record["edges"] for piece in edge["pieces"] if _shows(piece, flag)]
+        pieces = [piece for edge in record["edges"] for piece in edge["pieces"] if piece["visible_room"]]
         curves = [pixel for piece in pieces for pixel in piece["pixels"]]
-        corners = [
-            corner["pixel"] for corner in record["corners"] if corner["in_image"] and _shows(corner, flag)
-        ]
+        shown = [corner for corner in record["corners"] if corner["in_image"] and corner["visible_room"]]
+        corners = [corner["pixel"] for corner in shown]
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
     turn, valid = 2 * np.pi / radians_per_pixel(camera), camera.valid()
@@ -118,12 +113,6 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
         inner = blurred[border:-border, border:-border]
         maps.append(np.round(255 * inner / max(inner.max(), 1)).astype(np.uint8))
     return maps[0], maps[1]
-
-
-def _shows(entry: Mapping[str, Any], flag: str | None) -> bool:
-    if flag is not None and entry[flag] is None:
-        raise ArgumentError("layout: expected a layout with visible corners and edges, made with depth")
-    return flag is None or bool(entry[flag])
 
 
 def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]) -> Map:

@@ -51,21 +51,9 @@ def test_blobs_are_centred_on_the_corners_over_the_seam_too():
             assert (column + 0.5, row + 0.5) == pytest.approx((512 + u - int(u), v), abs=0.5)
 
 
-def test_visibility_selects_edges_and_corners():
-    camera = cameras.create("equirectangular", 256, 128)
-    pose = Pose.from_angles((3, -1.5, 1.5))
-    room = room_of_plan(L_SHAPE)
-    depth = np.full((128, 256), 0.5, np.float32)  # all is behind something
-    record = project_layout(room, camera, pose, depth)
-    drawn = {each: exact_maps(record, camera, visibility=each)[1] for each in ("room", "full", "all")}
-    assert not drawn["full"].any()
-    assert drawn["room"].any()
-    assert (drawn["all"] >= drawn["room"]).all()
-    assert (drawn["all"] > drawn["room"]).any()
-    with pytest.raises(ArgumentError, match="made with depth"):
-        exact_maps(project_layout(room, camera, pose), camera, visibility="full")
+def test_what_is_no_layout_has_no_maps():
     with pytest.raises(ArgumentError, match="expected a record of a layout"):
-        exact_maps({}, camera)
+        exact_maps({}, PANORAMA)
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "pinhole", "noncentral-conical-mirror", "push-broom"])
@@ -75,8 +63,11 @@ def test_blobs_have_the_width_of_the_pixels_at_the_middle(name):
     beside = camera.unproject(camera.center + np.array([[0.5, 0.0], [1.5, 0.0]]))
     between = np.arccos(np.clip(beside.directions[0] @ beside.directions[1], -1, 1))
     turn = 2 * np.pi / between if between else camera.width  # parallel rays have no turn
-    record = {"edges": [], "corners": [{"pixel": [40.5, camera.height * 0.5 + 0.5], "in_image": True}]}
-    _, drawn = exact_maps(record, camera, corner_sigma=3 / turn, visibility="all")
+    record = {
+        "edges": [],
+        "corners": [{"pixel": [40.5, camera.height * 0.5 + 0.5], "in_image": True, "visible_room": True}],
+    }
+    _, drawn = exact_maps(record, camera, corner_sigma=3 / turn)
     row = camera.height // 2
     expected = 255 * np.exp(-0.5 * (np.arange(4) / 3) ** 2)
     assert drawn[row, 40:44] == pytest.approx(expected, rel=0.03)
