@@ -32,14 +32,8 @@ _FLOAT32 = 2.0**-23
 """Relative error of a distance that is stored as float32, and of its ray's digits."""
 
 
-def compose(
-    plan: Plan,
-    source: Source,
-    sampler_of: Callable[[Blocks, Array, tuple[View, ...], bool], Sampler],
-    once: Once,
-    report: Report,
-) -> tuple[OmniImage, Mask | None]:
-    """Capture and compose an image.
+class Composing:
+    """An image while it is captured and composed.
 
     Args:
         plan: of the image; its ``modes`` are those that are sampled.
@@ -48,20 +42,7 @@ def compose(
             the rays of the whole image.
         once: makes what may serve several images.
         report: called after each viewpoint, and when the image is done.
-
-    Returns:
-        The image, and (H, W) where masks show objects that stand for the sky; None if none were looked for.
     """
-    composing = _Composing(plan, source, sampler_of, once, report)
-    drive(replace(plan, doubt=composing.doubted).rounds(), composing.capture)
-    if plan.traced:
-        composing.trace()
-    report(composing.progress + Progress(images=1))
-    return composing.image(), composing.canvas.sky
-
-
-class _Composing:
-    """An image while it is captured and composed; arguments as :func:`compose`."""
 
     def __init__(
         self,
@@ -75,10 +56,10 @@ class _Composing:
         self._shown = plan.modes  # and what is traced in the end
         self._make_sampler, self._once, self._report = sampler_of, once, report
         track = self._modes if plan.options.unseen == "blank" else ()
-        self.canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
+        self._canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
         self._finer = Canvas(plan.rays.valid, plan.rays.origins is None)
         self._filter: str = plan.options.filter
-        self.progress = Progress(of_images=1)
+        self._progress = Progress(of_images=1)
         self._viewpoint: Viewpoint | None = None
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
@@ -86,7 +67,16 @@ class _Composing:
         self._pixels, self._stopped, self._strategy = 0, "", plan.options.strategy
         self._largest_m = np.inf  # that captures of depth store
 
-    def trace(self) -> None:
+    def compose(self) -> tuple[OmniImage, Mask | None]:
+        """Return the image, and (H, W) where masks show objects that stand for the sky; None if none were
+        looked for."""
+        drive(replace(self._plan, doubt=self._doubted).rounds(), self._capture)
+        if self._plan.traced:
+            self._trace()
+        self._report(self._progress + Progress(images=1))
+        return self._image(), self._canvas.sky
+
+    def _trace(self) -> None:
         """Put the ground truth that comes by one ray a pixel, exact but for the digits of float32."""
         plan, pixels = self._plan, np.flatnonzero(self._plan.rays.valid)
         origins_w, center_w = plan.origins_w(pixels), plan.pose.t_w_c
@@ -96,18 +86,18 @@ class _Composing:
         values = {"depth": distance.astype(np.float32), "object_mask": masks[label]}
         marks = {"depth_error": error, "label_edge": np.zeros(len(pixels), np.bool_)}
         for mode in plan.traced:
-            self.canvas.put_part(mode, pixels, values.get(mode, normal.astype(np.float32)))
+            self._canvas.put_part(mode, pixels, values.get(mode, normal.astype(np.float32)))
             if mark := modalities.get(mode).marked_by:
-                self.canvas.put_part(mark, pixels, marks[mark])
-        self.canvas.put_centers(pixels, origins_w)
+                self._canvas.put_part(mark, pixels, marks[mark])
+        self._canvas.put_centers(pixels, origins_w)
         away = np.linalg.norm(origins_w - center_w, axis=-1)
         apart = np.flatnonzero(away > SAME_M)
         toward = (origins_w[apart] - center_w) / away[apart, None]
         hidden = self._source.trace(center_w, toward).distance < away[apart] * (1 - SAME_M)
-        self.canvas.put_part("occluded", pixels[apart], hidden)
+        self._canvas.put_part("occluded", pixels[apart], hidden)
         self._shown = (*self._modes, *plan.traced)
 
-    def capture(self, round_: Round) -> Captures:
+    def _capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
         plan, serving = self._plan, [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
         self._stopped, self._strategy = round_.stopped or self._stopped, round_.instead or self._strategy
@@ -116,7 +106,7 @@ class _Composing:
         kept: Captures = []
         requests = round_.requests(self._modes)
         self._pixels += pixels_of(request.view for request in requests)
-        self.progress += Progress(of_captures=len(requests))
+        self._progress += Progress(of_captures=len(requests))
         for viewpoint in serving:
             finer = [request.view for request in viewpoint.finer(self._modes)]
             lacking = finer and plan.recorded is not None and not plan.recorded.hold(finer)
@@ -131,14 +121,14 @@ class _Composing:
                 self._largest_m = codecs.precision(captures["depth"][0]).largest_m
             if viewpoint.keep:
                 kept.append(captures)
-            self.progress += captured_progress(captures)
-            self._report(self.progress)
+            self._progress += captured_progress(captures)
+            self._report(self._progress)
         return kept
 
-    def image(self) -> OmniImage:
+    def _image(self) -> OmniImage:
         """Return the image as far as it is composed."""
-        plan, valid = self._plan, self.canvas.valid
-        sampled = self.canvas.layers()
+        plan, valid = self._plan, self._canvas.valid
+        sampled = self._canvas.layers()
         layers, objects, unknown = derived_layers(
             {mode: sampled[mode] for mode in self._shown if mode in sampled},
             valid,
@@ -156,16 +146,16 @@ class _Composing:
             layers["depth"], layers["depth_error"] = round_depth(layers["depth"], layers["depth_error"])
         return OmniImage(
             camera=plan.rays.camera, pose=plan.pose, valid=valid, layers=layers,
-            centers_w=self.canvas.centers_w, objects=objects, unknown_colors=unknown,
+            centers_w=self._canvas.centers_w, objects=objects, unknown_colors=unknown,
             transfer=self._source.capabilities.transfer,
             provenance={**self._provenance, "seams": self._seams} if self._seams else self._provenance,
             options=plan.options,
-            effort=Effort(self.progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
+            effort=Effort(self._progress.captures, self._pixels / 1e6, self._stopped, self._strategy),
         )  # fmt: skip
 
-    def doubted(self) -> Doubted:
+    def _doubted(self) -> Doubted:
         """Return what the image doubts, as far as it is composed."""
-        image = self.image()
+        image = self._image()
         doubt, beyond = image.doubt, np.zeros(image.valid.shape, np.bool_)
         if image.depth is not None and self._largest_m < np.inf:
             beyond = doubt & np.isinf(image.depth)
@@ -184,10 +174,10 @@ class _Composing:
         finer = {mode: captures[FINER + mode] for mode in COMPARED if FINER + mode in captures}
         if not finer:
             return
-        canvas, known, toward_w = self.canvas, viewpoint.known_depth, viewpoint.toward_w
-        self.canvas = self._finer
+        canvas, known, toward_w = self._canvas, viewpoint.known_depth, viewpoint.toward_w
+        self._canvas = self._finer
         self._compose(replace(viewpoint, known_depth=None), finer)
-        self.canvas = canvas
+        self._canvas = canvas
         if known is not None and toward_w is not None and "depth" in finer:
             # Captured along other directions, and from the centre.
             nearer = known.distance - np.linalg.norm(toward_w, axis=-1)
@@ -226,24 +216,24 @@ class _Composing:
                 self._seams.append(captures[0].provenance["seams"])
             marks = [capture.marks[name] for capture in captures]
             marked = sampler.sample("nearest" if row.truth else self._filter, marks) > 0
-            self.canvas.put(name, viewpoint.pixels, marked)
+            self._canvas.put(name, viewpoint.pixels, marked)
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
         """Put what is known of a viewpoint's pixels without captures, and where their depth is measured
         from."""
         origins_w, known = viewpoint.center_w, viewpoint.known_depth
         if viewpoint.occluded is not None:
-            self.canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
+            self._canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
         if viewpoint.unsure is not None:
-            self.canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
+            self._canvas.put_part("unsure", viewpoint.pixels, viewpoint.unsure)
         if known is not None:
             unsure = known.unsure | _may_begin_behind(known.distance, known.error)
             layers = {"depth": known.distance, "depth_error": known.error, "unsure": unsure}
             for layer, values in layers.items():
-                self.canvas.put_part(layer, viewpoint.pixels, values)
+                self._canvas.put_part(layer, viewpoint.pixels, values)
             if offsets_w is not None:  # known depth starts at the rays' origins
                 origins_w = origins_w + offsets_w
-        self.canvas.put_centers(viewpoint.pixels, origins_w)
+        self._canvas.put_centers(viewpoint.pixels, origins_w)
 
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
@@ -274,9 +264,9 @@ class _Composing:
             known = seen = SeenPoints.find(captures, *rays_w, viewpoint.check)
             depth = depth._replace(error=seen.bound(depth.distance))
             behind = _may_begin_behind(depth.distance, depth.error)
-            self.canvas.put_part("unsure", viewpoint.pixels, seen.known.unsure | behind)
-        self.canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
-        self.canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
+            self._canvas.put_part("unsure", viewpoint.pixels, seen.known.unsure | behind)
+        self._canvas.put(captures[0].mode, viewpoint.pixels, depth.distance)
+        self._canvas.put(modalities.get(captures[0].mode).marked_by, viewpoint.pixels, depth.error)
         return known
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
@@ -305,11 +295,11 @@ class _Composing:
             values = sampler.sample(self._filter, faces, lambda name, make: self._once(name, captures, make))
         else:
             values = sample(sampler, self._filter, faces)
-        self.canvas.put(row.name, viewpoint.pixels, values)
+        self._canvas.put(row.name, viewpoint.pixels, values)
         if row.name == "lit" and self._plan.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
-            self.canvas.put(
+            self._canvas.put(
                 "light", viewpoint.pixels, np.where(clipped, np.uint8(BITS["clipped"]), np.uint8(0))
             )
         if not row.marked_by:
@@ -325,7 +315,7 @@ class _Composing:
             if known.relief.any():
                 lone = self._once("lone labels", captures, lambda: lone_labels(faces))
                 edges |= known.relief & sampler.sample("nearest", lone)
-        self.canvas.put(row.marked_by, viewpoint.pixels, edges)
+        self._canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:
         """Return a sampler of captures; raise unless they have one size and type, and see all rays."""

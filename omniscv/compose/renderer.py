@@ -12,7 +12,7 @@ from omniscv.cameras import Camera
 from omniscv.cameras.rig import Rig
 from omniscv.cameras.rolling_shutter import on_path
 from omniscv.compose.cache import ByteCache, HeldCaptures, T
-from omniscv.compose.composition import compose
+from omniscv.compose.composition import Composing
 from omniscv.compose.image import OmniImage
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
@@ -213,7 +213,7 @@ class Renderer:
         meter = Meter(len(plans), progress)
         for plan in plans:
             sampler_of = partial(self._sampler_of, plan.rays)
-            image, sky = compose(plan, source, sampler_of, once, meter.part())
+            image, sky = Composing(plan, source, sampler_of, once, meter.part()).compose()
             self._cache.trim()
             examined = options.checks == "light" or options.sky
             yield examine(image, sky, self.source, another) if examined else image
