@@ -1,13 +1,12 @@
 """Faults of posed pictures within their convention, with their sizes: a robust fit to pairs that overlap.
 
-Poses have errors, too: of each frame by itself, or adding up along the path. How large they are is estimated
-with the faults (restricted maximum likelihood), and residuals are weighed by what that leaves.
+Poses have errors, too, which add up along the path. How large they are is estimated with the faults
+(restricted maximum likelihood), and residuals are weighed by what that leaves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from typing import Any, NamedTuple
 
 import cv2
@@ -67,16 +66,16 @@ _STEPS, _MATTERS, _LIKELY = (
 
 _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
+_SOFT = 2.0  # px, by which depth is blurred for derivatives
 _FAR_OFF = 0.2  # log depth of another surface
-_TUKEY, _SIGMA, _LIKELY_SIGMA = 4.7, 5.0, 3.0
-_BLOCKS = (16, 8, 4)  # of time, over which residuals may be alike
-_TOGETHER = 10  # pairs in a row, whose errors of poses are related
-_RELATED = 4.0  # points of a pair count as a quarter of independent ones
-_MOST_FAULTS, _ROUNDS, _EVALUATIONS, _LEAST_POINTS = 5, 2, 6, 200
+_TUKEY, _SIGMA, _LIKELY_SIGMA = 4.7, 5.0, 2.0
+_BLOCKS = (16, 8)  # of time, over which residuals may be alike
+_TOGETHER = 20  # pairs in a row, whose errors of poses are related
+_MOST_FAULTS, _ROUNDS, _EVALUATIONS, _LEAST_POINTS = 5, 4, 6, 200
 _INEXACT, _OF_MATTERS = 0.02, 0.05  # shares of sizes that the fit's model is off by
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
-_POSE_NOISE = (1e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.02)  # radians; shares of the median depth
+_POSE_NOISE = np.geomspace(1e-5, 0.03, 17)  # of a frame: radians, and shares of the median depth
 _MOST_TURN = np.radians(25)  # from frame to frame, of a video
 
 
@@ -145,6 +144,9 @@ class Fit:
         inverse = np.where(known, 1 / np.where(known, pictures.depth, 1), 0).astype(np.float32)
         smooth = np.stack([_smooth(*both) for both in zip(inverse, known, strict=True)])
         self.inverse = np.where(smooth, inverse, np.float32(np.nan)).reshape(-1, width)
+        near = np.stack([cv2.GaussianBlur(each, (0, 0), _SOFT) for each in inverse * smooth])
+        share = np.stack([cv2.GaussianBlur(np.float32(each), (0, 0), _SOFT) for each in smooth])
+        self.soft = np.where(smooth, near / np.maximum(share, 1e-6), np.float32(np.nan)).reshape(-1, width)
         self.stored = (pictures.depth * smooth)[self.a, rows, columns].astype(np.float64)
         self.median = float(np.median(pictures.depth[known]))
         self.R, self.t = moves(R[frames], t[frames], self.pairs)
@@ -158,16 +160,14 @@ class Fit:
         possible = _OF_PANORAMA if pictures.panorama else range(len(PARAMETERS))
         self.possible = [i for i in possible if is_video or i not in (TIME, ROLLING)]
         first, second = frames[self.pairs].T
-        walk = np.minimum.outer(np.arange(len(R)), np.arange(len(R)))
-        self.alike = [  # errors of poses of pairs, of frames by themselves, and adding up
-            C[second][:, second] - C[second][:, first] - C[first][:, second] + C[first][:, first]
-            for C in (np.eye(len(R)), walk)
-        ]
+        C = np.minimum.outer(np.arange(len(R)), np.arange(len(R)))  # of errors that add up
+        self.alike = C[second][:, second] - C[second][:, first] - C[first][:, second] + C[first][:, first]
 
-    def residuals(self, theta: Array, pose: Array | None = None) -> Array:
+    def residuals(self, theta: Array, pose: Array | None = None, soft: bool = True) -> Array:
         """Return (P, n) log of observed over expected depth; NaN where none is compared.
 
-        ``pose`` is (6,) a turn and a move, of which second cameras are off, world axes.
+        ``pose`` is (6,) a turn and a move, of which second cameras are off, world axes; ``soft`` is for
+        derivatives, which noise of depth would swamp.
         """
         a, b, height = self.a, self.b, self.pictures.depth.shape[1]
         scale, offset, kind = np.exp(theta[SCALE]), theta[OFFSET] * self.median, self.along + theta[RAY]
@@ -189,7 +189,11 @@ class Fit:
         seen = (self.stored > 0) & (u > 1.5) & (v > 1.5) & (u < width - 1.5) & (v < height - 1.5)
         at = np.where(seen, b * height + v - 0.5, 0), np.where(seen, u - 0.5, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            off = -np.log(map_coordinates(self.inverse, at, order=1) * (expected - offset) / scale)
+            off = -np.log(
+                map_coordinates(self.soft if soft else self.inverse, at, order=1)
+                * (expected - offset)
+                / scale
+            )
         return np.where(seen & np.isfinite(off), off, np.nan)
 
     def _lens(self, theta: Array, frame: Any) -> tuple[Array, Array, Array, Array]:
@@ -230,51 +234,47 @@ class Fit:
 
     def system(self, theta: Array) -> System | None:
         """Return the equations of all parameters at ``theta``; None where too few points are compared."""
-        off, unit = self.residuals(theta), np.diag([1.0] * 3 + [self.median] * 3)
+        off, unit = self.residuals(theta, soft=False), np.diag([1.0] * 3 + [self.median] * 3)
         step = 1e-3  # of poses
         ends = [self.residuals(theta, step * pose) - self.residuals(theta, -step * pose) for pose in unit]
-        J, A = self.derivatives(theta, self.possible), np.stack(ends, axis=-1) / (2 * step)
-        X = np.concatenate([J, off[..., None]], axis=-1)
-        known = np.isfinite(X).all(axis=-1) & np.isfinite(A).all(axis=-1) & (np.abs(off) < _FAR_OFF)
+        poses = np.stack(ends, axis=-1) / (2 * step)
+        J = np.concatenate([poses, self.derivatives(theta, self.possible)], axis=-1)
+        known = np.isfinite(J).all(axis=-1) & (np.abs(off) < _FAR_OFF)
         if known.sum() < _LEAST_POINTS:
             return None
-        both = np.abs(np.concatenate([J, A], axis=-1))
-        edges = (both > 6 * np.quantile(both[known], 0.95, axis=0) + 1e-12).any(axis=-1)
-        root = np.sqrt(np.where(known & ~edges, _tukey(off, self._spread(off, known)), 0) / _RELATED)
-        Q, T = np.linalg.qr(root[..., None] * np.nan_to_num(A))
-        X = root[..., None] * np.nan_to_num(X)
-        Y = Q.swapaxes(1, 2) @ X
-        rest = np.einsum("pni,pnj->ij", X, X) - np.einsum("pni,pnj->ij", Y, Y)
+        edges = (np.abs(J) > 6 * np.quantile(np.abs(J[known]), 0.95, axis=0) + 1e-12).any(axis=-1)
+        root = np.sqrt(np.where(known & ~edges, _tukey(off, self._spread(off, known)), 0))[..., None]
+        Q, T = np.linalg.qr(root * np.nan_to_num(J))
+        Q = root * Q  # what tells poses and parameters; the rest of residuals does not matter
+        X = np.concatenate([T[..., 6:], Q.swapaxes(1, 2) @ np.nan_to_num(off)[..., None]], axis=-1)
         blocks = np.array_split(np.arange(len(Q)), -(-len(Q) // _TOGETHER))
 
-        def free(factors: list[Array], y: Array) -> Array:
+        def free(factors: list[Array], x: Array) -> Array:
             both = zip(factors, blocks, strict=True)
-            of = [F @ y[block].reshape(len(F), -1) for F, block in both]
-            return np.concatenate(of).reshape(y.shape)
+            of_poses = np.concatenate([F @ x[block, :6].reshape(len(F), -1) for F, block in both])
+            return np.concatenate([of_poses.reshape(len(x), 6, -1), x[:, 6:]], axis=1)
 
-        trials = []
-        for alike, share in product(self.alike, _POSE_NOISE):
+        best = np.inf
+        for share in _POSE_NOISE:
             factors = []
             for block in blocks:
-                F = share * T[block].reshape(-1, 6)
-                of_pairs = np.kron(alike[np.ix_(block, block)], np.ones((6, 6)))
-                L = cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True)
-                factors.append(dtrtri(L, lower=1)[0])
-            Z = free(factors, Y)
-            H = rest + np.einsum("pni,pnj->ij", Z, Z)
-            prior = H[:-1, :-1] + np.diag(_LIKELY[self.possible] ** -2.0)
-            cost = H[-1, -1] - H[-1, :-1] @ np.linalg.solve(prior, H[:-1, -1])
-            cost += np.linalg.slogdet(prior)[1] - 2 * sum(np.log(np.diag(F)).sum() for F in factors)
-            trials.append((float(cost), share, factors))
-        _, share, factors = min(trials, key=lambda trial: trial[0])
+                F = share * T[block, :6, :6].reshape(-1, 6)
+                of_pairs = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
+                factors.append(dtrtri(cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True), lower=1)[0])
+            Z = free(factors, X).reshape(-1, X.shape[2])
+            H = Z.T @ Z
+            rest = H[-1, -1] - H[-1, :-1] @ np.linalg.pinv(H[:-1, :-1], rcond=1e-12) @ H[:-1, -1]
+            noise = max(1.0, rest / (len(Z) - len(H) + 1))  # of points that are alike
+            cost = rest / noise + len(Z) * np.log(noise) - 2 * sum(np.log(np.diag(F)).sum() for F in factors)
+            cost += np.linalg.slogdet(H[:-1, :-1] / noise + np.diag(_LIKELY[self.possible] ** -2.0))[1]
+            if cost < best:
+                best, drift, scale, by = cost, share * noise**0.5, noise**-0.5, factors
 
         def white(values: Array) -> Array:
-            x = root[..., None] * np.nan_to_num(values)
-            y = Q.swapaxes(1, 2) @ x
-            return np.concatenate([x - Q @ y, free(factors, y)], axis=1)
+            return np.asarray(scale * free(by, Q.swapaxes(1, 2) @ np.nan_to_num(values)))
 
-        X = white(np.concatenate([J, off[..., None]], axis=-1))
-        return System(X[..., :-1], X[..., -1], off, share, white)
+        X = scale * free(by, X)
+        return System(X[..., :-1], X[..., -1], off, float(drift), white)
 
     def _spread(self, off: Array, known: NDArray[np.bool_]) -> Array:
         """Return (P, n) the noise of log depth, by depth."""
@@ -293,7 +293,7 @@ class Fit:
             return moved
 
         def left(x: Array) -> Array:
-            return white(np.clip(self.residuals(at(x)), -_FAR_OFF, _FAR_OFF)[..., None]).ravel()
+            return white(np.clip(self.residuals(at(x), soft=False), -_FAR_OFF, _FAR_OFF)[..., None]).ravel()
 
         def slopes(x: Array) -> Array:
             return white(self.derivatives(at(x), chosen)).reshape(-1, len(chosen))
@@ -304,10 +304,13 @@ class Fit:
             fit = least_squares(
                 left, theta[chosen], slopes, method="lm", x_scale=_STEPS[chosen], max_nfev=_EVALUATIONS
             )
+            is_settled = (np.abs(fit.x - theta[chosen]) < 0.1 * _MATTERS[chosen]).all()
             theta = at(fit.x)
             if (again := self.system(theta)) is None:
                 return theta, None
             after = again
+            if is_settled:
+                break
         return theta, after
 
     def _gains(self, system: System, chosen: list[int], refused: set[int]) -> list[tuple[float, int]]:

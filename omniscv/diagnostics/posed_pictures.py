@@ -29,7 +29,8 @@ OF_COLORS = (
 )
 """How colours may lie beside depth."""
 _POINTS, _TOLERANCE = 900, 0.03
-_GAIN, _INEXACT = 0.05, 0.1  # share of what correlation lacks, that others gain; of sizes
+_GAIN = 0.05  # of what correlation lacks, by which others fit better
+_INEXACT, _OF_MATTERS = 0.1, 0.25  # shares of sizes that the search is off by
 _CLEAR, _CLEARER = 3.0, 0.05  # standard errors, and correlation, by which other colours fit better
 _REACHES, _TRIALS, _ROUNDS, _SIGMA, _BLOCKS = (1.0, 0.4), 15, 4, 5.0, 8  # of a search for colours
 _PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
@@ -191,8 +192,8 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     better = scores(x) - before
     if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
         return []
-    sigma = np.hypot(sigma, _INEXACT * x)
-    found = zip(OF_COLORS, x.tolist(), sigma.tolist(), strict=True)
+    model = np.hypot(_INEXACT * x, _OF_MATTERS * np.array([parameter.matters for parameter in OF_COLORS]))
+    found = zip(OF_COLORS, x.tolist(), np.hypot(sigma, model).tolist(), strict=True)
     return [Fault(p, size, s) for p, size, s in found if abs(size) > max(p.matters, _SIGMA * s)]
 
 
