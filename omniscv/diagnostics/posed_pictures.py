@@ -152,9 +152,9 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
                 scores[said] = others.agreements(*motion, how, (*flip, 0, 0))[:, 1]
     best, as_said = max(scores, key=lambda said: float(scores[said].mean())), scores[""]
     better = scores[best] - as_said
-    sigma = better.std() / np.sqrt(len(better))
+    signs = np.sign(better).sum() / np.sqrt(len(better))  # standard deviations, if either were as likely
     said = f"correlation {as_said.mean():.2f}"
-    if best and better.mean() > max(_CLEARER, (_CLEAR + 1) * sigma):
+    if best and better.mean() > _CLEARER and signs > _CLEAR:
         value, remedy = f"{best}: {scores[best].mean():.2f}", "give each depth the colours of its own frame"
         yield Finding("colours over depth", f"{value}; as said {said}", "bad", remedy)
     else:

@@ -63,7 +63,7 @@ OTHER = {
         "mirrored: 0.",
     ),
     "late": (
-        lambda room: replace(s := room(), lit=np.roll(s.lit, 1, 0)),
+        lambda room: replace(s := room(), lit=np.concatenate([s.lit[:1], s.lit[:-1]])),
         "colours over depth",
         "of 1 frames later",
     ),
