@@ -118,11 +118,12 @@ class Words:
 
 
 class Score(NamedTuple):
-    """A hypothesis, its agreement by pair, and the mean of them."""
+    """A hypothesis, its agreement by pair, and the means of them and of depth's alone."""
 
     convention: Convention
     pairs: Array
     mean: float
+    of_depth: float
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,7 @@ class _Search:
         how = points, tolerance, convention.along
         depth, grey = pictures.agreements(C.T @ turn @ C, step @ C / convention.ratio, how).T
         pairs = depth if pictures.grey is None else (depth + np.maximum(grey, 0)) / 2
-        return Score(convention, pairs, float(pairs.mean()))
+        return Score(convention, pairs, float(pairs.mean()), float(depth.mean()))
 
     def hypotheses(self) -> Iterator[Convention]:
         """Yield all, but for kinds of depth and shifts."""
@@ -310,7 +311,14 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
     scores = search.ranked(kept, *_READ[0])
     if len(pictures.R) >= _LEAST_SHIFTED:
         likely = [said, *(score.convention for score in scores[:_SHIFTED])]
-        kept += [each._replace(shift=by) for each in likely for by in _SHIFTS]
+        unshifted = {score.convention: score.of_depth for score in scores}
+        shifted = search.ranked([each._replace(shift=by) for each in likely for by in _SHIFTS], *_READ[0])
+        # Where depth does not agree better, colours are late, and not poses.
+        kept += [
+            score.convention
+            for score in shifted
+            if score.of_depth > unshifted[score.convention._replace(shift=0)]
+        ]
         scores = search.ranked(kept, *_READ[0])
     first, kept = scores[0], [*(score.convention for score in scores[:_FINAL]), said]
     for finer in _READ[1:]:
