@@ -7,7 +7,9 @@ from evo.core import sync
 from evo.tools import file_interface
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from plyfile import PlyData
 from rosbags import highlevel
+from support.exact import distance_to_surfaces
 
 from mock_server import load_scene
 from omniscv import dataset
@@ -156,6 +158,18 @@ def test_points_lie_on_what_they_hit_when_each_is_placed_at_its_time(form, folde
         assert np.abs(hits.distance - reach)[walls].max() < 1e-4
         frozen = T_world_scan(frame).to_world(points) - (origins + rays)
         assert np.median(np.linalg.norm(frozen, axis=1)) > 0.01  # as if all were of one instant
+
+
+def test_points_of_a_moving_scan_in_ply_lie_in_the_world(folder, frames, tmp_path):
+    """Each was seen from where the sensor was then: walls are flat."""
+    dataset.export(folder, "ply", tmp_path, cameras=["scan"])
+    for frame in of(frames, "scan"):
+        points = PlyData.read(tmp_path / f"{frame.key}.ply")["vertex"].data
+        walls = [id for name, id in frame.instances.items() if name.startswith("Layout")]
+        seen = points[np.isin(points["label"], walls) & (points["doubt"] == 0)]
+        assert len(seen) > 10_000
+        away = distance_to_surfaces(load_scene("six-wall"), np.stack([seen[axis] for axis in "xyz"], axis=-1))
+        assert away.max() < 1e-4
 
 
 def test_kitti_lidar(folder, frames):
