@@ -7,10 +7,12 @@ Scenes are traced exactly, so they are also the reference for composed images; t
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from mock_server.stop_signal import stop_signal  # at once: its module has the same name
+
 if TYPE_CHECKING:
     from mock_server.scene import Hits, Scene, load_scene, summary
     from mock_server.scene_file import Room
-    from mock_server.server import Server, serve, stop_signal
+    from mock_server.server import Server, serve
     from mock_server.settings import DIALECTS, Depth, DialectName, scene_names
 
 __all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server",
@@ -19,7 +21,7 @@ __all__ = ["DIALECTS", "Depth", "DialectName", "Hits", "Room", "Scene", "Server"
 _HOMES = {
     "scene": ("Hits", "Scene", "load_scene", "summary"),
     "scene_file": ("Room",),
-    "server": ("Server", "serve", "stop_signal"),
+    "server": ("Server", "serve"),
     "settings": ("DIALECTS", "Depth", "DialectName", "scene_names"),
 }
 

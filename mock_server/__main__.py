@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from mock_server.faults import KINDS
-from mock_server.server import stop_signal
 from mock_server.settings import WORDS, scene_names
+from mock_server.stop_signal import stop_signal
 
 _LONGEST_LINE = 900
 _OTHERS = {"omniscv serve": ", or a recording"}

@@ -32,7 +32,7 @@ _MEETS = 1e-9  # the same: the point is seen
 
 @register
 class RollingShutter(Camera):
-    """A central camera, ``lidar`` or ``push-broom`` that moves while its lines are read, one after the other.
+    """A central camera, ``lidar`` or ``push-broom`` that moves while its lines are read one by one.
 
     The line at a fraction s of the image, 0 to 1 in the direction of ``scan``, is read at the time
     ``t = s readout``; its rays are those of ``base``, rotated by ``R = exp(t w)`` and shifted by ``t v``.
