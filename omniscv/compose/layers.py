@@ -202,8 +202,10 @@ def round_depth(depth: Floats, error: Floats) -> tuple[Floats, Floats]:
 def as_halves(bounds: Floats) -> NDArray[np.float16]:
     """Return bounds (H, W) >= 0 as half floats: exact where they are rounded, else rounded up."""
     with np.errstate(over="ignore"):
-        halves = bounds.astype(np.float16)
-        return np.where(halves < bounds, np.nextafter(halves, np.float16(np.inf)), halves)
+        halves: NDArray[np.float16] = bounds.astype(np.float16)
+        if (below := halves.astype(np.float32) < bounds).any():  # rarely: the next half float takes long
+            halves[below] = np.nextafter(halves[below], np.float16(np.inf))
+    return halves
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
