@@ -1,15 +1,15 @@
 """Comparison of captures with each other, and with the server's boxes of its objects.
 
 Depth predicts where a pixel of one capture lies in another, from the same centre or from one beside it. The
-other capture must show the same surface there, or a nearer one that hides it, and never one behind it. The
-comparison detects contradictions of any cause.
+other must show the same surface there, or a nearer one that hides it, and never one behind it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import cv2
@@ -49,6 +49,7 @@ _EFFECTS = (
 )
 """Effects that make pictures of one surface differ (protocol reference, section 7.1)."""
 
+_THIN = "things thinner than a pixel (face_size), or nearer than the near clipping plane"
 _POSES = "check field of view, poses and the meaning of depth; pause the game"
 
 
@@ -84,16 +85,6 @@ class ViewCapture:
         return np.asarray(cv2.erode(bend.astype(np.uint8), np.ones((3, 3), np.uint8)), np.bool_)
 
     @cached_property
-    def range(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The darkest and the brightest of the 5 x 5 pixels around each, (H, W, 3)."""
-        return cv2.erode(self.lit, _AROUND), cv2.dilate(self.lit, _AROUND)
-
-    @cached_property
-    def nearest(self) -> Array:
-        """(H, W) the least depth of the 5 x 5 pixels around each."""
-        return np.asarray(cv2.erode(self.depth, _AROUND))
-
-    @cached_property
     def points_w(self) -> Array:
         """(H, W, 3) what the pixels show, world frame."""
         v, u = np.mgrid[: self.view.height, : self.view.width] + 0.5
@@ -127,7 +118,7 @@ class Overlap(NamedTuple):
         common = inside(uvz, first.view) & (second.depth < _FAR_M)
         at = np.where(common[..., None], uvz[..., :2], 0).astype(np.int64)
         there = at[..., 1], at[..., 0]
-        gone = (first.nearest[there] > (1 + _GONE) * uvz[..., 2])[common]
+        gone = (cv2.erode(first.depth, _AROUND)[there] > (1 + _GONE) * uvz[..., 2])[common]
         common &= second.smooth & first.smooth[there]
         expected = uvz[..., 2][common]
         behind = 1 / np.maximum(sample(first.inverse, uvz)[common], 1 / _FAR_M) / expected - 1
@@ -136,7 +127,7 @@ class Overlap(NamedTuple):
         known = (np.abs(behind) < _NEARLY) & (abs(nearer) > _LEAST_M)
         scale = (behind * expected)[known] / (nearer or 1.0)
         row = tuple(axis[common][same] for axis in there)
-        least, most = (bound[row] for bound in first.range)
+        least, most = cv2.erode(first.lit, _AROUND)[row], cv2.dilate(first.lit, _AROUND)[row]
         lit = second.lit[common][same]
         levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
         objects = second.mask[common][same]
@@ -156,15 +147,14 @@ def capture_views(
     kind, unit = camera.driver.table.depth
     start, captures = camera.position, []
     camera.position = start + beside_m
-    for yaw, pitch in angles:
-        pose = camera.go(yaw, pitch)
+    for angle in angles:
+        pose = camera.go(*angle)
         lit, depth, mask = (camera.pixels(mode) for mode in ("lit", "depth", "object_mask"))
         view = View(pose, camera.fov_deg, lit.shape[1], lit.shape[0])
         metres = depth.astype(np.float64) * (0.01 if unit == "cm" else 1.0)
-        planar = metres / view.ray_lengths() if kind == "ray" else metres
+        planar = np.where(depth < UNREAL_SKY, metres / (view.ray_lengths() if kind == "ray" else 1), _FAR_M)
         usable = camera.driver.mask_fov_deg is None and mask.shape == lit.shape
         codes = mask.astype(np.int64) @ (1 << 16, 1 << 8, 1) if usable else np.zeros(lit.shape[:2], np.int64)
-        planar = np.where(depth < UNREAL_SKY, planar, _FAR_M)
         captures.append(ViewCapture(view, lit.astype(np.float32), planar, codes, usable))
     camera.position = start
     return captures
@@ -187,16 +177,17 @@ def findings(
     (again,) = capture_views(camera, [FACES["front"]], here)
     names = {red << 16 | green << 8 | blue: name for name, (red, green, blue) in colors.items()}
     yield _again(faces[0], again)
-    greys = [
-        [Picture(capture.lit @ GREY, capture.view.pose) for capture in captures]
-        for captures in (faces, turned)
-    ]
-    yield from light_findings([(a, b) for a in greys[0] for b in greys[1]], camera.fov_deg)
+    first, second = ([Picture(each.lit @ GREY, each.view.pose) for each in of] for of in (faces, turned))
+    yield from light_findings(product(first, second), camera.fov_deg)
     by_turning, by_moving = Overlap.of_pairs(faces, turned), Overlap.of_pairs(faces, beside)
-    yield from _agree("turned", by_turning, np.abs)
-    yield from _agree("moved", by_moving, lambda behind: behind)
-    yield _scale(by_moving)
-    yield _gone(np.concatenate([by_turning.gone, by_moving.gone]))
+    yield from _agree("turned", by_turning, np.abs(by_turning.behind))
+    yield from _agree("moved", by_moving, by_moving.behind)
+    scale = float(np.median(by_moving.scale)) if len(by_moving.scale) >= _LEAST_PX else 0.0
+    value = f"{scale:+.2%} against the camera's moves"  # depth grows by more than the camera moved
+    yield Finding.unless(abs(scale) <= _SCALE, "depth scale", value, "bad", "check the scale of the world")
+    share = float(np.concatenate([by_turning.gone, by_moving.gone]).mean())
+    value = f"{share:.2%} of what one capture shows, another looks through"
+    yield Finding.unless(share <= _GONE_SHARE, "things that come and go", value, "warning", _THIN)
     yield _view_dependent(by_moving, names)
     yield _aligned([*faces, *turned])
     yield _spheres([*faces, *turned], names)
@@ -213,34 +204,18 @@ def _again(first: ViewCapture, again: ViewCapture) -> Finding:
     return Finding.unless(same, "same again", value, "bad", f"pause the game; {_EFFECTS}")
 
 
-def _agree(how: str, overlap: Overlap, off: Callable[[Array], Array]) -> Iterator[Finding]:
-    behind, masks, lit = overlap.behind, overlap.masks, overlap.lit
-    if len(behind) < _LEAST_PX:
-        yield Finding(
-            f"depth, {how}", "nothing to compare", "warning", "give --position where more is visible"
-        )
+def _agree(how: str, overlap: Overlap, off: Array) -> Iterator[Finding]:
+    """Yield whether depth, off by ``off``, masks and colours agree."""
+    if len(off) < _LEAST_PX:
+        remedy = "give --position where more is visible"
+        yield Finding(f"depth, {how}", "nothing to compare", "warning", remedy)
         return
-    wrong = float((off(behind) > _DEPTH).mean())
+    wrong = float((off > _DEPTH).mean())
     yield Finding.unless(wrong <= _SHARE, f"depth, {how}", f"{wrong:.2%} disagrees", "bad", _POSES)
-    if len(lit) < _LEAST_PX:
-        return  # no surface is where the other capture shows it
-    other, levels = float(masks.mean()), float((lit > _LEVELS).mean())
-    yield Finding.unless(other <= _SHARE, f"masks, {how}", f"{other:.2%} disagree", "bad", _EFFECTS)
-    yield Finding.unless(levels <= _SHARE, f"colours, {how}", f"{levels:.2%} disagree", "bad", _EFFECTS)
-
-
-def _scale(overlap: Overlap) -> Finding:
-    """Measure the error of depth's scale: depth grows by more than the camera moved."""
-    scale = float(np.median(overlap.scale)) if len(overlap.scale) >= _LEAST_PX else 0.0
-    value = f"{scale:+.2%} against the camera's moves"
-    return Finding.unless(abs(scale) <= _SCALE, "depth scale", value, "bad", "check the scale of the world")
-
-
-def _gone(gone: Mask) -> Finding:
-    share = float(gone.mean())
-    remedy = "things thinner than a pixel (face_size), or nearer than the near clipping plane"
-    value = f"{share:.2%} of what one capture shows, another looks through"
-    return Finding.unless(share <= _GONE_SHARE, "things that come and go", value, "warning", remedy)
+    if len(overlap.lit) >= _LEAST_PX:  # surfaces are where the other capture shows them
+        for name, differ in (("masks", overlap.masks), ("colours", overlap.lit > _LEVELS)):
+            share = float(differ.mean())
+            yield Finding.unless(share <= _SHARE, f"{name}, {how}", f"{share:.2%} disagree", "bad", _EFFECTS)
 
 
 def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
@@ -258,18 +233,17 @@ def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
 
 def _aligned(captures: Sequence[ViewCapture]) -> Finding:
     """Measure how far the edges of colours lie beside those of masks, px."""
-    name, offsets = "colours over masks", []
+    name, offsets, reach = "colours over masks", list[str](), range(-_MOST_PX, _MOST_PX + 1)
+    if not all(capture.has_mask for capture in captures):
+        return Finding(name, "masks are pictures of another camera")
     for axis, direction in ((1, "right"), (0, "down")):
-        scores = np.zeros(2 * _MOST_PX + 1)
+        scores = np.zeros(len(reach))
         for capture in captures:
-            if not capture.has_mask:
-                return Finding(name, "masks are pictures of another camera")
-            edges = np.diff(capture.mask, axis=axis) != 0
+            inner = (slice(_MOST_PX, -_MOST_PX),) * 2
+            edges = np.diff(capture.mask, axis=axis)[inner] != 0
             steps = np.abs(np.diff(capture.lit, axis=axis)).sum(axis=-1)
-            inner = edges[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX]
-            for i, px in enumerate(range(-_MOST_PX, _MOST_PX + 1)):
-                scores[i] += np.roll(steps, -px, axis)[_MOST_PX:-_MOST_PX, _MOST_PX:-_MOST_PX][inner].sum()
-        px = int(scores.argmax()) - _MOST_PX
+            scores += [np.roll(steps, -px, axis)[inner][edges].sum() for px in reach]
+        px = reach[int(scores.argmax())]
         offsets += [f"{px} px {direction}"] * (px != 0)
     value = ", ".join(offsets) or "aligned"
     return Finding.unless(not offsets, name, value, "bad", "capture all modes at one size, with one camera")
@@ -279,12 +253,11 @@ def _spheres(captures: Sequence[ViewCapture], names: Mapping[int, str]) -> Findi
     """Find objects that are spheres around the camera: domes that stand for the sky."""
     domes = []
     distance = np.stack([capture.depth * capture.view.ray_lengths() for capture in captures])
-    if captures[0].has_mask:
-        mask = np.stack([capture.mask for capture in captures])
-        for code in np.unique(mask[distance < _FAR_M]):
-            of_object = distance[mask == code]
-            if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
-                domes.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
+    mask = np.stack([capture.mask for capture in captures])
+    for code in np.unique(mask[distance < _FAR_M]) if captures[0].has_mask else ():
+        of_object = distance[mask == code]
+        if len(of_object) >= _SPHERE_PX and np.ptp(of_object) < _SPHERE * of_object.mean():
+            domes.append(f"{names.get(int(code), '?')} at {of_object.mean():.4g} m")
     remedy = "hide it (--set hide=NAME), or depth there is no distance"
     return Finding.unless(not domes, "domes", ", ".join(domes) or "none", "bad", remedy)
 
@@ -298,9 +271,7 @@ def _boxes(
     center = captures[0].view.pose.position
     reach = np.linalg.norm(points - center, axis=1)
     wrong = []
-    for code, name in names.items():
-        if name not in boxes:
-            continue
+    for code, name in ((code, name) for code, name in names.items() if name in boxes):
         box, of_object = boxes[name], mask == code
         if of_object.sum() >= _LEAST_PX:
             beyond = np.abs((points[of_object] - box.center_w) @ box.R_w_b) - box.size / 2

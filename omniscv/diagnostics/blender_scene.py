@@ -24,8 +24,7 @@ def examine_blender(
 
     Args:
         address: ``blender://SCENE.blend``, with its options.
-        position: (3,) where to measure, world frame, metres; None: where the scene's own camera is, or the
-            middle of all objects.
+        position: (3,) world frame, metres; None: the scene's own camera, or the middle of all objects.
         timeout_s: how long loading the scene, and each picture, may take.
         patience_s: not for Blender, which is started again at once.
 
@@ -37,11 +36,9 @@ def examine_blender(
         raise ArgumentError("patience: expected none for Blender, which is started again at once")
     with open_process(address, timeout_s) as source:
         scene = source.blender.scene
-        center = position
-        if center is None:
-            corners = [box.corners_w() for box in source.geometry().boxes.values()]
-            middle = np.concatenate(corners).mean(axis=0) if corners else np.zeros(3)
-            center = middle if scene.camera is None else np.array(scene.camera)
+        corners = [box.corners_w() for box in source.geometry().boxes.values()] or [np.zeros((1, 3))]
+        middle = np.concatenate(corners).mean(axis=0) if scene.camera is None else np.array(scene.camera)
+        center = middle if position is None else position
         lamps = len(scene.lights.keys() - {"World"})
         lights = f"{'a' if scene.world else 'no'} world, {lamps} lamps"
         lit, objects = scene.world or lamps, len(scene.objects)

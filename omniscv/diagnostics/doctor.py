@@ -1,7 +1,6 @@
 """The doctor: measures a server through the camera drivers, and reports findings."""
 
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -66,11 +65,8 @@ def examine_address(
     """Examine a server by some hundred pictures; mask colours are made distinct first, as for a recording.
 
     Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``;
-            ``blender://SCENE.blend``, for :func:`omniscv.diagnostics.blender_scene.examine_blender`; or a
-            recording, or a folder of captures, for
-            :func:`omniscv.diagnostics.recorded_faces.examine_recording`; or a folder of frames with poses,
-            for :func:`omniscv.diagnostics.posed_pictures.examine_folder`.
+        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``; or what another module
+            examines: ``blender://SCENE.blend``, a recording, a folder of its captures, or frames with poses.
         position: (3,) where to measure, world frame, metres; None: the player's position.
         quick: leave out the unit of depth, what captures say of each other, and what moves.
         picture: PNG to write, of a recording's worst edge.
@@ -78,67 +74,63 @@ def examine_address(
         deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
-        ArgumentError: an address of another form, or a picture of no recording.
+        ArgumentError: an address of another form, or options that are of others.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
-    if scheme_of(address) in (None, *storage.SCHEMES):
-        return _examine_file(address, picture, layout, said or {})
-    if layout != "auto" or said:
+    is_file, path = scheme_of(address) in (None, *storage.SCHEMES), Path(address)
+    is_captures = not (is_file and path.is_dir()) or (path / INDEX).exists()
+    if (layout != "auto" or said) and is_captures:
         raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(address)}")
-    if picture is not None:
+    if picture is not None and not (is_file and is_captures):
         raise ArgumentError(f"picture: expected a recording or a folder of captures, got {shown(address)}")
+    if not is_captures:
+        return examine_folder(path, layout, **(said or {}))
+    if is_file:
+        with TemporaryDirectory() as temporary:
+            if path.is_dir():
+                address = f"{temporary}/captures.sqlite"
+                import_folder(path, Path(address))
+            with open_source(address) as source:  # says what to write in place of host:port
+                return examine_recording(source, picture)
     if scheme_of(address) == "blender":
         return examine_blender(address, position, **deadlines)
     with open_connection(address, **deadlines) as connection:
         mode = view_mode(connection)
-        with RawCamera(connection, position) as camera, ExitStack() as paused:
+        with RawCamera(connection, position) as camera:
             world = MovingWorld(connection, camera)
             motion = [] if quick else world.findings()
-            paused.enter_context(world.still())
-            settled = settle(camera)
-            pairs = turned_pairs(camera)
-            kind, meaning = depth_kind(pairs, camera)
-            # Depth says what the field of view is only if it is known which depth it is.
-            aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
-            unit, scale = (camera.driver.table.depth[1], None) if quick else depth_unit(camera)
-            version, scene = map(protocol.name, connection.texts([VERSION, SCENE]))
-            name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
-            dialect = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
-            findings = [
-                Finding("dialect", dialect),
-                mode,
-                settled,
-                *([] if quick else [warm_up(camera)]),
-                capabilities(camera),
-                *right_eye(connection, camera),
-                normals(camera),
-                sizes(pairs, camera),
-                *(field_of_view(mode, pairs, camera, kind) for mode in aligned),
-                meaning,
-                *([scale] if scale else []),
-                half_floats(pairs, unit),
-                masks(connection, camera, pairs),
-            ]
-            if not quick:
-                table = colors(connection)
-                findings += agreement.findings(camera, table, boxes(connection, list(table)))
-                findings += manual_exposure(connection, camera)
-            return [*findings, *motion]
+            with world.still():
+                return [*_findings(connection, camera, mode, quick), *motion]
 
 
-def _examine_file(path: str, picture: Path | None, layout: str, said: Mapping[str, Any]) -> list[Finding]:
-    """Examine a recording, a folder of captures by way of one, or frames with poses."""
-    with TemporaryDirectory() as temporary:
-        if Path(path).is_dir() and not (Path(path) / INDEX).exists():
-            return examine_folder(Path(path), layout, **said)
-        if layout != "auto" or said:
-            raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(path)}")
-        if Path(path).is_dir():
-            imported = Path(temporary) / "captures.sqlite"
-            import_folder(Path(path), imported)
-            path = str(imported)
-        with open_source(path) as source:  # says what to write in place of host:port
-            return examine_recording(source, picture)
+def _findings(connection: Connection, camera: RawCamera, mode: Finding, quick: bool) -> Iterator[Finding]:
+    """Yield what a server is, while its world stands still."""
+    settled = settle(camera)
+    pairs = turned_pairs(camera)
+    kind, meaning = depth_kind(pairs, camera)
+    # Depth says what the field of view is only if it is known which depth it is.
+    aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
+    version, scene = map(protocol.name, connection.texts([VERSION, SCENE]))
+    name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
+    value = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
+    yield Finding("dialect", value)
+    yield from (mode, settled)
+    if not quick:
+        yield warm_up(camera)
+    yield capabilities(camera)
+    yield from right_eye(connection, camera)
+    yield from (normals(camera), sizes(pairs, camera))
+    yield from (field_of_view(mode, pairs, camera, kind) for mode in aligned)
+    yield meaning
+    unit = camera.driver.table.depth[1]
+    if not quick:
+        unit, scale = depth_unit(camera)
+        yield scale
+    yield from (half_floats(pairs, unit), masks(connection, camera, pairs))
+    if not quick:
+        table = colors(connection)
+        yield from agreement.findings(camera, table, boxes(connection, list(table)))
+        yield from manual_exposure(connection, camera)
 
 
 def view_mode(connection: Connection) -> Finding:
@@ -157,13 +149,12 @@ def settle(camera: RawCamera) -> Finding:
     if (depths[0] < UNREAL_SKY).any() and all(alike(depth, depths[0]) for depth in depths[1:]):
         return Finding(name, "never: the camera does not turn", "bad", "vset /action/game/resume")
     camera.lag = stale = max(counts[1:])  # the first frames of a camera may be garbage
-    milliseconds = 1000 * float(np.median(seconds[1:]))
+    value = f"{1000 * float(np.median(seconds[1:])):.0f} ms"
     if stale == 0:
-        return Finding(name, f"at once, first frame after {milliseconds:.0f} ms")
-    value = f"stale frames: {stale}, {milliseconds:.0f} ms"
-    if stale <= SETTLED:
-        return Finding(name, f"{value}, which recordings skip")
-    return Finding(name, value, "bad", f"at most {SETTLED} are skipped: raise the frame rate")
+        return Finding(name, f"at once, first frame after {value}")
+    value = f"stale frames: {stale}, {value}" + ", which recordings skip" * (stale <= SETTLED)
+    remedy = f"at most {SETTLED} are skipped: raise the frame rate"
+    return Finding.unless(stale <= SETTLED, name, value, "bad", remedy)
 
 
 def warm_up(camera: RawCamera) -> Finding:
@@ -175,13 +166,13 @@ def warm_up(camera: RawCamera) -> Finding:
     frames = [camera.pixels("lit").astype(np.int16) for _ in range(_WARM + 1)]
     changes = [np.quantile(np.abs(b - a), _MOST) for a, b in pairwise(frames)]
     count = max((i + 1 for i, change in enumerate(changes) if change >= 1), default=0)
-    name = "colours settle"
-    if count == 0:
-        return Finding(name, "at once")
+    value, remedy = (
+        f"after {count} more frames: temporal effects, or exposure",
+        f"--set source_options.warmup={count}",
+    )
     if count == _WARM:
-        return Finding(name, f"never, in {_WARM} frames", "bad", "fix the exposure; stop animations")
-    value = f"after {count} more frames: temporal effects, or exposure"
-    return Finding(name, value, "bad", f"--set source_options.warmup={count}")
+        value, remedy = f"never, in {_WARM} frames", "fix the exposure; stop animations"
+    return Finding("colours settle", value, "bad", remedy) if count else Finding("colours settle", "at once")
 
 
 def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
@@ -189,14 +180,14 @@ def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
     if not connection.supports(EXPOSURE_METHOD):
         return []
     location_cm, _ = Pose.from_angles(camera.position).to_unreal()
-    name, remedy = "manual exposure", "none: colours have the game's own"
     try:
         bias = matching_bias(connection, camera.driver.camera, location_cm)
+        value = "no bias matches the game's own"
     except ServerRefusedError as refused:
-        return [Finding(name, str(refused), "warning", remedy)]
-    if bias is None:
-        return [Finding(name, "no bias matches the game's own", "warning", remedy)]
-    return [Finding(name, f"as bright as the game's own with a bias of {bias:g}")]
+        bias, value = None, str(refused)
+    if bias is not None:
+        return [Finding("manual exposure", f"as bright as the game's own with a bias of {bias:g}")]
+    return [Finding("manual exposure", value, "warning", "none: colours have the game's own")]
 
 
 def normals(camera: RawCamera) -> Finding:
@@ -234,9 +225,8 @@ def sizes(pairs: Pairs, camera: RawCamera) -> Finding:
     by_mode = {mode: "{1} x {0}".format(*pairs[mode][0][0].pixels.shape) for mode in _MODES}
     if len(set(by_mode.values())) == 1:
         return Finding("picture size", f"{by_mode['lit']} px in all modes")
-    masks_of_window = camera.driver.table is LEGACY
-    value = ", ".join(f"{mode} {size}" for mode, size in by_mode.items())
-    return Finding("picture size", value, "warning" if masks_of_window else "bad", _WINDOW)
+    verdict: Any = "warning" if camera.driver.table is LEGACY else "bad"  # its masks are of the window
+    return Finding("picture size", ", ".join(map(" ".join, by_mode.items())), verdict, _WINDOW)
 
 
 def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Finding:
@@ -252,9 +242,9 @@ def field_of_view(mode: str, pairs: Pairs, camera: RawCamera, kind: str) -> Find
     if abs(fov - reported) > 1:
         return Finding(name, value, "bad", "FOV 90 in unrealcv.ini")
     height, width = pairs[mode][0][0].pixels.shape[:2]
-    enough = reported >= across(width, height) - _PRINTED
-    value += "" if enough else ": less than 90 up and down"
-    return Finding.unless(enough, name, value, "bad", _WINDOW)
+    if reported < across(width, height) - _PRINTED:
+        return Finding(name, f"{value}: less than 90 up and down", "bad", _WINDOW)
+    return Finding(name, value)
 
 
 def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
@@ -274,15 +264,14 @@ def depth_kind(pairs: Pairs, camera: RawCamera) -> tuple[str, Finding]:
 def depth_unit(camera: RawCamera) -> tuple[str, Finding]:
     """Measure by how much depth straight ahead decreases when the camera moves there."""
     _, expected = camera.driver.table.depth
-    decreases = []
-    for yaw, pitch in FACES.values():
-        ahead = []
-        for forward_m in (0.0, _FORWARD_M):
-            camera.go(yaw, pitch, forward_m)
-            depth = camera.pixels("depth")
-            ahead.append(float(depth[depth.shape[0] // 2, depth.shape[1] // 2]))
-        if ahead[1] < ahead[0] < UNREAL_SKY:
-            decreases.append((ahead[0] - ahead[1]) / _FORWARD_M)
+
+    def ahead(*pose: float) -> float:
+        camera.go(*pose)
+        depth = camera.pixels("depth")
+        return float(depth[depth.shape[0] // 2, depth.shape[1] // 2])
+
+    steps = [(ahead(*face), ahead(*face, _FORWARD_M)) for face in FACES.values()]
+    decreases = [(far - near) / _FORWARD_M for far, near in steps if near < far < UNREAL_SKY]
     if not decreases:
         return expected, _unmeasured("depth unit", "nothing but sky")
     per_m = float(np.median(decreases))
@@ -311,17 +300,16 @@ def half_floats(pairs: Pairs, unit: str) -> Finding:
 def masks(connection: Connection, camera: RawCamera, pairs: Pairs) -> Finding:
     """Report whether every colour in a mask belongs to one object."""
     table = colors(connection)
-    visible = {
-        color for pair in pairs["object_mask"] for picture in pair for color in color_counts(picture.pixels)
-    }
+    pictures = [picture.pixels for pair in pairs["object_mask"] for picture in pair]
+    visible = {color for pixels in pictures for color in color_counts(pixels)}
     changes = _changes_dark_colors(connection, camera, table)
     by_color: dict[Color, list[str]] = {(0, 0, 0): ["background"]}
     for name, color in table.items():
         by_color.setdefault(vertex_color_roundtrip(color) if changes else color, []).append(name)
     equal = [" = ".join(names) for names in by_color.values() if len(names) > 1]
     unknown = visible - set(by_color)
-    areas = [picture.pixels.any(axis=-1).mean() for pair in pairs["object_mask"] for picture in pair]
-    value = f"{len(table)} objects, {len(visible)} colours visible, {1 - np.mean(areas):.0%} black"
+    black = 1 - np.mean([pixels.any(axis=-1).mean() for pixels in pictures])
+    value = f"{len(table)} objects, {len(visible)} colours visible, {black:.0%} black"
     value += ", dark ones changed" if changes else ""
     if equal:
         remedy = "vset /object/NAME/color R G B, each 0 or 146 to 255"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import yaml
@@ -24,7 +24,6 @@ from omniscv.sources.recording.lenses import Wide
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 
 _NEAR_NS = 20_000_000  # from a picture to the state of an IMU
-_OWN = Pose(np.zeros(3), np.eye(3))
 
 
 class Written(NamedTuple):
@@ -33,6 +32,13 @@ class Written(NamedTuple):
     file: Path
     poses: Mapping[str, Pose | None]
     words: Words
+
+    @classmethod
+    def of(cls, file: Path, keys: Iterable[str], entries: Iterable[Mapping[str, Any]], words: Words) -> Self:
+        """Return poses of entries, by what :meth:`Rows.of_entries` calls their numbers."""
+        rows = Rows.of_entries([("", entry) for entry in entries])
+        poses = rows.listed(frame=words.axes, inverse=words.inverse).values()
+        return cls(file, dict(zip(keys, poses, strict=True)), words)
 
 
 def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str, bool]]:
@@ -50,35 +56,36 @@ def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str
     if not cameras:
         raise ArgumentError(f"{folder}: expected frames with lit and depth, which can be compared, got none")
     for name, mine in cameras.items():
-        own = Written(local / "frames.jsonl", {frame.key: frame.pose for frame in mine}, Words(along=True))
-        exported = [own]
+        poses = {frame.key: frame.pose for frame in mine}
+        exported = [Written(local / "frames.jsonl", poses, Words(along=True))]
         for out in sorted((local / EXPORTS).glob("*")):
             for kind in [format] if format else READERS:
                 exported += READERS[kind](out, mine)
-        keys = {frame.key for frame in mine}
-        for written in (each for each in exported if keys & each.poses.keys()):
-            verdict = _verdict(mine, written)
-            line = verdict.line() if verdict else "no two frames overlap"
-            at = written.file.relative_to(local).as_posix()
-            yield f"{at}: {name}: {line}", bool(verdict and verdict.contradicts)
+        for written in exported:
+            if poses.keys() & written.poses.keys():
+                verdict = _verdict(mine, written)
+                line = verdict.line() if verdict else "no two frames overlap"
+                at = written.file.relative_to(local).as_posix()
+                yield f"{at}: {name}: {line}", bool(verdict and verdict.contradicts)
 
 
 def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
     """Return what the pictures of frames say of poses that a file has of them; None without a pair."""
-    mine, camera = [frame for frame in frames if written.poses.get(frame.key)], frames[0].camera
+    posed = [(frame, pose) for frame in frames if (pose := written.poses.get(frame.key))]
+    camera = frames[0].camera
     panorama = camera.name == "equirectangular"
-    if len(mine) < 2 or not (panorama or camera.central):
+    if len(posed) < 2 or not (panorama or camera.central):
         return None
-    poses, wide = [pose for frame in mine if (pose := written.poses[frame.key])], Wide(camera)
+    wide = Wide(camera)
 
     def read(i: int, width: int) -> Shot:
-        lit, depth = mine[i].layer("lit"), mine[i].layer("depth")
+        lit, depth = (posed[i][0].layer(mode) for mode in ("lit", "depth"))
         if panorama:
             return Shot.of(depth, lit, None, width)
         depth, lens = wide.straight(depth, False)
         return Shot.of(depth, wide.straight(lit, True)[0], lens, width)
 
-    R, t = np.stack([pose.R_w_c for pose in poses]), np.stack([pose.position for pose in poses])
+    R, t = (np.stack([getattr(pose, key) for _, pose in posed]) for key in ("R_w_c", "position"))
     pictures = PosedPictures.read(R, t, read, 2.0, PAIRS, WIDTH)
     return None if pictures is None else ask(pictures, written.words)
 
@@ -86,53 +93,45 @@ def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
 def _nerfstudio(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     for file in (out / "transforms.json", out / frames[0].camera_name / "transforms.json"):
         if file.is_file():
-            entries = json.loads(file.read_text("utf-8"))["frames"]
-            rows = [("", {"transform_matrix": entry["transform_matrix"]}) for entry in entries]
-            poses = Rows.of_entries(rows).listed(frame="opengl").values()
-            names = [Path(entry["file_path"]).stem for entry in entries]
-            yield Written(file, dict(zip(names, poses, strict=True)), Words("opengl", along=True))
+            rows = json.loads(file.read_text("utf-8"))["frames"]
+            keys, matrix = [Path(row["file_path"]).stem for row in rows], "transform_matrix"
+            yield Written.of(file, keys, [{matrix: row[matrix]} for row in rows], Words("opengl", along=True))
 
 
 def _colmap(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     file = out / "sparse" / "0" / "images.txt"
     if file.is_file():
         lines = [line for line in file.read_text("utf-8").splitlines() if not line.startswith("#")]
-        words = [line.split(" ", 9) for line in lines[::2]]
-        keys = ("qw", "qx", "qy", "qz", "x", "y", "z")
-        rows = [("", dict(zip(keys, map(float, row[1:8]), strict=True))) for row in words]
-        poses = Rows.of_entries(rows).listed(inverse=True).values()
-        names = [Path(row[9]).stem for row in words]
-        yield Written(
-            file, dict(zip(names, poses, strict=True)), Words(inverse=True, quaternions=True, along=True)
-        )
+        rows, names = [line.split(" ", 9) for line in lines[::2]], ("qw", "qx", "qy", "qz", "x", "y", "z")
+        poses = [dict(zip(names, map(float, row[1:8]), strict=True)) for row in rows]
+        words = Words(inverse=True, quaternions=True, along=True)
+        yield Written.of(file, [Path(row[9]).stem for row in rows], poses, words)
 
 
 def _trajectories(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
-    keys = out / f"{frames[0].camera_name}.keys"
-    for suffix in ("tum", "euroc", "kitti") if keys.is_file() else ():
-        file = keys.with_suffix(f".{suffix}")
-        poses = dict(
-            zip(keys.read_text("utf-8").split("\n"), read_trajectory(file, _OWN).poses, strict=False)
-        )
-        yield Written(file, poses, Words(quaternions=suffix != "kitti", along=True))
+    file = out / f"{frames[0].camera_name}.keys"
+    keys = file.read_text("utf-8").split() if file.is_file() else []
+    for suffix in ("tum", "euroc", "kitti") if keys else ():
+        path = read_trajectory(file.with_suffix(f".{suffix}"), Pose(np.zeros(3), np.eye(3)))
+        poses = dict(zip(keys, path.poses, strict=True))
+        yield Written(file.with_suffix(f".{suffix}"), poses, Words(quaternions=suffix != "kitti", along=True))
 
 
 def _euroc(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     names = out / "mav0" / "cameras.txt"
-    if not names.is_file() or any(frame.time_ns is None for frame in frames):
-        return
-    sensors = dict(line.split(" ", 1)[::-1] for line in names.read_text("utf-8").splitlines())
-    if frames[0].camera_name not in sensors:
+    lines = names.read_text("utf-8").splitlines() if names.is_file() else []
+    sensors = dict(line.split(" ", 1)[::-1] for line in lines)
+    if frames[0].camera_name not in sensors or any(frame.time_ns is None for frame in frames):
         return
     sensor = names.parent / sensors[frames[0].camera_name] / "sensor.yaml"
     T_BS = np.reshape(yaml.safe_load(sensor.read_text("utf-8"))["T_BS"]["data"], (4, 4))
     state = out / "mav0" / "state_groundtruth_estimate0" / "data.csv"
     path = read_trajectory(state, frame=Pose(T_BS[:3, 3], T_BS[:3, :3]))
-    times, poses = np.array(path.times_ns), {}
+    times, poses = np.array(path.times_ns), dict[str, Pose | None]()
     for frame in frames:
-        i = int(np.abs(times - (frame.time_ns or 0)).argmin())
-        if abs(int(times[i]) - (frame.time_ns or 0)) < _NEAR_NS:
-            poses[frame.key] = path.poses[i]
+        off = np.abs(times - (frame.time_ns or 0))
+        if off.min() < _NEAR_NS:
+            poses[frame.key] = path.poses[int(off.argmin())]
     yield Written(state, poses, Words(along=True))
 
 

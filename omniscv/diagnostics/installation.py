@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from omniscv.diagnostics import Finding
 from omniscv.errors import OmniscvError
@@ -26,7 +26,7 @@ LEAST_BYTES, ENOUGH_BYTES = 100 << 20, 2 << 30
 
 _EXTRAS = ("charts", "evaluate", "video", "fast", "torch", "mujoco", "ros", "rerun", "cloud", "cluster")
 _SLIM = "slim images lack it: apt-get install libgl1 libglib2.0-0, or pip install opencv-python-headless"
-_ADVICE = {"libGL": _SLIM, "libgthread": _SLIM, "libglib": _SLIM}
+_OF_SYSTEM = ("libGL", "libgthread", "libglib")
 _AGAIN = "pip install --upgrade omniscv, in an environment of its own"
 
 
@@ -66,16 +66,15 @@ def _packages() -> Iterator[Finding]:
     for needed in requirements:
         extra = _extra_of(needed)
         try:
-            version, missing = metadata.version(needed.name), False
+            version = metadata.version(needed.name)
+            sound = needed.specifier.contains(version, prereleases=True)
         except metadata.PackageNotFoundError:
-            version, missing = "missing", True
-        sound = not missing and needed.specifier.contains(version, prereleases=True)
+            version, sound = "missing", False
         if extra in lacking:
             lacking[extra] += [] if sound else [needed.name]
-        elif extra is None and sound:
-            yield Finding(needed.name, version)
         elif extra is None:
-            yield Finding(needed.name, f"{version}, needs {needed.specifier}", "bad", _AGAIN)
+            value = version if sound else f"{version}, needs {needed.specifier}"
+            yield Finding.unless(sound, needed.name, value, "bad", _AGAIN)
     for extra, names in lacking.items():
         lacks = f"optional, lacks {', '.join(names)}: pip install 'omniscv[{extra}]'"
         yield Finding(f"extra {extra}", lacks if names else "installed")
@@ -91,12 +90,12 @@ def _extra_of(needed: Any) -> str | None:
 
 def _library(module: str) -> Finding:
     """Return whether a module can be imported; missing system libraries show only then."""
-    try:
+
+    def load() -> str:
         importlib.import_module(module)
-    except (ImportError, OSError) as cause:
-        advice = next((text for word, text in _ADVICE.items() if word in str(cause)), _AGAIN)
-        return Finding(f"import {module}", f"fails: {cause}", "bad", advice)
-    return Finding(f"import {module}", "loads")
+        return "loads"
+
+    return _attempt(f"import {module}", load, _AGAIN)
 
 
 def _attempt(name: str, check: Callable[[], str], remedy: str) -> Finding:
@@ -104,7 +103,8 @@ def _attempt(name: str, check: Callable[[], str], remedy: str) -> Finding:
     try:
         return Finding(name, check())
     except (ImportError, OSError, RuntimeError, OmniscvError) as cause:
-        return Finding(name, f"fails: {cause}", "bad", remedy)
+        lacks = any(library in str(cause) for library in _OF_SYSTEM)
+        return Finding(name, f"fails: {cause}", "bad", _SLIM if lacks else remedy)
 
 
 def _writable(name: str, folder: Path) -> Finding:
@@ -134,9 +134,9 @@ def _kernels() -> str:
     from omniscv.geometry import Pose
 
     started, pose = time.monotonic(), Pose.from_angles((0, 0, 1.5))
+    modes = ("lit", "object_mask", "depth", "normals")
     with open_source("mock://four-wall") as source:
         for name in ("fisheye-equidistant", "noncentral-panorama"):
-            modes = ("lit", "object_mask", "depth", "normals")
             render(cameras.model(name).example(32), pose, source, modes, face_size=16)
     return f"compiled, or found compiled, in {time.monotonic() - started:.0f} s"
 
@@ -152,17 +152,16 @@ def _ports(port: int) -> Iterator[Finding]:
 
     remedy = "allow this process to listen on the loopback interface"
     yield _attempt("ports of 127.0.0.1", lambda: listen(0, "can be listened on"), remedy)
-    name, taken = f"port {port}", "in use: by an UnrealCV server, or by another program"
     try:
-        yield Finding(name, listen(port, "free"))
+        yield Finding(f"port {port}", listen(port, "free"))
     except OSError:  # any other port serves as well
-        yield Finding(name, taken, "warning", "to serve there, end it, or omniscv serve --port 0")
+        value, remedy = "in use: by an UnrealCV server, or by another program", "omniscv serve --port 0"
+        yield Finding(f"port {port}", value, "warning", f"to serve there, end it, or {remedy}")
 
 
 def _space(folder: Path) -> Finding:
     free = shutil.disk_usage(folder).free
     value = f"{free / 1e9:.3g} GB free at {folder}"
     remedy = "free some space: a recording of one viewpoint takes 10 to 100 MB, a dataset gigabytes"
-    if free < LEAST_BYTES:
-        return Finding("disk", value, "bad", remedy)
-    return Finding.unless(free >= ENOUGH_BYTES, "disk", value, "warning", remedy)
+    verdict: Literal["warning", "bad"] = "bad" if free < LEAST_BYTES else "warning"
+    return Finding.unless(free >= ENOUGH_BYTES, "disk", value, verdict, remedy)

@@ -31,10 +31,8 @@ class MovingWorld:
     def findings(self) -> list[Finding]:
         """Return three findings: the world moves, the world pauses, captures follow a move."""
         moving = self._moving()
-        moves = Finding("world moves", "no")
-        if moving:
-            remedy = "--set freeze=puppet, or pause"
-            moves = Finding("world moves", f"yes: {_listed(moving)}", "warning", remedy)
+        value = f"yes: {_listed(moving)}" if moving else "no"
+        moves = Finding.unless(not moving, "world moves", value, "warning", "--set freeze=puppet, or pause")
         try:
             with self._paused():
                 self._can_stop = bool(moving)
@@ -66,23 +64,26 @@ class MovingWorld:
         name = largest_object(self._camera, table)
         if name is None:
             return Finding(title, "unknown: nothing in sight can be moved", "warning", "give --position")
+
+        def move(*at_cm: float) -> None:
+            self._connection.text(" ".join([f"vset {location}", *(f"{value:.6f}" for value in at_cm)]))
+
         location = f"/object/{name}/location"
         start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
         before = self._camera.pixels("depth")
         try:
-            self._connection.text(f"vset {location} {_text(start + _AWAY_CM)}")
+            move(*start + _AWAY_CM)
             frames = [self._camera.pixels("depth") for _ in range(_FRAMES)]
         finally:
-            self._connection.text(f"vset {location} {_text(start)}")
+            move(*start)
         changed = ~np.isclose(before, frames[-1], rtol=_NOISE)
         if not changed.any():
             return Finding(title, f"never: {name} stays", "warning", "set its mobility to Movable")
         late = [np.isclose(frame, frames[-1], rtol=_NOISE)[changed].mean() <= 0.5 for frame in frames]
         count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
         value = f"stale ticks: {count}" if count else "at once"
-        if count <= SETTLED:
-            return Finding(title, value)  # captures wait for them
-        return Finding(title, value, "bad", f"at most {SETTLED} are waited for: raise the frame rate")
+        remedy = f"at most {SETTLED} are waited for: raise the frame rate"
+        return Finding.unless(count <= SETTLED, title, value, "bad", remedy)
 
     def _moving(self) -> list[str]:
         """Return the names of objects that move while some ticks go by."""
@@ -104,10 +105,6 @@ class MovingWorld:
             yield
         finally:
             self._clock.set(before)
-
-
-def _text(location_cm: np.ndarray) -> str:
-    return " ".join(f"{value:.6f}" for value in location_cm.tolist())
 
 
 def _listed(names: list[str]) -> str:

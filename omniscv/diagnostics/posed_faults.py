@@ -6,16 +6,13 @@ Poses have errors, too, which add up along the path. How large they are is estim
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import cholesky, solve_triangular
 from scipy.ndimage import map_coordinates
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from omniscv.geometry import Array
@@ -28,14 +25,9 @@ PAIRS, WIDTH = 30, 1300
 
 
 class Parameter(NamedTuple):
-    """What may be off.
+    """What may be off: its name, the step of derivatives, the size that matters, and the most that is likely.
 
-    Attributes:
-        name: in words.
-        step: of derivatives.
-        matters: size below which it is not named.
-        most: that is likely.
-        unit: of the size that is told, which is ``scale`` times the parameter.
+    The size that is told has ``unit``, and is ``scale`` times the parameter.
     """
 
     name: str
@@ -60,9 +52,9 @@ PARAMETERS = (
 )
 SCALE, FOCAL, ASPECT, CX, CY, K1, RAY, TIME, ROLLING, OFFSET = range(len(PARAMETERS))
 _OF_PANORAMA = (SCALE, TIME, OFFSET)
-_STEPS, _MATTERS, _LIKELY = (
-    np.array([getattr(p, key) for p in PARAMETERS]) for key in ("step", "matters", "most")
-)
+_POSE = slice(len(PARAMETERS), len(PARAMETERS) + 6)  # behind parameters: a turn and a move of second cameras
+_STEPS = np.array([*(p.step for p in PARAMETERS), *[1e-3] * 6])
+_MATTERS, _LIKELY = (np.array([getattr(p, key) for p in PARAMETERS]) for key in ("matters", "most"))
 
 _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
@@ -71,7 +63,7 @@ _FAR_OFF = 0.2  # log depth of another surface
 _TUKEY, _SIGMA, _LIKELY_SIGMA = 4.7, 5.0, 2.0
 _BLOCKS = (16, 8)  # of time, over which residuals may be alike
 _TOGETHER = 20  # pairs in a row, whose errors of poses are related
-_MOST_FAULTS, _ROUNDS, _EVALUATIONS, _LEAST_POINTS = 5, 4, 6, 200
+_MOST_FAULTS, _ROUNDS, _LEAST_POINTS = 5, 8, 200
 _INEXACT, _OF_MATTERS = 0.02, 0.05  # shares of sizes that the fit's model is off by
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
@@ -100,13 +92,12 @@ class Found(NamedTuple):
 
 
 class System(NamedTuple):
-    """Derivatives (P, m, k) and residuals (P, m), free of errors of poses, and what frees others of them."""
+    """Derivatives (P, m, k) and residuals (P, m), free of errors of poses; see :class:`Found`."""
 
     J: Array
     r: Array
     left: Array
     drift: float
-    white: Callable[[Array], Array]
 
     def solve(self, chosen: list[int]) -> tuple[Array, Array, float]:
         """Return the step of parameters, their standard deviations, robust over time, and the gain."""
@@ -144,29 +135,32 @@ class Fit:
         inverse = np.where(known, 1 / np.where(known, pictures.depth, 1), 0).astype(np.float32)
         smooth = np.stack([_smooth(*both) for both in zip(inverse, known, strict=True)])
         self.inverse = np.where(smooth, inverse, np.float32(np.nan)).reshape(-1, width)
-        near = np.stack([cv2.GaussianBlur(each, (0, 0), _SOFT) for each in inverse * smooth])
-        share = np.stack([cv2.GaussianBlur(np.float32(each), (0, 0), _SOFT) for each in smooth])
+        near, share = (
+            np.stack([cv2.GaussianBlur(np.float32(each), (0, 0), _SOFT) for each in of])
+            for of in (inverse * smooth, smooth)
+        )
         self.soft = np.where(smooth, near / np.maximum(share, 1e-6), np.float32(np.nan)).reshape(-1, width)
         self.stored = (pictures.depth * smooth)[self.a, rows, columns].astype(np.float64)
         self.median = float(np.median(pictures.depth[known]))
         self.R, self.t = moves(R[frames], t[frames], self.pairs)
         self.into_b = R[frames][self.pairs[:, 1]].swapaxes(1, 2)
-        before, after = np.maximum(np.arange(len(R)) - 1, 0), np.minimum(np.arange(len(R)) + 1, len(R) - 1)
-        spans = np.maximum(after - before, 1)[:, None]
+        at = np.arange(len(R))
+        before, after = np.maximum(at - 1, 0), np.minimum(at + 1, at[-1])
+        spans = (after - before)[:, None]
         turns = Rotation.from_matrix(R[before].swapaxes(1, 2) @ R[after]).as_rotvec() / spans
         steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
         self.turns, self.steps = turns[frames], steps[frames]
         is_video = np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN
         possible = _OF_PANORAMA if pictures.panorama else range(len(PARAMETERS))
-        self.possible = [i for i in possible if is_video or i not in (TIME, ROLLING)]
+        self.possible = np.array([i for i in possible if is_video or i not in (TIME, ROLLING)])
         first, second = frames[self.pairs].T
-        C = np.minimum.outer(np.arange(len(R)), np.arange(len(R)))  # of errors that add up
-        self.alike = C[second][:, second] - C[second][:, first] - C[first][:, second] + C[first][:, first]
+        both = np.minimum.outer  # errors that add up are alike until the earlier frame
+        self.alike = both(second, second) - both(second, first) - both(first, second) + both(first, first)
 
-    def residuals(self, theta: Array, pose: Array | None = None, soft: bool = True) -> Array:
+    def residuals(self, theta: Array, soft: bool = True) -> Array:
         """Return (P, n) log of observed over expected depth; NaN where none is compared.
 
-        ``pose`` is (6,) a turn and a move, of which second cameras are off, world axes; ``soft`` is for
+        ``theta`` has parameters and ``_POSE``, in world axes and shares of the median depth; ``soft`` is for
         derivatives, which noise of depth would swamp.
         """
         a, b, height = self.a, self.b, self.pictures.depth.shape[1]
@@ -180,20 +174,17 @@ class Fit:
         tau = np.full((*self.v.shape, 1), theta[TIME])
         for _ in range(3 if theta[ROLLING] else 1):
             there = _turned(-tau * self.turns[b], q - tau * self.steps[b]) if is_late else q
-            if pose is not None:
-                turn, move = self.into_b @ pose[:3], self.into_b @ pose[3:]
-                there = there + np.cross(turn[:, None], there) + move[:, None]
+            if theta[_POSE].any():
+                turn, move = np.split(self.into_b @ theta[_POSE].reshape(2, 3).T, 2, axis=-1)
+                there = there + np.cross(turn.swapaxes(1, 2), there) + self.median * move.swapaxes(1, 2)
             u, v, expected = self._projected(there, theta, kind)
             tau = (theta[TIME] + theta[ROLLING] * (v / height - 0.5))[..., None]
         width = self.pictures.depth.shape[2]
         seen = (self.stored > 0) & (u > 1.5) & (v > 1.5) & (u < width - 1.5) & (v < height - 1.5)
         at = np.where(seen, b * height + v - 0.5, 0), np.where(seen, u - 0.5, 0)
+        inverse = map_coordinates(self.soft if soft else self.inverse, at, order=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            off = -np.log(
-                map_coordinates(self.soft if soft else self.inverse, at, order=1)
-                * (expected - offset)
-                / scale
-            )
+            off = -np.log(inverse * (expected - offset) / scale)
         return np.where(seen & np.isfinite(off), off, np.nan)
 
     def _lens(self, theta: Array, frame: Any) -> tuple[Array, Array, Array, Array]:
@@ -226,55 +217,40 @@ class Fit:
         fx, fy, cx, cy = self._lens(theta, self.b)
         return x * bent * fx + cx, y * bent * fy + cy, ahead * (1 + square) ** (kind / 2)
 
-    def derivatives(self, theta: Array, chosen: list[int]) -> Array:
-        """Return (P, n, k) those of residuals by parameters."""
-        steps = np.diag(_STEPS)[chosen]
-        ends = [self.residuals(theta + step) - self.residuals(theta - step) for step in steps]
-        return np.asarray(np.stack(ends, axis=-1) / (2 * _STEPS[chosen]))
-
     def system(self, theta: Array) -> System | None:
         """Return the equations of all parameters at ``theta``; None where too few points are compared."""
-        off, unit = self.residuals(theta, soft=False), np.diag([1.0] * 3 + [self.median] * 3)
-        step = 1e-3  # of poses
-        ends = [self.residuals(theta, step * pose) - self.residuals(theta, -step * pose) for pose in unit]
-        poses = np.stack(ends, axis=-1) / (2 * step)
-        J = np.concatenate([poses, self.derivatives(theta, self.possible)], axis=-1)
+        off, steps = self.residuals(theta, soft=False), np.diag(_STEPS)
+        ends = [
+            (self.residuals(theta + step) - self.residuals(theta - step)) / (2 * step.sum())
+            for step in (*steps[_POSE], *steps[self.possible])
+        ]
+        J = np.stack(ends, axis=-1)
         known = np.isfinite(J).all(axis=-1) & (np.abs(off) < _FAR_OFF)
         if known.sum() < _LEAST_POINTS:
             return None
         edges = (np.abs(J) > 6 * np.quantile(np.abs(J[known]), 0.95, axis=0) + 1e-12).any(axis=-1)
         root = np.sqrt(np.where(known & ~edges, _tukey(off, self._spread(off, known)), 0))[..., None]
-        Q, T = np.linalg.qr(root * np.nan_to_num(J))
-        Q = root * Q  # what tells poses and parameters; the rest of residuals does not matter
-        X = np.concatenate([T[..., 6:], Q.swapaxes(1, 2) @ np.nan_to_num(off)[..., None]], axis=-1)
+        Q, T = np.linalg.qr(root * np.nan_to_num(J))  # what tells poses and parameters: no other residuals
+        r = (root * Q).swapaxes(1, 2) @ np.nan_to_num(off)[..., None]
+        X, best = np.concatenate([T[..., 6:], r], axis=-1), np.inf
         blocks = np.array_split(np.arange(len(Q)), -(-len(Q) // _TOGETHER))
-
-        def free(factors: list[Array], x: Array) -> Array:
-            both = zip(factors, blocks, strict=True)
-            of_poses = np.concatenate([F @ x[block, :6].reshape(len(F), -1) for F, block in both])
-            return np.concatenate([of_poses.reshape(len(x), 6, -1), x[:, 6:]], axis=1)
-
-        best = np.inf
         for share in _POSE_NOISE:
-            factors = []
+            Z, logs = X.copy(), 0.0
             for block in blocks:
                 F = share * T[block, :6, :6].reshape(-1, 6)
                 of_pairs = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
-                factors.append(dtrtri(cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True), lower=1)[0])
-            Z = free(factors, X).reshape(-1, X.shape[2])
-            H = Z.T @ Z
+                L = cholesky(np.eye(len(F)) + F @ F.T * of_pairs, lower=True)
+                free = solve_triangular(L, X[block, :6].reshape(len(F), -1), lower=True)
+                Z[block, :6], logs = free.reshape(len(block), 6, -1), logs + np.log(np.diag(L)).sum()
+            H = np.einsum("pmi,pmj->ij", Z, Z)
             rest = H[-1, -1] - H[-1, :-1] @ np.linalg.pinv(H[:-1, :-1], rcond=1e-12) @ H[:-1, -1]
-            noise = max(1.0, rest / (len(Z) - len(H) + 1))  # of points that are alike
-            cost = rest / noise + len(Z) * np.log(noise) - 2 * sum(np.log(np.diag(F)).sum() for F in factors)
+            count = Z[..., 0].size
+            noise = max(1.0, rest / (count - len(H) + 1))  # of points that are alike
+            cost = rest / noise + count * np.log(noise) + 2 * logs
             cost += np.linalg.slogdet(H[:-1, :-1] / noise + np.diag(_LIKELY[self.possible] ** -2.0))[1]
             if cost < best:
-                best, drift, scale, by = cost, share * noise**0.5, noise**-0.5, factors
-
-        def white(values: Array) -> Array:
-            return np.asarray(scale * free(by, Q.swapaxes(1, 2) @ np.nan_to_num(values)))
-
-        X = scale * free(by, X)
-        return System(X[..., :-1], X[..., -1], off, float(drift), white)
+                best, drift, free_of_poses = cost, share * noise**0.5, Z / noise**0.5
+        return System(free_of_poses[..., :-1], free_of_poses[..., -1], off, float(drift))
 
     def _spread(self, off: Array, known: NDArray[np.bool_]) -> Array:
         """Return (P, n) the noise of log depth, by depth."""
@@ -286,69 +262,46 @@ class Fit:
 
     def _settled(self, theta: Array, chosen: list[int], system: System) -> tuple[Array, System | None]:
         """Return parameters with those of ``chosen`` fitted, and the equations there."""
-
-        def at(x: Array) -> Array:
-            moved = theta.copy()
-            moved[chosen] = x
-            return moved
-
-        def left(x: Array) -> Array:
-            return white(np.clip(self.residuals(at(x), soft=False), -_FAR_OFF, _FAR_OFF)[..., None]).ravel()
-
-        def slopes(x: Array) -> Array:
-            return white(self.derivatives(at(x), chosen)).reshape(-1, len(chosen))
-
-        after = system
+        at, after = self.possible[chosen], system
         for _ in range(_ROUNDS):
-            white = after.white
-            fit = least_squares(
-                left, theta[chosen], slopes, method="lm", x_scale=_STEPS[chosen], max_nfev=_EVALUATIONS
-            )
-            is_settled = (np.abs(fit.x - theta[chosen]) < 0.1 * _MATTERS[chosen]).all()
-            theta = at(fit.x)
+            step, theta = after.solve(chosen)[0], theta.copy()
+            theta[at] += step
             if (again := self.system(theta)) is None:
                 return theta, None
             after = again
-            if is_settled:
+            if (np.abs(step) < 0.1 * _MATTERS[at]).all():
                 break
         return theta, after
 
-    def _gains(self, system: System, chosen: list[int], refused: set[int]) -> list[tuple[float, int]]:
-        """Return what parameters that may be off would gain beside those chosen, the least first."""
-        gains, at = [], [self.possible.index(c) for c in chosen]
-        known = system.solve(at)[2] if at else 0.0
-        for i, c in enumerate(self.possible):
-            if c not in (*chosen, *refused):
-                step, sigma, gain = system.solve([*at, i])
-                if abs(step[-1]) > max(0.5 * _MATTERS[c], _LIKELY_SIGMA * sigma[-1]):
-                    gains.append((gain - known, c))
-        return sorted(gains)
-
     def find(self) -> Found:
         """Return what is off beyond doubt, the greatest gain first."""
-        theta, chosen, refused, others = np.zeros(len(PARAMETERS)), list[int](), set[int](), list[list[int]]()
+        theta, matters = np.zeros(len(_STEPS)), _MATTERS[self.possible]
+        chosen, refused, others, sigmas = list[int](), set[int](), list[list[int]](), np.zeros(0)
         if (system := self.system(theta)) is None:
             return Found([], np.full((1, 1), np.nan), 0.0)
-        sigmas = np.zeros(0)
-        while len(chosen) < _MOST_FAULTS and (gains := self._gains(system, chosen, refused)):
-            *less, (most, c) = gains
-            trial = [*chosen, c]
+        while len(chosen) < _MOST_FAULTS:
+            gains = list[tuple[float, int]]()
+            for i in {*range(len(matters))} - {*chosen} - refused:
+                step, sigma, gain = system.solve([*chosen, i])
+                if abs(step[-1]) > max(0.5 * matters[i], _LIKELY_SIGMA * sigma[-1]):
+                    gains.append((gain - system.solve(chosen)[2], i))
+            if not gains:
+                break
+            *less, (most, i) = sorted(gains)
+            trial = [*chosen, i]
             fitted, after = self._settled(theta, trial, system)
-            of_trial = (
-                after.solve([self.possible.index(c) for c in trial])[1] if after else np.full(1, np.inf)
-            )
-            if after and (np.abs(fitted[trial]) > np.maximum(_SIGMA * of_trial, _MATTERS[trial])).all():
+            doubt = after.solve(trial)[1] if after else np.full(1, np.inf)
+            least = np.maximum(_SIGMA * doubt, matters[trial])
+            if after and (np.abs(fitted[self.possible[trial]]) > least).all():
                 others.append([i for gain, i in less if gain > _AS_WELL * most])
-                theta, system, chosen, sigmas = fitted, after, trial, of_trial
+                theta, system, chosen, sigmas = fitted, after, trial, doubt
             else:
-                refused.add(c)
-        noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
-        model = np.hypot((_INEXACT + _PER_NOISE * noise) * theta[chosen], _OF_MATTERS * _MATTERS[chosen])
+                refused.add(i)
+        noise, found = 1.4826 * float(np.nanmedian(np.abs(system.left))), theta[self.possible]
+        model = np.hypot((_INEXACT + _PER_NOISE * noise) * found[chosen], _OF_MATTERS * matters[chosen])
+        of = [PARAMETERS[i] for i in self.possible]
         rows = zip(chosen, np.hypot(sigmas, model).tolist(), others, strict=True)
-        faults = [
-            Fault(PARAMETERS[c], float(theta[c]), doubt, tuple(PARAMETERS[i] for i in also))
-            for c, doubt, also in rows
-        ]
+        faults = [Fault(of[i], float(found[i]), s, tuple(of[j] for j in also)) for i, s, also in rows]
         return Found(faults, system.left, system.drift)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -37,6 +38,9 @@ _PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
 _STEPS, _COARSE = 0.2, 0.01  # distinct values of all; a step, as a share of depth
 _SAMPLE = 200_000
 _OVERLAP = "frames that see the same surfaces"
+_CHECK = "check the file of poses, and the lens, that belong to these pictures"
+_MOVES = "things move, or poses are wrong in places: frames of a still world"
+_FLIPS = {"": (1, 1), "mirrored": (-1, 1), "upside down": (1, -1), "turned by 180 degrees": (-1, -1)}
 
 
 def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Finding]:
@@ -48,8 +52,7 @@ def examine_folder(path: Path, layout: str = "auto", **said: Any) -> list[Findin
     if not layout.endswith((".yaml", ".yml")):
         one_of("layout", layout, ("auto", *sequences()))
     sequence = find_sequence(path, layout, Options(**said))
-    words = words_of(sequence) if sequence else None
-    if sequence is None or words is None:
+    if sequence is None or (words := words_of(sequence)) is None:
         expected = "expected a recording, captures, or frames with poses and depth"
         raise ArgumentError(f"{path}: {expected}, got others; --layout my.yaml describes a folder")
     pictures = read_pictures(sequence, PAIRS, WIDTH)
@@ -64,20 +67,16 @@ def examine_views(source: Source) -> list[Finding]:
         return []
 
     def read(i: int, width: int) -> Shot | None:
-        view, pixels = views[i], dict[str, Any]()
+        pixels = dict[str, Any]()
         for mode in ("depth", "lit"):
-            if view in source.recorded_in(mode):
-                try:
-                    (capture,) = source.capture([Request(view, mode, source.state)])
-                except MissingCaptureError:
-                    continue
+            with suppress(MissingCaptureError):
+                (capture,) = source.capture([Request(views[i], mode, source.state)])
                 pixels[mode] = capture.pixels
-        return (
-            Shot.of(pixels["depth"], pixels.get("lit"), view.projection, width) if "depth" in pixels else None
-        )
+        depth, lit = pixels.get("depth"), pixels.get("lit")
+        return None if depth is None else Shot.of(depth, lit, views[i].projection, width)
 
-    R = np.stack([view.pose.R_w_c for view in views])
-    t = np.stack([view.pose.position for view in views])
+    poses = [view.pose for view in views]
+    R, t = np.stack([pose.R_w_c for pose in poses]), np.stack([pose.position for pose in poses])
     fov = float(np.radians(min(view.fov_deg for view in views)))
     return examine_pictures(PosedPictures.read(R, t, read, fov, PAIRS, WIDTH), Words())
 
@@ -110,46 +109,37 @@ def find(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Found:
 
 def _faults(found: Found) -> Iterator[Finding]:
     """Yield what is off, the noise, and whether things move."""
-    faults, left, drift = found
-    off = left[np.isfinite(left)]
+    off = found.left[np.isfinite(found.left)]
     if not off.size:
         yield Finding("faults", "too few points are seen twice", "warning", "frames that overlap more")
         return
-    yield from map(_fault, faults)
-    if not faults:
+    for (name, *_, unit, scale), size, sigma, others in found.faults:
+        value = f"off by {scale * size:+.3g} +- {scale * sigma:.1g} {unit}".rstrip()
+        value += f"; or explained by {' or '.join(other.name for other in others)}" if others else ""
+        yield Finding(name, value, "bad", _CHECK)
+    if not found.faults:
         yield Finding("lens, scale and time", "nothing is off beyond doubt")
-    noise = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF])))
+    noise, drift = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF]))), found.drift
     value = f"depth {noise:.2%}; poses of frames {np.degrees(drift):.2g} degrees, {drift:.2g} of depth"
     yield Finding("noise", value)
     share = float((off > max(_OF_SIGMA * noise, _LEAST_OFF)).mean())
-    remedy = "things move, or poses are wrong in places: frames of a still world"
-    yield Finding.unless(share < _BEHIND, "surfaces that are gone", f"{share:.1%}", "warning", remedy)
-
-
-def _fault(fault: Fault) -> Finding:
-    name, *_, unit, scale = fault.parameter
-    value = f"off by {scale * fault.size:+.3g} +- {scale * fault.sigma:.1g} {unit}".rstrip()
-    others = " or ".join(other.name for other in fault.others)
-    value += f"; or explained by {others}" if others else ""
-    return Finding(name, value, "bad", "check the file of poses, and the lens, that belong to these pictures")
+    yield Finding.unless(share < _BEHIND, "surfaces that are gone", f"{share:.1%}", "warning", _MOVES)
 
 
 def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterator[Finding]:
     """Yield whether colours belong to depth: as they are, not mirrored, and of the same frame."""
     if pictures.grey is None:
         return
-    frames, how = pictures.frames, (_POINTS, _TOLERANCE, along)
+    frames, scores = pictures.frames, dict[str, Array]()
     motion = moves(R[frames], t[frames], pictures.pairs)
-    flips = {"": (1, 1), "mirrored": (-1, 1), "upside down": (1, -1), "turned by 180 degrees": (-1, -1)}
-    scores = dict[str, Array]()
     for by in sorted(range(-3, 4), key=abs):
         if by == 0 or np.isin(frames + by, frames).mean() > 0.6:
             at = np.abs(frames[:, None] - (frames + by)).argmin(axis=0)
             late = f"of {abs(by)} frames {'later' if by > 0 else 'earlier'}" if by else ""
             others = replace(pictures, grey=pictures.grey[at])
-            for name, flip in flips.items():
-                said = " and ".join(filter(None, (name, late)))
-                scores[said] = others.agreements(*motion, how, (*flip, 0, 0))[:, 1]
+            for name, flip in _FLIPS.items():
+                score = others.agreements(*motion, (_POINTS, _TOLERANCE, along), (*flip, 0, 0))[:, 1]
+                scores[" and ".join(filter(None, (name, late)))] = score
     best, as_said = max(scores, key=lambda said: float(scores[said].mean())), scores[""]
     better = scores[best] - as_said
     signs = np.sign(better).sum() / np.sqrt(len(better))  # standard deviations, if either were as likely
@@ -167,7 +157,7 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
         return []
     motion = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
     steps = np.diag([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
-    x, sigma = np.zeros(3), np.full(3, np.inf)
+    x, sigma = np.zeros(3), np.zeros(3)
 
     def scores(x: Array) -> Array:
         scale = float(np.exp(x[0]))
@@ -183,11 +173,9 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     for _ in range(_ROUNDS):
         slopes = slopes_at(x)
         bend = np.stack([(slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2 for step in steps])
-        inverse = np.linalg.pinv(bend)
-        x = x - np.diag(steps) * np.clip(inverse @ slopes.mean(axis=0), -3, 3)
-        blocks = np.stack(
-            [block.sum(axis=0) for block in np.array_split(slopes - slopes.mean(axis=0), _BLOCKS)]
-        )
+        mean, inverse = slopes.mean(axis=0), np.linalg.pinv(bend)
+        x = x - np.diag(steps) * np.clip(inverse @ mean, -3, 3)
+        blocks = np.stack([block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)])
         sigma = np.diag(steps) * np.linalg.norm(blocks / len(slopes) @ inverse, axis=0)
     better = scores(x) - before
     if better.mean() < max(_GAIN * (1 - before.mean()), _CLEAR * better.std() / np.sqrt(len(better))):
@@ -200,19 +188,20 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
 def _values(pictures: PosedPictures) -> Iterator[Finding]:
     """Yield what values of depth say: a maximum or minimum that stands for none, steps."""
     values = pictures.depth[pictures.depth > 0]
-    if not values.size:
+    different = np.unique(values)
+    if different.size < 2:
         return
-    piled = [(name, end) for name, end in (("greatest", values.max()), ("least", values.min()))]
-    for name, end in piled:
+    for name, end in (("greatest", different[-1]), ("least", different[0])):
         share = float((np.abs(values / end - 1) < 1e-6).mean())
-        if share > _PILED and values.min() < values.max():
+        if share > _PILED:
             remedy = f"if it stands for no surface, --missing with its number in the file ({end:.6g} m)"
             yield Finding("values of depth", f"{share:.1%} have the {name}, {end:.6g}", "warning", remedy)
     drawn = np.random.default_rng(0).choice(values, min(values.size, _SAMPLE), replace=False)
-    different = np.unique(drawn)
+    different, middle = np.unique(drawn), float(np.median(drawn))
     if 1 < different.size < _STEPS * drawn.size:
-        near = different[np.abs(different / np.median(drawn) - 1) < 0.1]
-        step = float(np.median(np.diff(near))) if near.size > 1 else float(np.median(np.diff(different)))
-        share = step / float(np.median(drawn))
-        value = f"{step:.3g} at {np.median(drawn):.3g}"
-        yield Finding.unless(share < _COARSE, "steps of depth", value, "warning", "depth with more bits")
+        near = different[np.abs(different / middle - 1) < 0.1]
+        step = float(np.median(np.diff(near if near.size > 1 else different)))
+        value = f"{step:.3g} at {middle:.3g}"
+        yield Finding.unless(
+            step < _COARSE * middle, "steps of depth", value, "warning", "depth with more bits"
+        )

@@ -17,7 +17,7 @@ from omniscv.geometry import Array, cube_rotations
 from omniscv.pictures import png
 from omniscv.sources.base import Request, Source
 from omniscv.sources.developing.cube import Cube
-from omniscv.sources.developing.seams import estimate_gains
+from omniscv.sources.developing.seams import Gains, estimate_gains
 from omniscv.sources.developing.slips import POOLED, pooled_vignette, proven_turns
 from omniscv.sources.labels import labels_of, labels_of_ids
 from omniscv.storage.local import whole_file
@@ -32,32 +32,31 @@ class Place(NamedTuple):
     """Measurements of the six faces of one optical centre.
 
     Attributes:
-        center: (x, y, z) metres.
+        center: (3,) metres.
         steps: (12,) levels across the edges, less those inside faces.
-        gains: factors of light that would bring faces together; None if they explain too little.
-        explained: share of the steps that gains explain.
-        slips: by the name of the nearest face, degrees by which it is turned.
+        gains: factors of light that would bring faces together.
+        slips: by face, the turn (3,) radians by which it is off, proven on two edges.
+        names: of the directions that faces look in.
     """
 
-    center: tuple[float, ...]
+    center: Array
     steps: Array
-    gains: Array | None
-    explained: float
-    slips: dict[str, float]
+    gains: Gains
+    slips: dict[int, Array]
+    names: list[str]
 
 
 def examine_recording(source: Source, picture: Path | None = None) -> list[Finding]:
     """Return findings about seams, exposure, vignette and slips of a recording's cubes in colour.
 
-    Views with depth from several centres are asked for faults of poses and depth, too.
-
-    Args:
-        source: of the recording.
-        picture: PNG that is written: the worst edge, between the two faces that meet there.
+    Views with depth from several centres are asked for faults of poses and depth, too. ``picture`` is a PNG
+    that is written: the worst edge, between the two faces that meet there.
     """
-    places, masks = list(measure_places(source)), [*_masks(source), *examine_views(source)]
+    transfer = "srgb" if source.capabilities.transfer == "unknown" else source.capabilities.transfer
+    others = [*_masks(source), *examine_views(source)]
+    places = [_measured(cube, transfer) for cube in _cubes(source)]
     if not places:
-        return [Finding("seams", "no cube of six faces in colour"), *masks]
+        return [Finding("seams", "no cube of six faces in colour"), *others]
     steps = np.concatenate([place.steps for place in places])
     worst = max(places, key=lambda place: float(place.steps.max()))
     at = ", ".join(f"{value:.4g}" for value in worst.center)
@@ -66,15 +65,31 @@ def examine_recording(source: Source, picture: Path | None = None) -> list[Findi
         f"{np.quantile(steps, 0.9):.1f} (90 %), {steps.max():.1f} at ({at}) m"
     )
     if picture is not None:  # the pixels on both sides of the edge, which is the line in the middle
-        cube = Cube.recorded(source, np.array(worst.center), source.state)
+        cube = Cube.recorded(source, worst.center, source.state)
         assert cube is not None
         a, b = cube.lines(cube.edges[int(worst.steps.argmax())], _DRAWN_PX)
         with whole_file(picture) as part:
             part.write_bytes(png.encode(np.concatenate([a[::-1], b]).astype(np.uint8)))
-    remedy = f"{_AT_SOURCE}; or render with seams: close"
     verdict: Literal["warning", "bad"] = "warning" if steps.max() <= _BAD_STEP else "bad"
+    remedy = f"{_AT_SOURCE}; or render with seams: close"
     seams = Finding.unless(bool(steps.max() <= _STEP), "seams", value, verdict, remedy)
-    return [seams, *_exposure(places), _vignette(source), *_slips(places), *masks]
+    vignette = pooled_vignette(islice(_cubes(source), POOLED), transfer)
+    return [seams, _exposure(places), _vignette(vignette), *_slips(places), *others]
+
+
+def _cubes(source: Source) -> Iterator[Cube]:
+    recorded = source.recorded()
+    for center in recorded.centers() if recorded else ():
+        if cube := Cube.recorded(source, np.array(center), source.state):
+            yield cube
+
+
+def _measured(cube: Cube, transfer: str) -> Place:
+    names, axes = zip(*((name, R_w_c[:, 2]) for name, R_w_c in cube_rotations()), strict=True)
+    ahead = np.stack([view.pose.R_w_c[:, 2] for view in cube.views])
+    looks = [names[i] for i in (ahead @ np.transpose(axes)).argmax(axis=1)]
+    center = cube.views[0].pose.position
+    return Place(center, cube.steps(), estimate_gains(cube, transfer), proven_turns(cube), looks)
 
 
 def _masks(source: Source) -> Iterator[Finding]:
@@ -87,72 +102,34 @@ def _masks(source: Source) -> Iterator[Finding]:
             (capture,) = source.capture([Request(view, "object_mask", source.state)])
             labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
             shown, known = shown + labels.size, known + int(np.count_nonzero(labels))
-    value, remedy = (
-        f"{known} of {shown} pixels show one of {len(table.names())} objects",
-        "import it with --names",
-    )
-    yield Finding.unless(known > 0, "masks", value, "bad", remedy)
+    value = f"{known} of {shown} pixels show one of {len(table.names())} objects"
+    yield Finding.unless(known > 0, "masks", value, "bad", "import it with --names")
 
 
-def measure_places(source: Source) -> Iterator[Place]:
-    """Yield what is measured at each optical centre with six faces in colour."""
-    for center, cube in _cubes(source):
-        gains = estimate_gains(cube, _transfer(source))
-        yield Place(center, cube.steps(), gains.gains if gains.proven else None, gains.explained, slips(cube))
-
-
-def _cubes(source: Source) -> Iterator[tuple[tuple[float, ...], Cube]]:
-    recorded = source.recorded()
-    for center in recorded.centers() if recorded else ():
-        if cube := Cube.recorded(source, np.array(center), source.state):
-            yield center, cube
-
-
-def _transfer(source: Source) -> str:
-    return "srgb" if source.capabilities.transfer == "unknown" else source.capabilities.transfer
-
-
-def slips(cube: Cube) -> dict[str, float]:
-    """Return the faces that are turned against the others, proven on two edges, and by how many degrees."""
-    names, axes = zip(*((name, R_w_c[:, 2]) for name, R_w_c in cube_rotations()), strict=True)
-    return {
-        names[int(np.argmax(axes @ cube.views[face].pose.R_w_c[:, 2]))]: float(
-            np.degrees(np.linalg.norm(turn))
-        )
-        for face, turn in proven_turns(cube).items()
-    }
-
-
-def _exposure(places: Sequence[Place]) -> Iterator[Finding]:
-    drifts = [place.gains for place in places if place.gains is not None]
-    explained = max(place.explained for place in places)
+def _exposure(places: Sequence[Place]) -> Finding:
+    drifts = [place.gains.gains for place in places if place.gains.proven]
     if not drifts:
-        yield Finding("exposure", f"explains {100 * explained:.0f} % of the steps at most")
-        return
+        explained = max(place.gains.explained for place in places)
+        return Finding("exposure", f"explains {100 * explained:.0f} % of the steps at most")
     most = max(float(gains.max() / gains.min()) for gains in drifts)
     value = f"differs by up to {most:.3g} between faces of one centre, at {len(drifts)} of {len(places)}"
-    yield Finding("exposure", value, "warning", "record with manual exposure; or render with seams: gains")
+    return Finding("exposure", value, "warning", "record with manual exposure; or render with seams: gains")
 
 
-def _vignette(source: Source) -> Finding:
-    cubes = (cube for _, cube in islice(_cubes(source), POOLED))
-    pooled = pooled_vignette(cubes, _transfer(source))
+def _vignette(pooled: tuple[float, float] | None) -> Finding:
     if pooled is None:
         return Finding("vignette", "none is proven")
     lost = -np.expm1(-2 * pooled[0] - 4 * pooled[1])
-    value, remedy = f"corners {lost:.0%} darker than the middle", "render with seams: gains"
-    return Finding("vignette", value, "warning", f"record without vignette; or {remedy}")
+    remedy = "record without vignette; or render with seams: gains"
+    return Finding("vignette", f"corners {lost:.0%} darker than the middle", "warning", remedy)
 
 
 def _slips(places: Sequence[Place]) -> Iterator[Finding]:
     by_face: dict[str, list[float]] = {}
     for place in places:
-        for name, angle in place.slips.items():
-            by_face.setdefault(name, []).append(angle)
+        for face, turn in place.slips.items():
+            by_face.setdefault(place.names[face], []).append(float(np.degrees(np.linalg.norm(turn))))
+    remedy = "check the pose that was set against the one that was captured"
     for name, angles in by_face.items():
-        value = (
-            f"the {name} face is turned by {np.median(angles):.2f} degrees at {len(angles)} of {len(places)}"
-        )
-        yield Finding(
-            "slip", value, "warning", "check the pose that was set against the one that was captured"
-        )
+        value = f"the {name} face is turned by {np.median(angles):.2f} degrees"
+        yield Finding("slip", f"{value} at {len(angles)} of {len(places)}", "warning", remedy)

@@ -1,7 +1,4 @@
-"""A report on a server for people who cannot reach it: replies, timings, findings and eight captures.
-
-Nothing of it names the machine: paths, and the names of the host and the user, are left out.
-"""
+"""A report on a server for people who cannot reach it, without paths and names of the host and the user."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ from omniscv.storage.local import whole_file
 
 _ALWAYS = (protocol.VERSION, protocol.SCENE, "vget /unrealcv/status", "vget /unrealcv/help", "vget /objects")
 _MODES, _FACES = ("lit", "depth", "object_mask", "normals"), ("front", "left")
-_SUFFIXES = {"PNG": "png", "NPY": "npy", "BMP": "bmp"}
+_SUFFIXES = ("txt", "png", "npy", "bmp")
 _MOST_TEXT = 20_000  # characters of a reply
 _LEAST_NAME = 3  # characters of a name that is left out: shorter ones are part of too many words
 _PATHS = re.compile(
@@ -48,11 +45,9 @@ def write_report(
     """Write a ZIP of what a server is: ``report.json`` and ``captures/FACE.MODE.png`` or ``.npy``.
 
     Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
-        findings: of :func:`omniscv.diagnostics.doctor.examine_address`.
+        address, position, deadlines: of :func:`omniscv.diagnostics.doctor.examine_address`, for a server.
+        findings: of the same.
         path: of the ZIP.
-        position: (3,) of the captures, world frame, metres; None: the player's position.
-        deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
 
     Raises:
         SourceError: no server reachable there, or one that makes no pictures.
@@ -62,19 +57,17 @@ def write_report(
         host = re.split(r"[:/]+", address_of(connection.endpoint))[1:]
         machine = (socket.gethostname(), getpass.getuser(), *host)
         names = [name for name in machine if len(name) >= _LEAST_NAME and not name.isdigit()]
-        plugin = connection.plugin
-        replies = [_asked(connection, command) for command in _commands(connection)]
+        report = {
+            "omniscv": omniscv.__version__,
+            "python": platform.python_version(),
+            "system": f"{platform.system()} {platform.machine()}",
+            "dialect": connection.plugin.dialect,
+            "templates": sorted(connection.plugin.templates),
+            "findings": [asdict(finding) for finding in findings],
+            "replies": [_asked(connection, command) for command in _commands(connection)],
+        }
         with RawCamera(connection, position) as camera:
             captures = dict(_captures(connection, camera))
-    report = {
-        "omniscv": omniscv.__version__,
-        "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "dialect": plugin.dialect,
-        "templates": sorted(plugin.templates),
-        "findings": [asdict(finding) for finding in findings],
-        "replies": replies,
-    }
     with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("report.json", json.dumps(_without(report, names), indent=1))
         for name, payload in captures.items():
@@ -88,9 +81,8 @@ def _commands(connection: Connection) -> Iterator[str]:
     yield from _ALWAYS
     for template in sorted(connection.plugin.templates - {*_ALWAYS}):
         form = "npy" if "depth" in template else "png"
-        command = template.replace("[uint]", "0")
+        command = re.sub(r" \[str\]$", f" {form}", template.replace("[uint]", "0"))
         command = command.replace("/object/[str]", f"/object/{objects[0]}") if objects else command
-        command = re.sub(r" \[str\]$", f" {form}", command)
         if command.startswith("vget ") and "[" not in command and "_shared" not in command:
             yield command
 
@@ -112,11 +104,9 @@ def _captures(connection: Connection, camera: RawCamera) -> Iterator[tuple[str, 
         for mode in _MODES:
             command = camera.driver.table.image(camera.driver.camera, mode)
             (reply,) = connection.read([command], lambda _, reply: reply)
-            if isinstance(reply, str):
-                yield f"{face}.{mode}.txt", reply.encode()
-            else:
-                suffix = _SUFFIXES.get(protocol.described(reply).split(",")[0], "bin")
-                yield f"{face}.{mode}.{suffix}", reply
+            form = "txt" if isinstance(reply, str) else protocol.described(reply).split(",")[0].lower()
+            suffix = form if form in _SUFFIXES else "bin"
+            yield f"{face}.{mode}.{suffix}", reply.encode() if isinstance(reply, str) else reply
 
 
 def _without(value: Any, names: Iterable[str]) -> Any:

@@ -1,7 +1,7 @@
 """Self-calibration from pure rotation: a camera's field of view, kind of depth, exposure and vignette.
 
-A camera that turns in place sees the same rays elsewhere in the picture: ``p_2 ~ K R_21 K^-1 p_1``. Only the
-true focal length, and for depth the true meaning, align the two pictures.
+A turned camera sees the same rays elsewhere: ``p_2 ~ K R_21 K^-1 p_1``. Only the true focal length, and for
+depth the true meaning, align the two pictures.
 """
 
 from collections.abc import Iterable, Sequence
@@ -89,15 +89,10 @@ def misfit(first: Picture, second: Picture, fov_deg: float, kind: str = "", stri
 
 
 def fitted_fov(pairs: Sequence[tuple[Picture, Picture]], reported: float, kind: str = "") -> float | None:
-    """Return the field of view, degrees, that aligns pairs of pictures; None where nothing can be aligned.
+    """Return the field of view, degrees, that aligns pairs of turned pictures; None where none is aligned.
 
-    All pairs are fitted together. Thin bars before the sky, or an even ground, are aligned by many fields of
-    view: the one reported stands unless another is clearly better.
-
-    Args:
-        pairs: before and after a turn.
-        reported: field of view, degrees, by the server.
-        kind: of depth, as for :func:`misfit`.
+    Thin bars before the sky, or an even ground, are aligned by many fields of view: the ``reported`` one
+    stands unless another is clearly better. ``kind`` is as for :func:`misfit`.
     """
     pairs = [pair for pair in pairs if misfit(*pair, reported, kind, _COARSE) < 1]
     if not pairs:
@@ -129,18 +124,21 @@ def _invariant(picture: Picture, view: View, kind: str) -> Array:
 def light_findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> list[Finding]:
     """Return a finding for the exposure and one for the vignette, from pairs of grey pictures (H, W).
 
-    Both pictures of an overlap show the same surfaces, so the ratio of their grey levels is due to the
-    camera: ``first / second = gain (1 - V t) / (1 - V t')``, with a gain for each pair (exposure) and a share
-    V that the corners lose (vignette); t and t' are the squared distances from the pictures' middles, 1 in
-    the corners.
+    Of one surface, ``first / second = gain (1 - V t) / (1 - V t')``, with a gain for each pair (exposure) and
+    a share V that corners lose (vignette); t, t' are squared distances from the middles, 1 in the corners.
     """
-    overlaps = (_overlap(*pair, fov_deg) for pair in pairs)
-    vignette, exposure = _fit([overlap for overlap in overlaps if overlap is not None])
+    overlaps = [overlap for pair in pairs if (overlap := _overlap(*pair, fov_deg))]
+    if not overlaps:
+        value, remedy = "too dark or too bright to measure", "give --position in a lit room"
+        return [Finding(name, value, "warning", remedy) for name in ("exposure", "vignette")]
+    vignette, exposure = (round(share, 4) + 0.0 for share in _fit(overlaps))
     drift = f"none for recordings of N2 and later; vrun r.EyeAdaptationQuality 0, or {_FIX}"
+    value, ok = f"{exposure:.1%} between pictures of one surface", exposure <= _SHARE
     shade = f"vrun r.Tonemapper.Quality 1, or {_FIX}, or record --overscan 512"
+    darker = f"corners {vignette:.1%} darker than the middle"
     return [
-        _finding("exposure", exposure, "{:.1%} between pictures of one surface", drift),
-        _finding("vignette", vignette, "corners {:.1%} darker than the middle", shade),
+        Finding.unless(ok, "exposure", value, "bad", drift),
+        Finding.unless(abs(vignette) <= _SHARE, "vignette", darker, "bad", shade),
     ]
 
 
@@ -160,24 +158,13 @@ def _overlap(first: Picture, second: Picture, fov_deg: float) -> tuple[Array, Ar
 
 
 def _fit(overlaps: list[tuple[Array, Array, Array]]) -> tuple[float, float]:
-    """Return the vignette and the largest gain less 1; NaN without overlaps."""
-    if not overlaps:
-        return float("nan"), float("nan")
+    """Return the vignette and the largest gain less 1."""
 
     def residuals(vignette: float) -> list[Array]:
-        return [
-            ratio - np.log1p(-vignette * t) + np.log1p(-vignette * t_other) for ratio, t, t_other in overlaps
-        ]
+        return [ratio - np.log1p(-vignette * t) + np.log1p(-vignette * other) for ratio, t, other in overlaps]
 
-    def misfit(vignette: float) -> float:
-        """Use medians, because textures finer than pixels differ."""
+    def misfit(vignette: float) -> float:  # by medians, because textures finer than pixels differ
         return float(np.mean([np.median(np.abs(row - np.median(row))) for row in residuals(vignette)]))
 
     vignette = float(minimize_scalar(misfit, bounds=(-0.3, 0.95), method="bounded").x)
     return vignette, float(np.expm1(max(abs(np.median(row)) for row in residuals(vignette))))
-
-
-def _finding(name: str, share: float, text: str, remedy: str) -> Finding:
-    if np.isnan(share):
-        return Finding(name, "too dark or too bright to measure", "warning", "give --position in a lit room")
-    return Finding.unless(abs(share) <= _SHARE, name, text.format(round(share, 4) + 0.0), "bad", remedy)

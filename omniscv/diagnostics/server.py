@@ -34,12 +34,7 @@ _NOISE, _MOVING = 0.01, 0.05  # relative depth, and share of a frame, by which f
 def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadlines]) -> Iterator[str]:
     """Yield the replies to commands, of binary ones the size and format, each before the next is sent.
 
-    Nothing else is done to the game: no camera is spawned, and no mask colour is set.
-
-    Args:
-        address: ``unreal://host:port``, ``unreal+unix:///path`` or ``mock://scene``.
-        commands: of UnrealCV, such as ``vget /unrealcv/status``.
-        deadlines: ``timeout_s`` and ``patience_s``, as for :func:`omniscv.open_source`.
+    Nothing else is done to the game. Address and deadlines are those of :func:`omniscv.open_source`.
 
     Raises:
         ArgumentError: an address of another form, or a command that is no single line.
@@ -57,7 +52,6 @@ class RawCamera(AbstractContextManager["RawCamera"]):
     A context manager, which leaves the game as it was. Depth is in the server's unit.
 
     Args:
-        connection: to the server.
         position: (3,) where the camera starts, world frame, metres; None: the player's position.
 
     Attributes:
