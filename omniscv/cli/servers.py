@@ -26,9 +26,8 @@ def serve(context: typer.Context) -> None:
     from mock_server.__main__ import main
 
     console.check()
-    raise Exit(
-        main(context.args, "omniscv serve", _opened)
-    )  # it reads the options, as 'python -m mock_server' does
+    code = main(context.args, "omniscv serve", _opened)  # reads the options, as 'python -m mock_server' does
+    raise Exit(code)
 
 
 def _opened(options: dict[str, Any]) -> dict[str, Any]:
@@ -108,8 +107,8 @@ def send(
 
 
 @dataclass(frozen=True)
-class Written:
-    """Options of the files that the doctor writes; see :func:`options.with_blocks`."""
+class _Files:
+    """Files that the doctor writes, and options of a folder of frames with poses."""
 
     picture: Annotated[
         Path | None, Option(help="PNG to write: the worst edge between two faces of a recording.")
@@ -117,12 +116,6 @@ class Written:
     report: Annotated[
         Path | None, Option(help="ZIP to write for those who cannot reach it: replies, timings, captures.")
     ] = None
-
-
-@dataclass(frozen=True)
-class Frames:
-    """Options of a folder of frames with poses; see :func:`options.with_blocks`."""
-
     layout: Annotated[str, Option(help="Of a folder of frames with poses, as of an import.")] = "auto"
     depth: Annotated[str | None, Option(help="Its depth, as of an import: planar-mm and so on.")] = None
     intrinsics: Annotated[Path | None, Option(help="Its lens, a lens file of any form.")] = None
@@ -142,8 +135,7 @@ def doctor(
     position: Annotated[str | None, Option(help="X,Y,Z in metres; else the player's position.")] = None,
     as_json: options.AsJson = False,
     *,
-    written: Written,
-    frames: Frames,
+    files: _Files,
     waiting: options.Waiting,
 ) -> None:
     """Measure what a server is, and what would spoil captures there; or check this installation.
@@ -154,7 +146,7 @@ def doctor(
         raise ArgumentError(
             "doctor: expected the address of a server or --self, got " + ("both" if self else "none")
         )
-    if written.report is not None and not (uri or "").startswith(("unreal", "mock:")):
+    if files.report is not None and not (uri or "").startswith(("unreal", "mock:")):
         raise ArgumentError(f"--report: expected an address unreal:// or mock://, got {uri or 'none'}")
     if uri is None:
         from omniscv.diagnostics.installation import examine_installation
@@ -166,21 +158,21 @@ def doctor(
         from omniscv.diagnostics.doctor import examine_address
 
         where = None if position is None else np.array(options.numbers("--position", position))
-        said = {name: value for name, value in asdict(frames).items() if value is not None}
-        layout, deadlines = said.pop("layout"), waiting.deadlines()
-        findings = examine_address(
-            uri, where, quick, picture=written.picture, layout=layout, said=said, **deadlines
-        )
-        if written.report is not None:
+        values = {"depth": files.depth, "intrinsics": files.intrinsics}
+        said = {name: value for name, value in values.items() if value is not None}
+        frames: dict[str, Any] = {"layout": files.layout, "said": said}
+        deadlines = waiting.deadlines()
+        findings = examine_address(uri, where, quick, picture=files.picture, **frames, **deadlines)
+        if files.report is not None:
             from omniscv.diagnostics.report import write_report
 
-            write_report(uri, findings, written.report, where, **deadlines)
+            write_report(uri, findings, files.report, where, **deadlines)
     if as_json:
         console.as_json([asdict(finding) for finding in findings])
     elif self:
-        for finding in findings:
-            remedy = f": {finding.remedy}" if finding.remedy else ""
-            console.line(f"{finding.verdict:<8} {finding.name}: {finding.value}{remedy}")
+        for each in findings:
+            remedy = f": {each.remedy}" if each.remedy else ""
+            console.line(f"{each.verdict:<8} {each.name}: {each.value}{remedy}")
     else:
         rows = [(finding.verdict, finding.name, finding.value, finding.remedy) for finding in findings]
         console.table(("", "measured", "found", "remedy"), rows, _STYLES)
