@@ -1,8 +1,7 @@
 """The interface of every source: views, requests, captures, capabilities, the objects of a scene.
 
-**A live source belongs to the process that opened it**, because two processes cannot share a connection. In
-a forked child it raises SourceError, and closing it there leaves the server alone: :class:`ProcessBound`.
-Scenes and recordings hold no connection and work in forked children.
+A live source belongs to the process that opened it: :class:`ProcessBound`. Scenes and recordings hold no
+connection, and work in forked children.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, NoReturn, Self, TypeVar, cast
 
 from omniscv import modalities
@@ -87,7 +87,7 @@ class Capabilities:
 class Source(ABC):
     """Where captures come from; a context manager.
 
-    Every method may be called from several threads, and ``close`` several times. A closed source raises
+    Methods may be called from several threads, ``close`` several times. A closed source raises
     :func:`closed_error`.
     """
 
@@ -106,7 +106,7 @@ class Source(ABC):
 
     @abstractmethod
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """Yield captures, one per request, in the order of the requests; ``requests`` is read lazily.
+        """Yield captures, one per request, in the order of the requests, which are read lazily.
 
         Raises:
             ArgumentError: the world is in another state than a request's.
@@ -128,14 +128,10 @@ class Source(ABC):
         return replace(capture, provenance={**capture.provenance, **told}) if told else capture
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
-        """Return what rays meet, exactly: the judge of pictures, and data without a plan.
+        """Return what rays meet, exactly; ArgumentError where :attr:`Capabilities.traces` is False.
 
-        Args:
-            origins_w: (..., 3) metres, world frame; or (3,), of all rays.
-            directions_w: (..., 3) unit vectors.
-
-        Raises:
-            ArgumentError: this source does not trace (:attr:`Capabilities.traces`).
+        ``origins_w`` are (..., 3) metres, world frame, or (3,), of all rays; ``directions_w`` (..., 3) unit
+        vectors.
         """
         raise ArgumentError(f"source: expected one that traces rays, got {type(self).__name__}")
 
@@ -177,8 +173,7 @@ class Source(ABC):
     def own_poses(self, time_s: float) -> Mapping[str, Pose] | None:
         """Return the poses, at a time of the scene's own clock, of objects that move by themselves.
 
-        None where the source cannot tell. Not overridden: nothing moves, unless the world may change between
-        captures.
+        None where the source cannot tell. By default nothing moves, unless captures may show motion.
         """
         return None if self.capabilities.moves else {}
 
@@ -189,12 +184,10 @@ class Source(ABC):
         return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
 
     def without(self, objects: Iterable[str]) -> Source:
-        """Return a source of the same scene in which objects are hidden.
+        """Return a source of the same scene in which objects are hidden, until it is closed, before this is
+        used again.
 
-        The caller closes it before this source is used again; closing it shows the objects again.
-
-        Raises:
-            ArgumentError: this source cannot hide objects, or has no object of a name.
+        Raises ArgumentError if this source cannot hide objects, or has no object of a name.
         """
         raise ArgumentError(f"source: expected one that can hide objects, got {type(self).__name__}")
 
@@ -209,10 +202,9 @@ class Source(ABC):
         return Instant()
 
     def at(self, instant: Instant) -> Source:
-        """Return a source of the same world at an instant.
+        """Return a source of the same world at an instant; it is closed before this source is used again.
 
-        A live source sets the world so, a recording replays what was captured then. The caller closes what
-        is returned before this source is used again; closing it puts the world back.
+        A live source sets the world so, and closing puts it back; a recording replays what was captured then.
 
         Raises:
             ArgumentError: this source cannot move objects, or has no object of a name.
@@ -231,9 +223,8 @@ class Source(ABC):
     def command(self, text: str) -> str:
         """Send a command of the server's own language, and return its reply.
 
-        Raises:
-            ArgumentError: this source is no live server.
-            SourceError: no reply within the deadlines, or the reply is an error.
+        Raises ArgumentError if this is no live server, SourceError for an error, or no reply within the
+        deadlines.
         """
         raise ArgumentError(
             f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
@@ -273,8 +264,7 @@ def _attribute(name: str) -> Any:
 class SourceWrapper(Source):
     """A source around another one, which is closed with it; subclasses override what they change.
 
-    Those that change captures override :meth:`around`, which wraps the source at another instant, or without
-    some objects, in the same way.
+    Those that change captures override :meth:`around`, which wraps the source elsewhere in the same way.
     """
 
     def __init__(self, source: Source) -> None:
@@ -323,13 +313,62 @@ class SourceView(SourceWrapper):
         self._undo()
 
 
+class Rendered(Source):
+    """A source that renders one scene at any instant, and without any objects; several may be used at once.
+
+    Subclasses set ``_name`` for messages, ``_identity`` and ``_objects``, and have ``_check_open``.
+    """
+
+    _name: str
+    _identity: SceneIdentity
+    _objects: ObjectTable
+    _hidden = frozenset[str]()
+    _instant = Instant()
+    _moved: Mapping[str, Pose] = MappingProxyType({})
+
+    @abstractmethod
+    def _check_open(self) -> None:
+        """Raise :func:`closed_error` if it is closed."""
+
+    @property
+    def scene_identity(self) -> SceneIdentity:
+        return self._identity
+
+    @property
+    def instant(self) -> Instant:
+        return self._instant
+
+    def objects(self) -> ObjectTable:
+        self._check_open()
+        return self._objects
+
+    def without(self, objects: Iterable[str]) -> Source:
+        self._check_open()
+        hidden = self._hidden.union(objects)
+        known_objects(hidden, self._objects.ids, self._name)
+        return SourceView(copy_with(self, _hidden=hidden))
+
+    def at(self, instant: Instant) -> Source:
+        self._check_open()
+        named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
+        known_objects(named, self._objects.ids, self._name)
+        drawn, undrawn = instant.placed(self.poses)
+        hidden, moved = self._hidden.union(instant.hidden, undrawn), {**instant.poses, **drawn}
+        return SourceView(copy_with(self, _hidden=hidden, _instant=instant, _moved=moved))
+
+    def _check(self, request: Request) -> None:
+        """Raise ArgumentError for a request of another state, or of a modality that is not rendered."""
+        request.check_state(self.state, self._name)
+        if request.mode not in (modes := self.capabilities.modes):
+            known = f"expected one of {', '.join(sorted(modes))} of {self.capabilities.dialect}"
+            raise ArgumentError(f"mode: {known}, got {request.mode!r}")
+
+
 class ProcessBound(SourceWrapper):
     """A live source in the process that opened it; other processes cannot use, pickle or close it.
 
-    Args:
-        source: closed with this.
-        address: of the source, for messages.
-        host: what was started for the source alone, such as a game; closed after it.
+    ``address`` is for messages; ``host`` is what was started for the source alone, such as a game, and ends
+    with it.
     """
 
     def __init__(self, source: Source, address: str, host: ExitStack | None = None) -> None:

@@ -31,14 +31,15 @@ _OFF = 0.02
 
 
 def bracketed(source: Source, stops: Sequence[float], path: Path | str | None = None) -> Source:
-    """Return a source whose colours are light, float32, merged from several exposures.
+    """Return a source whose colours are light, float32, merged from several exposures; light is that at 0
+    stops.
 
-    The source's exposure is tried before the first of them. Its transfer is the one that it declares
-    (``open_source(..., transfer="srgb")``); an unknown one is solved, once for a recording.
+    The source's exposure is tried first. Its transfer is the one that it declares (``open_source(...,
+    transfer="srgb")``); an unknown one is solved, once for a recording.
 
     Args:
         source: that can set exposure, or a recording of the exposures; closed with this one.
-        stops: of the exposures; light is that at 0, whether it is among them or not.
+        stops: of the exposures.
         path: the recording that exposures are added to and taken from; none if not given.
 
     Raises:
@@ -89,9 +90,7 @@ class Bracketed(SourceWrapper):
 class _WithResponse(SourceWrapper):
     """A source whose exposure is tried before its first capture; its response is added to the provenance.
 
-    Args:
-        source: closed with this.
-        known: the response, shared by the sources at all instants; empty before it is known.
+    ``known`` holds the response, shared by the sources at all instants; it is empty before it is known.
     """
 
     def __init__(self, source: Source, known: list[Response]) -> None:

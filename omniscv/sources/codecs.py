@@ -1,7 +1,6 @@
 """Decode and encode captures, the same for live, recorded and imported ones.
 
-The encodings are registered at the end of this file; docs/capture-folders.md says what each holds. Sources of
-other packages register others.
+The end of this file registers encodings, as other packages may; docs/capture-folders.md describes them.
 """
 
 import re
@@ -46,11 +45,8 @@ def register(
 ) -> None:
     """Add an encoding, or replace the one of its name; recordings are decoded by it, too.
 
-    Args:
-        encoding: its name.
-        decoder: see :data:`Decoder`.
-        modes: the modalities that it encodes; all if not given.
-        precision: of its depth; the precision of floats in metres if not given.
+    ``modes`` are those that it encodes, all if not given; ``precision`` is of its depth, by default of floats
+    in metres.
     """
     _codecs[encoding] = _Codec(decoder, modes, precision or Precision())
 
@@ -85,14 +81,7 @@ def error_of(capture: Capture) -> NDArray[np.float32] | None:
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
     """Return the pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
 
-    Args:
-        payload: the bytes as received.
-        encoding: one of :func:`encodings`.
-        mode: a modality.
-        view: what was captured, with the size that the pixels must have.
-
-    Raises:
-        BadReplyError: the bytes are not what the encoding, the mode and the view say.
+    Raises BadReplyError if the bytes as received are not what the encoding, the mode and the view say.
     """
     codec = _codecs.get(encoding)
     if codec is None or not (codec.modes is None or mode in codec.modes):
@@ -113,8 +102,7 @@ def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
 def payload_of(capture: Capture) -> tuple[bytes, str]:
     """Return the bytes and encoding of a capture; its pixels are encoded if it has none.
 
-    Raises:
-        BadReplyError: pixels that do not fit the modality or the view.
+    Raises BadReplyError for pixels that do not fit the modality or the view.
     """
     pixels, row = capture.pixels, modalities.get(capture.mode)
     size = capture.view.height, capture.view.width
@@ -180,10 +168,7 @@ def no_surface(stored: NDArray[Any], missing: Sequence[float] = (), per_m: float
     whole numbers           the largest of their type, if one in a thousand has it and ``missing`` names none
     ======================  ==================================================================================
 
-    Args:
-        stored: by a file.
-        missing: as its layout or the user says.
-        per_m: how many numbers are a metre. In mm, more than 65504 are taken as they are.
+    ``per_m`` numbers are a metre. In mm, more than 65504 are taken as they are.
     """
     is_float = stored.dtype.kind == "f"
     none = (stored == 0) | np.isin(stored, np.array(missing, stored.dtype if is_float else np.float64))

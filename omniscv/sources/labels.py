@@ -1,7 +1,6 @@
 """Convert object masks to labels.
 
-A colour within the source's tolerance of exactly one object's colour gets that object's label; an object's
-own colour always does. Unknown colours are counted and labelled 0.
+A colour within the tolerance of exactly one object's, or its own, has its label. Unknown ones are counted.
 """
 
 from collections import Counter
@@ -20,15 +19,10 @@ _SEVERAL = np.iinfo(np.uint16).max
 
 
 def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Color, int]]:
-    """Return the labels of an object mask.
+    """Return the labels (...) uint16 of an object mask (..., 3) uint8, 0 where no object has the colour.
 
-    Args:
-        mask: (..., 3) uint8 RGB.
-        table: the objects and their colours.
-
-    Returns:
-        labels (...) uint16, 0 where no object has the colour, and the unknown colours with the number of
-        their pixels; black is not counted, because servers show it where there is no object.
+    And the unknown colours with the number of their pixels; black is not counted, because servers show it
+    where there is no object.
     """
     colors_of = tuple(table.colors[name] for name in table.names())
     label_of = _label_of_colors(colors_of, table.tolerance)

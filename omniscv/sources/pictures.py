@@ -29,13 +29,7 @@ _MOST_LIGHT = 1e12
 
 
 class PictureSource(Source):
-    """Pictures that are there, replayed as a recording's are.
-
-    Args:
-        captures: of one scene.
-        objects: as masks show them.
-        transfer: of colours.
-    """
+    """Pictures of one scene that are there, replayed as a recording's are."""
 
     def __init__(
         self, captures: Sequence[Capture], objects: ObjectTable | None = None, transfer: Transfer = "unknown"
@@ -81,12 +75,10 @@ def from_faces(
         position: (3,) of the centre, world frame, metres.
         yaw_deg: of the front face, to the left.
         fov_deg: of every face, at least 90.
-        objects: of masks.
-        transfer: of colours.
+        objects, transfer: of masks, and of colours.
         modes: the same faces in other modes, such as ``depth`` ((s, s), planar metres) and ``object_mask``.
 
-    Raises:
-        ArgumentError: other names, or faces that are not square and of one size and type.
+    Raises ArgumentError for other names, or faces that are not square and of one size and type.
     """
     number("fov_deg", fov_deg, least=90, below=180)
     center_w = numbers("position", position, (3,))
@@ -169,12 +161,10 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
 
     Args:
         file: of a form of :data:`omniscv.pictures.foreign.SUFFIXES`.
-        kind: ``lit``, ``depth`` or ``object_mask``.
-        form: of depth.
+        kind, form: ``lit``, ``depth`` or ``object_mask``, and the form of depth.
         clip: take negative and NaN light as 0.
 
-    Raises:
-        ArgumentError: no regular file, damaged, too large, or not of a form that the kind can have.
+    Raises ArgumentError for no regular file, a damaged or too large one, or one that cannot be of the kind.
     """
     from omniscv.pictures import foreign  # imports numba
 

@@ -44,11 +44,8 @@ class SourcePool(SourceWrapper):
     """Captures from one or more replicas of one scene, such as copies of one game; they are closed with it.
 
     A replica that fails is not used again: the others capture its requests, and a warning is logged. All have
-    the exposure that the first one finds.
-
-    Raises:
-        ArgumentError: no source, or sources with other capabilities, objects or mask colours, so that their
-            captures do not belong in one image.
+    the exposure that the first one finds. Raises ArgumentError for no source, or sources with other
+    capabilities, objects or mask colours.
     """
 
     def __init__(self, sources: Sequence[Source], exposure: SharedExposure | None = None) -> None:
@@ -89,8 +86,7 @@ class SourcePool(SourceWrapper):
     def at(self, instant: Instant) -> Source:
         """A pool of the working replicas, each at the instant.
 
-        Raises:
-            ArgumentError: the replicas are at different instants, as where poses are read, not set.
+        Raises ArgumentError if replicas are at different instants, as where poses are read, not set.
         """
         pool = self._pool_of(lambda replica: replica.at(instant))
         if len({replica.state for replica in pool._working}) > 1:

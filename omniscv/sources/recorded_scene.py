@@ -26,11 +26,7 @@ _SAME_M, _SAME, _SAME_DEG = 1e-3, 1e-3, 1e-3  # positions, entries of rotations,
 
 
 class RecordedScene:
-    """The scene of a recording. Nothing in it can be moved or hidden.
-
-    Raises:
-        RecordingError: as :class:`omniscv.sources.recording.replay.RecordedSource`.
-    """
+    """The scene of a recording, RecordingError if it cannot be read. Nothing in it can be moved or hidden."""
 
     moving, time, room = (), 0.0, None
 
@@ -97,10 +93,8 @@ class RecordedScene:
         return cast(ViewHits, _RecordedView(asked, self._pixels, length))
 
     def _pixels(self, asked: View, mode: str) -> NDArray[Any]:
-        """Return the pixels of the recorded view that a client asks for.
-
-        Raises:
-            NotShownError: it is not recorded; says which one is nearest.
+        """Return the pixels of the recorded view that a client asks for; NotShownError, with the nearest,
+        without one.
         """
         views = (view for view in self._source.recorded_in(mode) if _is_same(view, asked))
         request = Request(next(views, asked), mode, self._source.state)

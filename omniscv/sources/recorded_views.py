@@ -88,11 +88,9 @@ class _Cube:
 
 
 class RecordedViews:
-    """A recording's views, and its cubes by position, and by size and field of view.
+    """A recording's views, and its cubes by position, size and field of view.
 
-    Args:
-        views: the recorded views.
-        of_mode: returns those that are recorded in a mode; all of them if not given.
+    ``of_mode`` returns those that are recorded in a mode; all of them if not given.
     """
 
     def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:
@@ -123,9 +121,9 @@ class RecordedViews:
         Args:
             center_w: (3,) the centre.
             six: views of a cube aligned with the world, in the order of ``cube_rotations()``.
-            truth_scale: how many times finer ground truth is requested. A cube that is recorded both ways
-                comes first; one that is recorded once is taken for ground truth. Before them come those
-                that ``checks: beat`` recorded in a second size.
+            truth_scale: how many times finer ground truth is requested. First come cubes that ``checks:
+                beat`` recorded in a second size, then those recorded both ways; one recorded once is taken
+                for ground truth.
         """
         (at,) = _positions([center_w])
         requested = Shape.of(six[0])
@@ -173,14 +171,9 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
     """Return the view that serves each ray from the views' centre, and how far within it the ray lies.
 
     It is the one with the most px per radian there, among those that also see the support of filters around
-    the ray, else among those that see the ray; of equal ones the first.
-
-    Args:
-        views: of any sizes, fields of view and rotations.
-        directions_w: (N, 3), world frame, of any length.
-
-    Returns:
-        (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's edge.
+    the ray, else among those that see the ray; of equal ones the first. For directions (N, 3), world frame,
+    of any length: (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's
+    edge.
     """
     index, edge_px = np.full(len(directions_w), -1), np.full(len(directions_w), -1.0)
     most = np.zeros(len(directions_w))

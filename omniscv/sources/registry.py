@@ -100,14 +100,9 @@ class _WithTransfer(SourceWrapper):
 
 
 def register(scheme: str, opener: Opener) -> None:
-    """Open addresses of a scheme, ``scheme://...``, with an opener.
+    """Open addresses of a scheme, ``scheme://...``, with an opener, ``opener(address, **options) -> Source``.
 
-    Args:
-        scheme: letters, digits, ``+``, ``-`` and ``.``, at least two, the first a letter.
-        opener: ``opener(address, **options) -> Source``.
-
-    Raises:
-        ArgumentError: a text that is no scheme, or an opener that cannot be called.
+    Raises ArgumentError for a text that is no scheme, or an opener that cannot be called.
     """
     if not isinstance(scheme, str) or not _SCHEME.fullmatch(f"{scheme}:"):
         raise ArgumentError(f"scheme: expected a name such as 'blender', got {shown(scheme)}")
@@ -191,15 +186,9 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
 
 
 def open_sources(uris: Sequence[str], **options: Unpack[SourceOptions]) -> Source:
-    """Open one source, or a pool of replicas; all or none.
+    """Open one source, or a pool of replicas of one scene, as :func:`open_source`; all or none.
 
-    Args:
-        uris: as for :func:`open_source`; of the same scene.
-        options: for each of them.
-
-    Raises:
-        ArgumentError: no address, or replicas that differ (:class:`omniscv.sources.pool.SourcePool`).
-        ArgumentError, SourceError, RecordingError: as :func:`open_source`, for any of them.
+    Raises ArgumentError for no address, or replicas that differ (:class:`omniscv.sources.pool.SourcePool`).
     """
     from omniscv.sources.pool import SourcePool
 
@@ -215,13 +204,8 @@ def split_address(
 ) -> tuple[str, dict[str, Any]]:
     """Return the part of an address behind its scheme, and the options behind its question mark.
 
-    Args:
-        address: such as ``mock://four-wall?latency_ms=5``.
-        readers: for each option, the function that parses its text; it raises ValueError for a wrong one.
-        repeatable: options that may be given several times; their values are lists.
-
-    Raises:
-        ArgumentError: an unknown option, or a value of another form.
+    ``readers`` parse the text of each option, and raise ValueError for a wrong one; the values of
+    ``repeatable`` ones are lists. Raises ArgumentError for an unknown option, or a value of another form.
     """
     path, _, query = address.partition("?")
     path = path.partition(":")[2].removeprefix("//")

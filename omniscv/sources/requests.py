@@ -174,11 +174,8 @@ class Request:
             raise ArgumentError(f"state: {expected}, got {shown(self.state)}")
 
     def check_state(self, state: str, where: str) -> None:
-        """Raise ArgumentError for a request of another state than that of a source's world.
-
-        Args:
-            state: of the world.
-            where: the source's address, for the message.
+        """Raise ArgumentError for a request of another state than that of a source's world; ``where`` is its
+        address.
         """
         if self.state != state:
             expected = f"expected requests of the world as it is, state {shown(state)}"
@@ -232,14 +229,9 @@ def in_order(
 ) -> Iterator[Capture]:
     """Yield one capture per request, in the order of the requests.
 
-    Args:
-        requests: read lazily, by ``capture``.
-        find: returns the held capture of a request, or None where a new one is needed; called once for each
-            request, when it is read.
-        capture: captures what is not held: one capture for each request that it gets, in their order.
-
-    Raises:
-        SourceError: ``capture`` delivered too few captures.
+    ``requests`` are read lazily, by ``capture``, which makes those that are not held, in their order;
+    ``find`` returns the held capture of a request, None where a new one is needed, and is called once for
+    each when it is read. Raises SourceError if ``capture`` delivered too few.
     """
     remaining = iter(requests)
     waiting: deque[Held | None] = deque()  # None stands for the next new capture
@@ -281,9 +273,7 @@ def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:
 def merge_exposures(request: Request, captures: Sequence[Capture]) -> Capture:
     """Return light, float32, of one view's captures at several exposures.
 
-    Raises:
-        ArgumentError: captures without their transfer or response.
-        BadReplyError: captures of several sizes, or in floats.
+    Raises ArgumentError without their transfer or response, BadReplyError for several sizes, or floats.
     """
     from omniscv import light  # compiled; sources are imported without numba
 

@@ -65,9 +65,6 @@ class SceneSource(Source):
     Attributes:
         scene: as it is traced, at the instant.
         made: how many views were traced.
-
-    Raises:
-        ArgumentError: another ``lit`` or ``masks``, an unknown object, or a time out of bounds.
     """
 
     def __init__(

@@ -1,10 +1,8 @@
 """Detect motion during a set of captures by repeating some of them.
 
-The captures of one image, or of the images of one moment, must show one state of the world. Where the world
-may move (:attr:`omniscv.sources.Capabilities.moves`), depth and mask of the first view at every optical
-centre are captured again after the others there. All views at the first centre are repeated there and at the
-end. If one of them differs, the world moved: the set is captured again, at most ``TRIES`` times. In a still
-world nothing is repeated.
+Where the world may move (:attr:`omniscv.sources.Capabilities.moves`), depth and mask of the first view at
+every optical centre are captured again after the others there, and all views at the first centre there and at
+the end. If one of them differs, the set is captured again, at most ``TRIES`` times.
 """
 
 from __future__ import annotations
@@ -30,15 +28,10 @@ _log = logging.getLogger("omniscv")
 
 
 def verify_still(source: Source, modes: Sequence[str], make: Callable[[Source], T]) -> T:
-    """Return the result of a function whose captures show one instant.
+    """Return the result of a function whose captures, in some modes, show one instant.
 
-    Args:
-        source: where captures come from.
-        modes: of the captures.
-        make: called with a source to capture from, again for every try.
-
-    Raises:
-        TornSetError: the world moved, every time.
+    ``make`` is called with a source to capture from, again for every try. Raises TornSetError if the world
+    moved, every time.
     """
     if not source.capabilities.moves:
         return make(source)
@@ -61,10 +54,7 @@ class StillSet(SourceWrapper):
     """A source for captures of one instant; :meth:`verify` ends them. For one thread; it does not close the
     source.
 
-    Args:
-        source: where captures come from.
-        modes: of most requests. Depth and masks that are not among them are captured too, before the view's
-            others.
+    Depth and masks that are not among ``modes`` are captured too, before the view's others.
     """
 
     def __init__(self, source: Source, modes: Sequence[str]) -> None:
@@ -79,8 +69,7 @@ class StillSet(SourceWrapper):
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; TornSetError if a repeated capture differs.
 
-        Each capture is delivered one late, so that all repeated ones are compared before the last is
-        delivered.
+        Each is delivered one late, so that all repeated ones are compared before the last is delivered.
         """
         requested: deque[bool] = deque()
         late: Capture | None = None

@@ -139,11 +139,8 @@ def exposure_from_text(text: object) -> Exposure:
 class SharedExposure:
     """The exposure that the cameras of one recording, or of replicas, share: the first camera finds it.
 
-    Args:
-        position: (3,) where a camera finds it, world frame, metres; None: where the first colour is captured.
-
-    Attributes:
-        value: the exposure; None before it is found.
+    ``position`` (3,) is where, world frame, metres; None: where the first colour is captured. ``value`` is
+    None before it is found.
     """
 
     def __init__(self, position: Array | None = None) -> None:
@@ -206,6 +203,6 @@ class World(ABC):
     def changes(self) -> AbstractContextManager[None]:
         """Return a context at whose end what was changed within is put back, whatever happened.
 
-        What no server reports cannot be put back, and keeps the state another: commands of the plugin that
-        may change the world, and objects that are shown though nothing here had hidden them.
+        What no server reports stays, and keeps the state another: commands that may change the world, and
+        objects that are shown though nothing here had hidden them.
         """

@@ -99,10 +99,7 @@ def flipped(value):
         ("UPDATE capture SET state = '' WHERE number = 4", "expected checksum .* of the row"),
         (f"UPDATE capture SET state = '{EMPTIER.state}' WHERE state = '{LATER.state}'", "of the row"),
         (f"DELETE FROM state WHERE name = '{LATER.state}'", f"expected a row of state '{LATER.state}'"),
-        (
-            "UPDATE state SET content = replace(content, '0.7', '0.8')",
-            f"'{LATER.state}', got another",
-        ),
+        ("UPDATE state SET content = replace(content, '0.7', '0.8')", f"'{LATER.state}', got another"),
     ],
 )
 def test_lost_and_changed_rows_are_found_and_refused(statement, says, moving, tmp_path):

@@ -147,10 +147,7 @@ def test_a_file_without_its_log_holds_nothing_wrong(left, tmp_path):
 def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
     path, _ = left
     path.write_bytes(other.read_bytes())
-    with (
-        read_only(path.parent),
-        pytest.raises(NotARecordingError, match="expected no foreign log, got room"),
-    ):
+    with read_only(path.parent), pytest.raises(NotARecordingError, match="expected no foreign log, got room"):
         verify(path)
     assert contents(path) == contents(other)
 

@@ -253,12 +253,7 @@ TAKEN = [
     ("lit", saved("a.webp", RGBA, lossless=True, exact=True), None, COLORS),
     ("lit", saved("a.bmp", COLORS), None, COLORS),
     ("lit", saved("a.png", COLORS[..., 0]), None, GREY),
-    (
-        "lit",
-        saved("p.png", GREY, bits=4),
-        None,
-        None,
-    ),
+    ("lit", saved("p.png", GREY, bits=4), None, None),
     ("lit", saved("a.png", DEPTH16), None, np.full((8, 16, 3), 2003)),
     ("lit", array(np.asfortranarray(COLORS.astype(np.int64))), None, COLORS),
     ("lit", written("m.exr", channels=LAYERS), None, np.ones((8, 16, 3))),

@@ -58,10 +58,7 @@ def test_two_readers_and_a_writer_at_once(copy):
                 faults.append(fault)
 
     readers = [threading.Thread(target=read, args=(who,)) for who in range(2)]
-    with (
-        omniscv.open_source("mock://four-wall") as live,
-        omniscv.record(live, copy) as source,
-    ):
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, copy) as source:
         for reader in readers:
             reader.start()
         try:

@@ -76,8 +76,7 @@ class Settings:
 def read_address(address: str) -> tuple[Settings, str | None, int]:
     """Return the settings of an address, the Blender that it names, and the number of processes.
 
-    Raises:
-        ArgumentError: an unknown option, a value of another form, or no file at the path.
+    Raises ArgumentError for an unknown option, a value of another form, or no file at the path.
     """
     name, options = split_address(address, _READERS)
     blender, processes = options.pop("blender", None), options.pop("processes", 1)
@@ -104,14 +103,9 @@ _READERS: dict[str, Any] = {
 def blender_command(program: str | None = None) -> list[str]:
     """Return the command that runs ``inside.py`` inside Blender.
 
-    Args:
-        program: a Blender executable, or a Python that has ``bpy``, whose name begins with ``python``. If not
-            given, the environment's ``OMNISCV_BLENDER``, else ``bpy`` of this Python, which is looked for and
-            not imported, else ``blender`` on the path.
-
-    Raises:
-        ArgumentError: there is no program of that name.
-        SourceError: none is named, and none is found.
+    ``program`` is a Blender, or a Python that has ``bpy``, whose name begins with ``python``; by default the
+    environment's ``OMNISCV_BLENDER``, else ``bpy`` of this Python, else ``blender`` on the path. Raises
+    ArgumentError if there is no such program, SourceError if none is found.
     """
     program = program or os.environ.get(VARIABLE)
     if program is not None:

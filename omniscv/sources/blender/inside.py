@@ -1,12 +1,10 @@
 """Renders a scene inside Blender, as requests on the standard input say.
 
-Blender's licence is the GNU GPL. This program runs inside Blender's process; omniscv starts it and talks to
-it over pipes, and imports neither this file nor anything of Blender. It needs Blender 5.0, the module
-``bpy`` or the executable, and the NumPy that comes with them.
+Blender's licence is the GNU GPL. This program runs inside Blender's process: omniscv talks to it over pipes,
+and imports nothing of it. It needs Blender 5.0, or ``bpy``, and the NumPy that comes with them.
 
-Frames each way: 4 bytes, the length, big endian, then so much JSON. ``MARK`` comes before the first one,
-since Blender may have written to the standard output by then. Pictures go to files in the folder that
-requests name.
+Frames each way: 4 bytes, the length, big endian, then so much JSON; ``MARK`` comes before the first one.
+Pictures go to files in the folder that requests name.
 """
 
 import json
@@ -33,13 +31,7 @@ if TYPE_CHECKING:
     )
 else:  # Blender runs this file as a program, and knows nothing of omniscv
     sys.path.append(os.path.dirname(os.path.abspath(__file__)))
-    from inside_scene import (
-        make_instances_real,
-        named_objects,
-        select_scene,
-        show_as_rendered,
-        vertices_of,
-    )
+    from inside_scene import make_instances_real, named_objects, select_scene, show_as_rendered, vertices_of
 
 MARK = b"\n--omniscv-blender-1--\n"
 MOST_OBJECTS = 32_767  # what a pass index can be
@@ -351,10 +343,7 @@ def main() -> None:
                 answer = world.description()
             else:
                 answer = {"render": world.render, "boxes": world.boxes}[request["do"]](request)
-        except (
-            RuntimeError,
-            MemoryError,
-        ) as wrong:  # what Blender reports; other errors end this program
+        except (RuntimeError, MemoryError) as wrong:  # what Blender reports; other errors end this program
             answer = {"error": " ".join(str(wrong).split()) or type(wrong).__name__}
         send(replies, answer)
 

@@ -105,9 +105,7 @@ class Process:
     def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
         """Send a request of plain JSON values, to do ``what``, and return its reply.
 
-        Raises:
-            ServerRefusedError: Blender reports an error.
-            ServerConnectionError, DeadlineError, BadReplyError: the process has ended, or was ended.
+        Raises ServerRefusedError for an error of Blender; else the process has ended, or was ended.
         """
         data = json.dumps(message).encode()
         with self._exchange(what):
@@ -213,8 +211,7 @@ class Blender:
     """One process at a time, in which one scene is open; not to be used by two threads at once.
 
     Args:
-        command: of Blender, as :func:`omniscv.sources.blender.blender_command` returns it.
-        settings: what to open.
+        command, settings: of Blender, and what to open.
         timeout_s: how long starting and loading, and each picture, may take.
         retries: how often in a row to start Blender again, and send the request again.
 
@@ -222,10 +219,9 @@ class Blender:
         name: of the scene's file, for messages.
         version: of Blender, such as ``5.0.1``.
         scene: what is known of it.
-        digest: of the scene's file and of the files that it links.
+        digest: of the scene's file, of the files that it links, and of the version.
 
-    Raises:
-        SourceError: Blender does not start, is too old, or does not open the scene.
+    Raises SourceError if Blender does not start, is too old, or does not open the scene.
     """
 
     def __init__(
@@ -246,13 +242,7 @@ class Blender:
     def ask(self, what: str, message: Mapping[str, Any], reader: Callable[[dict[str, Any], Path], T]) -> T:
         """Send a request, and return ``reader(reply, folder)``; after a fault, start Blender and send again.
 
-        Args:
-            what: Blender is to do, for messages.
-            message: plain JSON values; ``file`` is relative to the folder.
-            reader: of the reply and of the files in the folder.
-
-        Raises:
-            SourceError: Blender reports an error, or too many faults came in a row.
+        ``what`` is for messages. Raises SourceError for an error of Blender, or too many faults in a row.
         """
         for _ in range(self._retries + 1):
             try:

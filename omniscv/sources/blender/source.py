@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, whole_number
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
-from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources import codecs
 from omniscv.sources.base import (
@@ -26,14 +25,12 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     ProcessBound,
+    Rendered,
     Request,
     SceneIdentity,
     Source,
-    SourceView,
     View,
     closed_error,
-    copy_with,
-    known_objects,
 )
 from omniscv.sources.blender import Settings, blender_command, read_address
 from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
@@ -72,22 +69,17 @@ class Measured(NamedTuple):
     boxes: dict[str, ObjectBox]
 
 
-class BlenderSource(Source):
+class BlenderSource(Rendered):
     """Captures of one scene. Threads take turns, one picture at a time.
 
     Data (ids, depth, normals) have one sample at the centre of each pixel; colours have as many as the
     settings say, and a fixed seed: the same request gives the same pixels.
-
-    Args:
-        blender: with the scene; closed with this source.
-        settings: with which it was opened.
     """
 
     def __init__(self, blender: Blender, settings: Settings) -> None:
         self._blender, self._settings = blender, settings
         self._lock, self._closed = threading.RLock(), threading.Event()
-        self._hidden, self._instant, self._moved = frozenset[str](), Instant(), dict[str, Pose]()
-        self._objects = ObjectTable({}, ids=dict(blender.scene.objects))
+        self._name, self._objects = blender.name, ObjectTable({}, ids=dict(blender.scene.objects))
         level = f"{blender.scene.scene}, frame {blender.scene.frame}"
         self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
 
@@ -98,22 +90,16 @@ class BlenderSource(Source):
         return replace(CAPABILITIES, transfer="linear" if is_light else self._blender.scene.transfer)
 
     @property
-    def scene_identity(self) -> SceneIdentity:
-        """The file's name, the scene in it and its frame, a digest of the file and of Blender's version."""
-        return self._identity
-
-    @property
     def blender(self) -> Blender:
         """The Blender that renders, and what it knows of the scene."""
         return self._blender
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`Source.capture`; ArgumentError for a modality or size that Blender does not render."""
+        """As :meth:`Source.capture`; ArgumentError for a mode, lens or size that Blender does not have."""
         remaining = iter(requests)
         while window := list(islice(remaining, _AHEAD)):
             for request in window:
-                request.check_state(self.state, self._blender.name)
-                _check(request)
+                self._check(request)
             rendered: dict[Request, Any] = {}
             for index, request in enumerate(window):
                 if request not in rendered:
@@ -126,9 +112,14 @@ class BlenderSource(Source):
                 encoding = codecs.NEAR_MIDDLE if request.mode == "depth" else None
                 yield Capture(request, request.view, picture, self._provenance(request), encoding=encoding)
 
-    def objects(self) -> ObjectTable:
-        self._check_open()
-        return self._objects
+    def _check(self, request: Request) -> None:
+        super()._check(request)
+        view = request.view
+        if view.lens is not None:
+            raise ArgumentError(f"lens: expected none of Blender, got {view.lens}")
+        if not _LEAST_PX <= min(view.width, view.height) <= max(view.width, view.height) <= _MOST_PX:
+            expected = f"expected sides of {_LEAST_PX} to {_MOST_PX} px"
+            raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
 
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
@@ -145,28 +136,6 @@ class BlenderSource(Source):
         known = self._measured()
         axes = {name: box.R_w_b for name, box in known.boxes.items()}
         return {name: Pose(known.places[name], axes[name]) for name in objects if name in axes}
-
-    def without(self, objects: Iterable[str]) -> Source:
-        """As :meth:`Source.without`; both may be used at the same time."""
-        self._check_open()
-        hidden = self._hidden.union(objects)
-        known_objects(hidden, self._objects.ids, self._blender.name)
-        return SourceView(copy_with(self, _hidden=hidden))
-
-    @property
-    def instant(self) -> Instant:
-        return self._instant
-
-    def at(self, instant: Instant) -> Source:
-        """As :meth:`Source.at`; both may be used at the same time. Animations stand still."""
-        self._check_open()
-        named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
-        known_objects(named, self._objects.ids, self._blender.name)
-        drawn, undrawn = instant.placed(self.poses)
-        hidden = self._hidden.union(instant.hidden, undrawn)
-        return SourceView(
-            copy_with(self, _hidden=hidden, _instant=instant, _moved={**instant.poses, **drawn})
-        )
 
     def _measured(self) -> Measured:
         with self._lock:
@@ -235,28 +204,12 @@ def _read_measured(reply: dict[str, Any], folder: Path) -> Measured:
     return Measured(places, boxes)
 
 
-def _check(request: Request) -> None:
-    """Raise ArgumentError for what Blender does not render."""
-    if request.mode not in CAPABILITIES.modes:
-        known = ", ".join(sorted(CAPABILITIES.modes))
-        raise ArgumentError(f"mode: expected one of {known} of Blender, got {request.mode!r}")
-    view = request.view
-    if view.lens is not None:
-        raise ArgumentError(f"lens: expected none of Blender, got {view.lens}")
-    if not _LEAST_PX <= min(view.width, view.height) <= max(view.width, view.height) <= _MOST_PX:
-        expected = f"expected sides of {_LEAST_PX} to {_MOST_PX} px"
-        raise ArgumentError(f"size: {expected}, got {view.width} x {view.height}")
-
-
 def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> Source:
-    """Start Blender, and open a scene in it.
+    """Open ``blender://SCENE.blend``, with options of :class:`omniscv.sources.blender.Settings` behind a
+    question mark.
 
-    Args:
-        address: ``blender://SCENE.blend``, with options behind a question mark: those of
-            :class:`omniscv.sources.blender.Settings`; ``blender=PATH`` names Blender, and
-            ``processes=2`` renders in several at once.
-        timeout_s: how long loading the scene, and each picture, may take.
-        retries: how often in a row to start Blender again after it has ended.
+    ``blender=PATH`` names Blender, and ``processes=2`` renders in several at once. After Blender has ended,
+    it is started again ``retries`` times in a row.
 
     Raises:
         ArgumentError: an option that is unknown or out of its range, or no such file.
@@ -282,11 +235,7 @@ def open_process(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETR
 
 
 def read_colors(path: Path, view: View) -> Pixels:
-    """Return ``lit``, (H, W, 3) RGB: uint8 of a PNG, float32 of an EXR.
-
-    Raises:
-        BadReplyError: the file is no such picture, or not of the view's size.
-    """
+    """Return ``lit``, (H, W, 3) RGB: uint8 of a PNG, float32 of an EXR; BadReplyError for another file."""
     _check_regular(path)
     if path.suffix == ".exr":
         return {"lit": _pass(_passes(path, view), "Combined.RGB", path)}
@@ -295,18 +244,11 @@ def read_colors(path: Path, view: View) -> Pixels:
 
 
 def read_data(path: Path, view: View, metres: float) -> Pixels:
-    """Return object masks, depth and normals.
+    """Return object masks, depth and normals of a multi-part EXR file of Blender's passes.
 
     ``object_mask`` is uint16 ids (H, W); ``depth`` planar metres (H, W), +inf where there is no surface;
-    ``normals`` (H, W, 3) unit vectors in world axes, 0 where there is no surface.
-
-    Args:
-        path: a multi-part EXR file of Blender's passes.
-        view: what was rendered.
-        metres: of a unit of the scene.
-
-    Raises:
-        BadReplyError: the file has no such passes, or not of the view's size.
+    ``normals`` (H, W, 3) unit vectors in world axes, 0 where there is no surface. ``metres`` are of a unit of
+    the scene. Raises BadReplyError if the file has no such passes, or not of the view's size.
     """
     _check_regular(path)
     passes = _passes(path, view)

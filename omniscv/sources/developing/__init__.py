@@ -1,7 +1,6 @@
 """Development of captures: turned faces are put straight, seams of colours mended, and the sky is marked.
 
-All three are properties of captures, so planner and composition take what is developed as captured, of a
-live source and of its recording alike.
+Planner and composition take what is developed as captured, of a live source and of its recording alike.
 """
 
 from __future__ import annotations
@@ -27,15 +26,12 @@ _SAME = 1e-6  # entries of rotations
 
 
 class Developed(SourceWrapper):
-    """A source whose captures are developed.
+    """A source whose captures are developed as ``seams``, ``straighten`` and ``sky`` of the options say.
 
     A capture of colours that is one of six 8-bit faces of a cube is mended with the other five, which are
-    captured with it; their masks, if there are any, keep outlines from being closed. Other captures of
-    colours say why they are not mended. ``marks`` of captures tell what was changed, and what is sky.
-
-    Args:
-        source: of captures.
-        options: ``seams``, ``straighten``, ``sky``; masks are ``truth_scale`` times finer than colours.
+    captured with it; their masks, ``truth_scale`` times finer, keep outlines from being closed. Other
+    captures of colours say why they are not mended. ``marks`` of captures tell what was changed, and what is
+    sky.
     """
 
     def __init__(self, source: Source, options: RenderOptions) -> None:

@@ -1,7 +1,6 @@
 """Six faces of one place as a cube: which edges meet, and the steps across them.
 
-The step of an edge is the mean difference across it, less the difference between pixels beside it. Where
-masks show another object across an edge, the step is an outline and does not count.
+A step is the mean difference across an edge, less that between pixels beside it; outlines of masks have none.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """Seams between the six faces of a cube: measured, explained by gains, and closed.
 
-Engines compute bloom, reflections and exposure for each picture alone, so that the faces of one place differ
-at their edges. :mod:`omniscv.sources.developing.cube` measures the steps.
-Exposure multiplies light, so gains are estimated in the logarithm of light, robustly, and count only where
-they explain the steps. What is left is closed by a membrane: the smoothest correction that removes the steps,
-falls off within a tenth of a face and stops at outlines. Where masks show another object across an edge, the
-step is an outline, and stays. Faces with overscan fade into each other instead. Both are cosmetic: colours
-become continuous, not truer.
+Engines compute bloom, reflections and exposure for each picture alone. Exposure multiplies light, so gains
+are estimated in its logarithm, robustly, and count only where they explain the steps. What is left is closed
+by a membrane: the smoothest correction that removes the steps, falls off within a tenth of a face and stops
+at outlines. Faces with overscan fade into each other instead. Both are cosmetic: colours become continuous,
+not truer.
 
 Sources: M. Brown, D. G. Lowe, IJCV 74, 2007 (gains); M. J. Black, A. Rangarajan, IJCV 19, 1996 (graduated
 non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman et al., 2009 (membranes).
@@ -177,8 +175,7 @@ def mend(
     """Return the colours of one place, with gains or closed where it is a cube; else as captured.
 
     Args:
-        views: of one centre.
-        pixels: (h, w, 3) of each.
+        views, pixels: of one centre; (h, w, 3) of each.
         method: ``gains`` or ``close``.
         transfer: of the colours; gains need to know it.
         masks: of the objects in each view, whose outlines are no seams.

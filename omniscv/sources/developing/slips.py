@@ -1,11 +1,9 @@
 """Faults of a cube's faces: a vignette, and faces that are turned by a fraction of a degree.
 
-A vignette makes no step at the edge of two faces, as both are equally far from their middles there, but a
-crease: light falls towards the edge on both sides. Scenes have no crease of their own on average, so it is
-pooled from several places. Source: Y. Zheng et al., "Single-image vignetting correction", CVPR 2008.
-
-A slip shifts fine texture along the edges of the face. Oblique lines move along an edge with every row, too,
-so what the rows of one face say is subtracted.
+A vignette makes a crease at the edge of two faces: light falls towards it on both sides. Scenes have none on
+average, so it is pooled from several places. Source: Y. Zheng et al., "Single-image vignetting correction",
+CVPR 2008. A slip shifts fine texture along the edges of the face; what the rows of one face say is
+subtracted, as oblique lines move along an edge, too.
 """
 
 from __future__ import annotations
@@ -32,11 +30,8 @@ _ROUNDS, _PRIOR = 20, 1e-9
 
 
 def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float] | None:
-    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light; None where no vignette is proven.
-
-    Args:
-        cubes: of one camera.
-        transfer: of their colours.
+    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light that cubes of one camera prove; None without
+    proof.
     """
     creases = [_creases(cube, transfer) for cube in cubes]
     if not creases:
@@ -130,9 +125,7 @@ def proven_turns(cube: Cube) -> dict[int, Array]:
 def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
     """Return how faces are turned against the others, by the shift of fine texture along their edges.
 
-    Returns:
-        (6, 3) rotation vectors, world frame, radians, of few faces; and (6,) on how many edges each turn is
-        seen.
+    (6, 3) rotation vectors, world frame, radians, of few faces; and (6,) on how many edges each turn is seen.
     """
     known = shifts_of(cube)
     if not known:

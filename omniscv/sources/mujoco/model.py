@@ -1,8 +1,4 @@
-"""A MuJoCo model in one state at a time: its objects, what changes them, and exact rays.
-
-MuJoCo keeps what changes with time in ``MjData`` and everything else in ``MjModel``. An instant of a job sets
-both, and both are put back to the bit before the next one is set.
-"""
+"""A MuJoCo model at an instant: what is placed, hidden and drawn; its objects, their boxes, and rays."""
 
 from __future__ import annotations
 
@@ -48,13 +44,9 @@ class Handle(NamedTuple):
 class Model:
     """A model and its state. :attr:`lock` is held while one instant is shown and read.
 
-    Args:
-        model: an ``MjModel``, which belongs to this object.
-        data: an ``MjData`` with the state in which the world starts; likewise.
-        settings: what an address says.
-
-    Raises:
-        ArgumentError: a keyframe or ``qpos`` that the model does not have, or too many objects for masks.
+    ``model`` is an ``MjModel``, ``data`` an ``MjData`` with the state in which the world starts; both belong
+    to this object. Raises ArgumentError for a keyframe or ``qpos`` that the model does not have, or too many
+    objects.
     """
 
     def __init__(self, model: Any, data: Any, settings: Settings) -> None:
@@ -113,11 +105,8 @@ class Model:
     ) -> None:
         """Bring the world to an instant; nothing is done where it is shown already.
 
-        Args:
-            begin: the state at time 0, as :meth:`state_of` returns it.
-            hidden: names of objects that are left out.
-            instant: its time, and what was drawn of lights and materials.
-            poses: of objects that are moved.
+        ``begin`` is the state at time 0, as :meth:`state_of` returns it; ``hidden`` objects are left out,
+        those of ``poses`` moved; the instant has its time, and what was drawn of lights and materials.
         """
         key = begin.tobytes(), frozenset(hidden), instant.state, frozenset(poses)
         if key == self._shown:

@@ -33,11 +33,7 @@ _no_opengl: list[str] = []
 class Renderer:
     """Renders a model's pictures: colours with the model's samples a pixel, ids and depth with one.
 
-    Args:
-        model: whose state is shown.
-
-    Raises:
-        SourceError: no OpenGL context can be made here.
+    Raises SourceError where no OpenGL context can be made.
     """
 
     def __init__(self, model: Model) -> None:
@@ -166,17 +162,11 @@ class Renderer:
 
 
 def raster_error(model: Model, geom: NDArray[np.int32], depth: Array, view: View) -> Array:
-    """Return (H, W) how far the renderer's depth may be from the exact surface along the ray, metres.
+    """Return (H, W) how far the renderer's planar depth may be from the exact surface along the ray, metres.
 
     It is that of float32, and on what is round that of its facets: with N around and M from pole to pole they
     lie up to ``sag = r (1 - cos(pi / N) cos(pi / 2M))`` inside. A ray that meets the surface at an angle goes
     ``1.5 sag / cos`` farther, where it touches it at most the chord behind that depth.
-
-    Args:
-        model: in the state that is shown.
-        geom: (H, W) of :meth:`Renderer.geoms_and_depth`.
-        depth: (H, W) planar, metres, +inf.
-        view: that was rendered.
     """
     lengths = view.ray_lengths()
     seen = np.isfinite(depth)

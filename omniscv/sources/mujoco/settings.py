@@ -71,8 +71,7 @@ class Settings:
 def read_qpos(qpos: Any, size: int) -> Array | None:
     """Return ``qpos`` (size,), or a trajectory (n, 1 + size) with seconds that increase; None if not given.
 
-    Raises:
-        ArgumentError: another shape, or a file that has no numbers.
+    Raises ArgumentError for another shape, or a file that has no numbers.
     """
     if qpos is None:
         return None

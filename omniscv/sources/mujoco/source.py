@@ -30,6 +30,7 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     ProcessBound,
+    Rendered,
     Request,
     SceneIdentity,
     Source,
@@ -38,7 +39,6 @@ from omniscv.sources.base import (
     View,
     closed_error,
     copy_with,
-    known_objects,
 )
 from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
 from omniscv.sources.mujoco.renderer import Renderer, raster_error
@@ -58,28 +58,21 @@ CAPABILITIES = Capabilities(
 _RASTER = replace(CAPABILITIES, modes=CAPABILITIES.modes - {"normals"}, traces=False)
 
 
-class MujocoSource(Source):
+class MujocoSource(Rendered):
     """Captures of one model. Threads take turns, one picture at a time.
 
-    Args:
-        model: with the state that is shown at first; it belongs to this source.
-        settings: what is shown of it, and how.
-        identity: of the scene.
-
-    Raises:
-        ArgumentError: settings that the model does not have, or that it cannot be shown with.
+    ``model`` has the state that is shown at first, and belongs to this source. Raises ArgumentError for one
+    that cannot be shown with its settings.
     """
 
     def __init__(self, model: Model, identity: SceneIdentity) -> None:
         if model.settings.data == "rays" and (model.m.nskin or model.m.nflex):
             what = "skins" if model.m.nskin else "flexes"
-            raise ArgumentError(
-                f"{identity.name}: expected a model whose rays meet all of it, got {what}; write data=raster"
-            )
-        self._shared = _Shared(model)
-        self._hidden, self._moved, self._begin = frozenset[str](), dict[str, Pose](), model.begin
-        self._instant = Instant()
-        self._objects, self._identity = ObjectTable({}, ids=model.ids), identity
+            expected = f"expected a model whose rays meet all of it, got {what}; write data=raster"
+            raise ArgumentError(f"{identity.name}: {expected}")
+        self._shared, self._begin = _Shared(model), model.begin
+        self._identity, self._name = identity, identity.name
+        self._objects = ObjectTable({}, ids=model.ids)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -87,22 +80,12 @@ class MujocoSource(Source):
         can = CAPABILITIES if self._settings.data == "rays" else _RASTER
         return can if _renders(self._shared.model) else replace(can, modes=can.modes - {"lit"})
 
-    @property
-    def scene_identity(self) -> SceneIdentity:
-        return self._identity
-
-    def objects(self) -> ObjectTable:
-        self._check_open()
-        return self._objects
-
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ids, depth and normals of a view are made once."""
         last: View | None = None
         data: dict[str, Any] = {}
         for request in requests:
-            request.check_state(self.state, self._identity.name)
-            if request.mode not in (modes := self.capabilities.modes):
-                raise ArgumentError(f"mode: expected one of {', '.join(sorted(modes))}, got {request.mode!r}")
+            self._check(request)
             if request.mode == "lit":
                 with self._shown() as model:
                     data["lit"] = _fixed(self._shared.renderer.colors(request.view))
@@ -155,33 +138,8 @@ class MujocoSource(Source):
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         model = self._shared.model
-        if kind == "objects":
-            return super().variable(kind)
-        return (
-            dict.fromkeys(model.lights(), LIGHT)
-            if kind == "lights"
-            else dict.fromkeys(model.materials(), MATERIAL)
-        )
-
-    def without(self, objects: Iterable[str]) -> Source:
-        """As :meth:`Source.without`; both may be used at the same time."""
-        hidden = self._hidden.union(objects)
-        known_objects(hidden, self._objects.ids, self._identity.name)
-        return SourceView(copy_with(self, _hidden=hidden))
-
-    @property
-    def instant(self) -> Instant:
-        return self._instant
-
-    def at(self, instant: Instant) -> Source:
-        """As :meth:`Source.at`; both may be used at the same time. A time is counted from the start."""
-        named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
-        known_objects(named, self._objects.ids, self._identity.name)
-        drawn, undrawn = instant.placed(self.poses)
-        hidden = self._hidden.union(instant.hidden, undrawn)
-        return SourceView(
-            copy_with(self, _hidden=hidden, _instant=instant, _moved={**instant.poses, **drawn})
-        )
+        known = {"lights": (model.lights(), LIGHT), "materials": (model.materials(), MATERIAL)}
+        return dict.fromkeys(*known[kind]) if kind in known else super().variable(kind)
 
     def with_state(self, data: MjData) -> Source:
         """Return a source of the same model in the state of another ``MjData``, which is copied.
@@ -213,13 +171,8 @@ class MujocoSource(Source):
             raise closed_error(self._identity.name)
 
     def _provenance(self) -> dict[str, Any]:
-        server = f"MuJoCo {self._shared.model.mujoco.__version__}"
-        return {
-            "server": server,
-            "scene": self._identity.name,
-            "dialect": "mujoco",
-            "data": self._settings.data,
-        }
+        server, data = f"MuJoCo {self._shared.model.mujoco.__version__}", self._settings.data
+        return {"server": server, "scene": self._name, "dialect": "mujoco", "data": data}
 
 
 class _Shared:
@@ -245,13 +198,9 @@ def from_model(
     """Return a source of a model of MuJoCo in the state that its data have; both are copied.
 
     Args:
-        model: an ``MjModel``.
-        data: an ``MjData`` of it; its initial state if not given.
+        model, data: an ``MjModel``, and an ``MjData`` of it; its initial state if not given.
         name: of the scene, for recordings.
-        options: the fields of :class:`omniscv.sources.mujoco.settings.Settings`.
-
-    Raises:
-        ArgumentError: an option that is unknown or out of its range.
+        options: the fields of :class:`omniscv.sources.mujoco.settings.Settings`; others are an ArgumentError.
     """
     mujoco = _mujoco(name)
     settings = read(Settings, options, "options")
@@ -267,13 +216,9 @@ def from_model(
 def open_mujoco(address: str, **options: Any) -> Source:
     """Open ``mujoco://MODEL.xml?data=raster&by=geom``, a model of MuJoCo: MJCF, URDF or its binary form.
 
-    Args:
-        address: the file, with options behind a question mark.
-        options: the same: the fields of :class:`omniscv.sources.mujoco.settings.Settings`.
-
-    Raises:
-        ArgumentError: an option that is unknown or out of its range, or a file that is no model.
-        SourceError: MuJoCo is not installed.
+    Options, behind the question mark or by name, are :class:`omniscv.sources.mujoco.settings.Settings`.
+    Raises ArgumentError for a wrong one, or a file that is no model, SourceError where MuJoCo is not
+    installed.
     """
     path, written = split_address(address, {"time": float, "numslices": int, **dict.fromkeys(_TEXTS, str)})
     mujoco = _mujoco(address)
@@ -299,14 +244,10 @@ def _mujoco(what: str) -> Any:
         import mujoco
     except ImportError as cause:
         raise SourceError(f"{what}: expected MuJoCo; install omniscv[mujoco]") from cause
-    except (
-        AttributeError
-    ) as cause:  # of its wrapper of OpenGL, where the library that it is told to use is missing
-        how = os.environ.get("MUJOCO_GL", "")
-        wanted = f"expected the library of MUJOCO_GL={how}"
-        raise SourceError(
-            f"{what}: {wanted}, which is not there; set it to egl, or to disabled for data alone"
-        ) from cause
+    except AttributeError as cause:  # of its wrapper of OpenGL: the library that it is told to use is missing
+        wanted = f"expected the library of MUJOCO_GL={os.environ.get('MUJOCO_GL', '')}"
+        advice = "set it to egl, or to disabled for data alone"
+        raise SourceError(f"{what}: {wanted}, which is not there; {advice}") from cause
     return mujoco
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -22,8 +21,7 @@ _LARGE = 1 << 21  # pixels
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
     """Return a sequence as its pictures say that it is to be read, and a line about it, for people.
 
-    Raises:
-        ArgumentError: pictures clearly contradict the words, which are no guess and not trusted.
+    Raises ArgumentError if pictures clearly contradict the words, which are no guess and not trusted.
     """
     if (verdict := verdict_on(sequence)) is None:
         return sequence, ()
@@ -44,9 +42,9 @@ def verdict_on(sequence: Sequence) -> Verdict | None:
     if words is None or len(ordered(sequence)) < 2:
         return None
     pictures = read_pictures(sequence, PAIRS, WIDTH)
-    return (
-        ask(pictures, words) if pictures else Verdict(words, why="no two frames with depth can be compared")
-    )
+    if pictures is None:
+        return Verdict(words, why="no two frames with depth can be compared")
+    return ask(pictures, words)
 
 
 def words_of(sequence: Sequence) -> Words | None:
@@ -87,11 +85,9 @@ def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures |
     first = next((read for i in range(len(frames)) if (read := shot(i, width))), None)
     if first is None:
         return None
-    fov = (
-        2 * np.pi if first.lens is None else np.radians(pinhole.fov_deg(first.depth.shape[1], first.lens[0]))
-    )
+    fov_deg = 360.0 if first.lens is None else pinhole.fov_deg(first.depth.shape[1], first.lens[0])
     pairs = pairs if max(pixels) <= _LARGE else pairs // 3  # they take longer to read
-    return PosedPictures.read(*poses_of(frames), shot, fov, pairs, width)
+    return PosedPictures.read(*poses_of(frames), shot, np.radians(fov_deg), pairs, width)
 
 
 def poses_of(frames: list[Frame]) -> tuple[Array, Array]:
@@ -111,13 +107,11 @@ def put_right(sequence: Sequence, verdict: Verdict) -> Sequence | None:
     file = verdict.words.written(*poses_of(sequence.frames))
     W, _ = axes_of(frame_of_axes(convention.C))
     R, t = convention._replace(ratio=verdict.words.metres / metres).poses(*file)
-    of_depth: dict[str, Any] = {
-        "kind": "ray" if convention.along else "planar",
-        "unit": f"1/{per_m!r}" if per_m != 1 else "",
-    }
+    kind, unit = "ray" if convention.along else "planar", f"1/{per_m!r}" if per_m != 1 else ""
     frames = []
     for frame, rotation, position in zip(sequence.frames, W @ R, t @ W.T, strict=True):
         holds = {**frame.holds}
-        holds |= {mode: replace(files, **of_depth) for mode, files in holds.items() if mode == "depth"}
+        if "depth" in holds:
+            holds["depth"] = replace(holds["depth"], kind=kind, unit=unit)
         frames.append(replace(frame, pose=Pose(position, rotation), holds=holds))
     return replace(sequence, frames=frames)

@@ -1,9 +1,4 @@
-"""Ask pictures with depth for the convention of their poses: which hypothesis makes them overlap.
-
-A file's numbers are tried as camera to world and world to camera, each also with its rotation transposed,
-with 48 signed axes, orders of quaternions, ratios of units, planar depth or depth along the ray, and shifts
-by frames.
-"""
+"""Ask pictures with depth for the convention of their poses: which one makes them overlap."""
 
 from __future__ import annotations
 
@@ -111,7 +106,7 @@ class Words:
         return Convention(self.inverse, axes=_key(axes_of(self.axes)[1]), along=self.along)
 
     def written(self, R_w_c: Array, t_w_c: Array) -> tuple[Array, Array]:
-        """Return the rotations and translations that the file has, from poses that were read by the words."""
+        """Return the rotations and translations that the file has, of poses that were read by the words."""
         W, C = axes_of(self.axes)
         R, t = W.T @ R_w_c @ C.T, t_w_c @ W
         return inverted(R, t) if self.inverse else (R, t)
@@ -188,8 +183,7 @@ class Verdict:
     def units(self, convention: Convention) -> tuple[float, float]:
         """Return metres of one of positions as read, and whole numbers of depth in a metre.
 
-        Pictures say only how they compare: depth is another where that makes its numbers known ones and
-        plausible, else positions.
+        Depth is another where that makes its numbers known ones and plausible, else positions.
         """
         per_m, depth_m = self.words.per_m / convention.ratio, self.median * convention.ratio
         is_depth = self.words.per_m != 1 or not _PLAUSIBLE[0] < self.median < _PLAUSIBLE[1]
@@ -290,12 +284,7 @@ class _Search:
 
 
 def ask(pictures: PosedPictures, words: Words) -> Verdict:
-    """Return which convention pictures support, beside the words.
-
-    Args:
-        pictures: with poses as read by the words.
-        words: what is said.
-    """
+    """Return which convention pictures support, whose poses were read by the words."""
     search, said = _Search(pictures, words), words.convention
     surfaces = pictures.depth[pictures.depth > 0]
     if not len(surfaces):

@@ -1,13 +1,12 @@
 """The file of a recording: its tables, its journal, and how it appears or is replaced as a whole.
 
-docs/recording-format.md describes the tables for other programs. A file may come from anybody: the header and
-the schema are checked before a table is read, and a connection reads no value that is longer than the file.
+docs/recording-format.md describes the tables. A file may come from anybody: header and schema are checked
+before a table is read, and a connection reads no value that is longer than the file.
 
 SQLite finds a journal by its name alone: rolled back into a file that took the name of another one, it would
 destroy it. A journal holds the pages before a change, and every change of a recording writes the row of
-``recording`` first, with a new random ``token`` and the one before as ``parent``. So a journal's first page
-has the token before the change. It belongs to the file if the file still has that token, as where the change
-did not reach it, or has it as its parent.
+``recording`` first, with a new random ``token`` and the one before as ``parent``. So a journal belongs to the
+file if the file still has the token in the journal's first page, or has it as its parent.
 """
 
 import contextlib
@@ -87,10 +86,8 @@ def create(path: Path) -> None:
 def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     """Return a connection that has read the header, and with it a journal.
 
-    Args:
-        path: the file.
-        mode: as in SQLite's addresses.
-        torn: accept a file that is shorter than its header says, because a change was interrupted.
+    ``mode`` is as in SQLite's addresses; a ``torn`` file may be shorter than its header says, because a
+    change was interrupted.
     """
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(
@@ -179,9 +176,7 @@ if hasattr(os, "register_at_fork"):
 def check_header(path: Path) -> None:
     """Check the first bytes of a file; no journal is read, and nothing is changed.
 
-    Raises:
-        NotARecordingError: another file, or a recording of an earlier version.
-        NewerRecordingError: written by a later version.
+    Raises NotARecordingError for another file, or an earlier version, NewerRecordingError for a later one.
     """
     with path.open("rb") as file:
         header = file.read(_HEADER.size)
@@ -218,13 +213,8 @@ def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[
     """Raise errors of SQLite and of the file system as errors of a recording, and name the file in them.
 
     Args:
-        path: of the recording.
-        write: whether it is written.
+        path, write: of the recording, and whether it is written.
         advice: what to do about damage.
-
-    Raises:
-        RecordingNotWritableError, NotARecordingError: the file cannot be written, or read.
-        DamagedRecordingError: a value is not of its column's type.
     """
     try:
         yield
@@ -256,9 +246,7 @@ def _schema() -> frozenset[tuple[str, ...]]:
 def target_of(path: Path | str) -> Path:
     """Return where a recording is, or will be written: links are followed.
 
-    Raises:
-        RecordingNotWritableError: something that is no regular file is there.
-        ArgumentError: it is no path.
+    Raises RecordingNotWritableError if no regular file is there, ArgumentError for no path.
     """
     target = followed(path)
     kind = kind_of(target)
@@ -294,8 +282,7 @@ def kind_of(path: Path) -> str:
 def written_for(target: Path) -> Iterator[Path]:
     """Yield where to write the file that will be moved to a path, in a scratch folder beside it.
 
-    Raises:
-        RecordingNotWritableError: the folder of the path cannot be created or written.
+    Raises RecordingNotWritableError if the folder of the path cannot be created or written.
     """
     with contextlib.ExitStack() as stack:
         with errors_of(target, write=True):

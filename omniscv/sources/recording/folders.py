@@ -12,12 +12,7 @@ from typing import Any, TypeVar
 
 from omniscv import modalities, storage
 from omniscv.arguments import label, optional_number, shown, text, whole_number, within
-from omniscv.errors import (
-    ArgumentError,
-    BadReplyError,
-    RecordingError,
-    RecordingNotWritableError,
-)
+from omniscv.errors import ArgumentError, BadReplyError, RecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.records import checked, listed, mapping, named, optional, read, record
@@ -45,11 +40,7 @@ GEOMETRY, STATES = "geometry.json", "states.json"
 
 
 def export(path: Path | str, folder: Path | str) -> int:
-    """Write a recording as a folder, the payloads byte for byte; return the number of captures.
-
-    Args:
-        path: path or URL of the recording.
-        folder: created if there is none; must be empty.
+    """Write a recording as a folder, new or empty, the payloads byte for byte; return the number of captures.
 
     Raises:
         ArgumentError: the folder is not empty.
@@ -75,14 +66,12 @@ def export(path: Path | str, folder: Path | str) -> int:
 def import_folder(folder: Path | str, path: Path | str) -> int:
     """Write a folder's captures, exported or rendered by other tools, into a recording; return how many.
 
-    All or nothing: every capture is checked as a recording's own before the first is written, and all are
-    written as one change.
+    All or nothing: every capture is checked before the first is written, and all are one change.
 
     Raises:
         ArgumentError: the folder's index is missing or wrong; the message names the entry.
         BadReplyError: an image is not what its entry says.
-        RecordingError: the file is no recording, cannot be written, has other mask colours, or is of another
-            scene.
+        RecordingError: the file is no recording, cannot be written, has other mask colours, or another scene.
     """
     folder = Path(folder)
     with within(folder / INDEX):
@@ -108,18 +97,14 @@ def add_captures(
     states: Mapping[str, WorldState] = MappingProxyType({}),
     scene: SceneIdentity | None = None,
 ) -> int:
-    """Add captures of one scene to a recording, all or none; return how many.
+    """Add captures of one scene to a recording, new or not, all or none; return how many.
 
     Args:
-        path: of the recording, new or one to add to.
+        path: of the recording.
         captures: called twice, to check all and to write all: they may not fit in memory together.
         objects, geometry, states: of the scene, as far as they are known; objects may be a function of those
             of the recording before, which is called when all captures have been checked.
-        scene: None: as the captures say.
-
-    Raises:
-        ArgumentError: captures of several scenes.
-        RecordingError: as :func:`import_folder`.
+        scene: None: as the captures say; ArgumentError for several.
     """
     modes, scenes = set(), set[str]()
     for capture in captures():

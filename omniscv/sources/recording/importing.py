@@ -62,8 +62,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         pictures: a folder of six faces, of panoramas, or of frames with poses; or one picture of all faces,
             or a panorama. Names of files and folders say what they show, such as ``depth`` or ``mask``.
         path: of the recording; new, or one to add to.
-        layout: one of :func:`layouts`, a file ``.yaml`` that describes one, or ``auto``: by what lies in a
-            folder, by names, and by seams.
+        layout: one of :func:`layouts`, a file ``.yaml`` that describes one, or ``auto``.
         said: as :class:`.posed_frames.Options`.
 
     Raises:
@@ -76,7 +75,8 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
     with within(pictures):
         if not layout.endswith((".yaml", ".yml")):
             one_of("layout", layout, ("auto", *layouts()))
-        layout = _environment(pictures) if layout == "auto" and pictures.suffix == ".exr" else layout
+        if layout == "auto" and pictures.suffix == ".exr":
+            layout = _ENVIRONMENTS.get(foreign.environment(pictures), "auto")
         captures: Callable[[], Iterable[Capture]]
         if sequence := sequences.find_sequence(pictures, layout, options):
             sequence, asked = taken(sequence, options.trust_words)
@@ -86,14 +86,12 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
             faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
             faces, found = faces_in(pictures, layout, options)
             lines, modes = tuple(found), {mode for mode, *_ in faces}
-            center_w, turn_w = options.front.position, turn_about_z(options.yaw_deg or 0.0)
-            provenance, ray = (
-                {"server": "imported", "file": pictures.name},
-                (options.depth or DepthForm()).ray,
-            )
+            turn_w, ray = turn_about_z(options.yaw_deg or 0.0), (options.depth or DepthForm()).ray
             held = []
             for mode, picture, R, fov_deg in faces:
-                view = View(Pose(center_w, turn_w @ R), fov_deg, *picture.pixels.shape[1::-1])
+                pose = Pose(options.front.position, turn_w @ R)
+                view = View(pose, fov_deg, *picture.pixels.shape[1::-1])
+                provenance = {"server": "imported", "file": pictures.name}
                 held.append(capture_of(picture, mode, view, provenance, ray))
             captures = partial(iter, held)
         colors = [file for mode, file in options.clipped if mode == "lit"]
@@ -123,18 +121,13 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
             advice = "taken as no surface; --missing 0 keeps them"
             masks.lines.append(f"depth: {clipped['depth']} pixels have the largest number there is, {advice}")
         if replaced := masks.captures // 2 - count:  # they were read twice
-            masks.lines.append(
-                f"{replaced} captures of a view that a later one shows, too: the last one stays"
-            )
+            what = "captures of a view that a later one shows, too: the last one stays"
+            masks.lines.append(f"{replaced} {what}")
     return Imported(count, (*lines, *masks.lines))
 
 
 class _Masks:
-    """Counts what masks show, and names it.
-
-    Args:
-        table: the objects; empty: each id and colour becomes one.
-    """
+    """Counts what masks show, and names it; with an empty table each id and colour becomes an object."""
 
     def __init__(self, table: ObjectTable) -> None:
         self._table, self._pixels, self._ids = table, Counter[int](), False
@@ -179,11 +172,6 @@ class _Masks:
         return table
 
 
-def _environment(picture: Path) -> str:
-    """Return the layout that an EXR says it has; auto if it says none."""
-    return _ENVIRONMENTS.get(foreign.environment(picture), "auto")
-
-
 def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in the files of a folder, and what was decided."""
     files: dict[str, list[Path]] = defaultdict(list)
@@ -219,13 +207,10 @@ def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
         return re.sub(r"\d+(?=\D*$)", "{i}", file.relative_to(folder).as_posix())
 
     words = ("pose", "traj", "groundtruth", "camera")
-    texts = (
-        file for file in sorted(folder.rglob("[!.]*")) if file.suffix.lower() in (".txt", ".csv", ".json")
-    )
+    texts = (file for file in sorted(folder.rglob("[!.]*")) if file.suffix.lower() in _TEXTS)
     poses = [file for file in texts if any(word in str(file.relative_to(folder)).lower() for word in words)]
-    found = "; ".join(
-        f"{len(of)} of {mode}: {', '.join(file.stem for file in of[:8])}" for mode, of in files.items()
-    )
+    counts = (f"{len(of)} of {mode}: {', '.join(file.stem for file in of[:8])}" for mode, of in files.items())
+    found = "; ".join(counts)
     if not poses:
         return f"{found}; no poses; if they are posed, --poses FILE and --intrinsics FILE take them"
     names = {mode: pattern(of[0]) for mode, of in files.items()}

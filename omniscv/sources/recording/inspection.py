@@ -115,11 +115,7 @@ class Center:
 
 
 def centers(path: Path | str) -> list[Center]:
-    """Return the optical centres of a recording, in the order of their first captures, without its pixels.
-
-    Raises:
-        RecordingError: it cannot be read.
-    """
+    """Return the optical centres of a recording, in the order of their first captures, without its pixels."""
     captures: dict[tuple[object, str], list[tuple[View, Row]]] = defaultdict(list)
     with closing(Store(storage.fetch_file(path))) as store:
         for row in store.listing():
@@ -159,10 +155,7 @@ class Verification:
 
 def verify(path: Path | str) -> Verification:
     """Check structure and object table, that no capture is lost, each capture, that all show one scene, and
-    that depth and masks show their own views.
-
-    Raises:
-        RecordingError: the file cannot be read, or has other tables than a recording.
+    that depth and masks show their own views; RecordingError for a file that cannot be read.
     """
     name = storage.without_secrets(path)
     faults: list[str] = []
@@ -211,10 +204,8 @@ def stale_captures(store: Store) -> Iterator[str]:
     """Yield a line for each capture of depth or masks that shows an earlier view, which a server sent again.
 
     Two views that look alike may share a picture byte for byte. If it belongs to one of them only, it
-    contradicts the other mode of the wrong view: depth is smooth at the edges of its mask.
-
-    Args:
-        store: with undamaged captures.
+    contradicts the other mode of the wrong view: depth is smooth at the edges of its mask. Captures must be
+    undamaged.
     """
     modes_of: dict[tuple[str, str], dict[str, Row]] = defaultdict(dict)
     same_bytes: dict[tuple[str, int], list[Row]] = defaultdict(list)

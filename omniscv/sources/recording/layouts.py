@@ -1,10 +1,9 @@
 """Layouts of six faces: their names in other tools, their places in one picture, and their seams.
 
 A face is a letter, F R B L U D for front, right, back, left, up, down, and the quarter turns clockwise of its
-picture: ``U2`` is an *up* turned by 180 degrees. A turn by k quarters is the view ``R_w_f Rz(-90 k)``.
-
-Names are ambiguous, so the seams decide: pictures continue each other across the edges of the cube. Of
-720 * 4096 arrangements, 122,880 differ by more than a rotation of the cube, and all of these are tried.
+picture: ``U2`` is an *up* turned by 180 degrees. A turn by k quarters is the view ``R_w_f Rz(-90 k)``. Names
+are ambiguous, so the seams decide: all 122,880 arrangements that differ by more than a rotation of the cube
+are tried.
 """
 
 import re
@@ -127,11 +126,7 @@ def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
 
 
 class Seams:
-    """The seams of six pictures in any arrangement.
-
-    Args:
-        pictures: (s, s, 3) colours of any type.
-    """
+    """The seams of six pictures (s, s, 3), of any type, in any arrangement."""
 
     def __init__(self, pictures: Sequence[Pixels]) -> None:
         sides = np.stack([_sides(_grey_levels(picture)) for picture in pictures])
@@ -154,7 +149,7 @@ class Seams:
     def best(self) -> tuple[list[Arrangement], float, float]:
         """Return the arrangements of least step, that step, and the least with other faces in other places.
 
-        Up to a rotation of the cube. Several arrangements are alike where a face is plain: its turn is
+        Up to a rotation of the cube; several arrangements are alike where the turn of a plain face is
         unknown.
         """
         orders, turns = _all()
@@ -203,12 +198,9 @@ class Choice:
 def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) -> Choice:
     """Return the reading of six pictures whose seams fit.
 
-    Args:
-        readings: layouts that names or shape allow, each with the pictures in its order.
-        is_given: whether the first one was named by the user; seams are then reported, and not followed.
-
-    Raises:
-        ArgumentError: none fits, or several do, and the seams cannot tell them apart.
+    ``readings`` are layouts that names or shape allow, each with the pictures in its order; where the first
+    one was named by the user, ``is_given``, seams are reported, and not followed. Raises ArgumentError if
+    none fits, or several do, and the seams cannot tell them apart.
     """
     seams_of: dict[tuple[int, ...], Seams] = {}
     candidates: list[tuple[float, int, Layout, Sequence[Pixels], Seams]] = []

@@ -130,13 +130,10 @@ class Wide:
 def of_values(
     values: Mapping[str, Any], form: str, size: tuple[int, int], shift_px: float | None = None
 ) -> Pinhole | Wide | None:
-    """Return the lens of values that a file of a form would hold; None for a panorama.
+    """Return the lens of values that a file of a form of :func:`omniscv.calibration.formats` would hold.
 
-    Args:
-        values: by key; without a size that of ``size``, px, is taken.
-        form: of :func:`omniscv.calibration.formats`.
-        size: of the picture.
-        shift_px: added to the centre to make it ours, if it is not that of the form.
+    None for a panorama. Without a size that of the picture, px, is taken; ``shift_px`` is added to the centre
+    to make it ours, if it is not that of the form.
     """
     from omniscv.calibration.files import read_values  # slow to load
 
@@ -144,7 +141,7 @@ def of_values(
 
 
 def of_keys(name: str, value: object, size: tuple[int, int]) -> Pinhole | Wide:
-    """Return the lens of ``intrinsics`` of a layout; ``centers`` is where the first pixel has its centre."""
+    """Return the lens of keys of a layout; ``centers`` is where the first pixel has its centre."""
     values = mapping(name, value)
     center = number(f"{name}.centers", values.pop("centers", 0.5))
     if center not in (0, 0.5):
@@ -163,9 +160,8 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole 
     if (name := values.pop("file", "")) == "":
         return of_keys("intrinsics", values, size), np.zeros(3)
     row, center = values.pop("row", ""), values.pop("centers", 0.5)
-    file = next(
-        (at / name for at in (folder, folder.absolute().parent) if (at / name).exists()), folder / name
-    )
+    places = [at / name for at in (folder, folder.absolute().parent)]
+    file = next((place for place in places if place.exists()), places[0])
     with within(file.name):
         content = read_bytes(file, MOST_JSON_BYTES)
         if file.suffix == ".json":
@@ -215,20 +211,18 @@ def _lens(camera: Any) -> Pinhole | Wide | None:
 def to_faces(
     picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
 ) -> Iterator[tuple[Pixels, Array, float]]:
-    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator.
+    """Yield six faces of a panorama (H, W, ...), twice as fine as its equator: pixels, rotation (3, 3), and
+    degrees.
 
     Colours are bilinear, and so is 1 / distance between four pixels of one surface. Masks, and distances
-    beside an edge, are the nearest pixel's.
+    beside an edge, are the nearest pixel's. Depth of faces is (h, w, 2): planar, and how far the distance may
+    be off.
 
     Args:
         picture: colours, masks, or depth along the ray.
         mode: ``lit``, ``object_mask`` or ``depth``.
         of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
         step_m: of whole numbers that depth was stored in.
-
-    Yields:
-        Pixels, rotation (3, 3) and field of view in degrees, of each face. Depth is (h, w, 2): planar, and
-        how far the distance may be off.
     """
     import cv2
 

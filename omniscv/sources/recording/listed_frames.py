@@ -18,14 +18,7 @@ from omniscv.geometry.trajectory_files import read_poses, read_rows, read_trajec
 from omniscv.pictures import foreign
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
-from omniscv.sources.recording.posed_frames import (
-    Files,
-    Frame,
-    Options,
-    Sequence,
-    mode_of,
-    pictures_in,
-)
+from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, mode_of, pictures_in
 from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes
 
 _LATEST_S = 0.02  # between stamps of colour, depth and pose of the TUM benchmark

@@ -34,9 +34,8 @@ _JUST_CREATED = "expected a new file, but another recorder has just created one;
 def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | None = None) -> int:
     """Join recordings into one, and return the number of captures that were added.
 
-    All or nothing: the existing recording stays as it was, or a new one appears, complete. Captures that it
-    already holds are left out, so that a merge may be repeated. Shapes and states of the world are those of
-    the first recording that knows them, as one recorder would have recorded them.
+    All or nothing. Captures that are there already are left out, so that a merge may be repeated. Shapes and
+    states of the world are those of the first recording that knows them.
 
     Args:
         out: path or URL of the recording that gets the captures; new, or one to add to.
@@ -45,10 +44,9 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
 
     Raises:
         ArgumentError: no recordings, or ``out`` among them.
-        DamagedRecordingError: a capture is not as it was recorded.
         OtherSceneError: recordings of different scenes or mask colours.
-        RecordingError: recordings of different dialects, or with different captures of one request; or one
-            cannot be read or written.
+        RecordingError: recordings of different dialects, with different captures of one request, or damaged;
+            or one cannot be read or written.
     """
     if not files:
         raise ArgumentError("files: expected recordings to merge, got none")
@@ -72,22 +70,13 @@ def merge(out: Path | str, files: Sequence[Path | str], progress: Progress | Non
 
 
 def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tuple[str, int]]:
-    """Write a recording for each cluster of optical centres of one: ``STEM.X,Y,Z.SUFFIX``.
+    """Write a recording for each cluster of optical centres of one: ``STEM.X,Y,Z.SUFFIX``; return names and
+    counts.
 
     Each replays what was captured there. Centres belong to one cluster if steps of at most ``distance_m``
-    lead from one to the other; X, Y, Z is the first of them, metres.
-
-    Args:
-        file: path or URL of the recording.
-        out: path or URL of the folder, which must be empty or new.
-        distance_m: at least a millimetre.
-
-    Returns:
-        The name and the number of captures of each, in the order of recording.
-
-    Raises:
-        ArgumentError: a folder that holds something.
-        RecordingError: the recording cannot be read, is damaged, or one cannot be written.
+    lead from one to the other; X, Y, Z is the first of them, metres. ``out`` is a folder, or its URL, which
+    must be empty or new: else ArgumentError. RecordingError if the recording cannot be read, is damaged, or
+    one cannot be written.
     """
     number("distance_m", distance_m, least=_LEAST_DISTANCE_M)
     folder = storage.folder(out)
@@ -119,15 +108,7 @@ def split(file: Path | str, out: Path | str, distance_m: float = 0.5) -> list[tu
 def part_file(address: Address, index: int, count: int) -> Address:
     """Return where part ``index`` of ``count``, from 0, is recorded: ``room.part-0-of-4.sqlite``.
 
-    Each part is recorded by a process of its own, at the same time.
-
-    Args:
-        address: path or URL of the whole recording.
-        index: 0 to ``count`` - 1.
-        count: of parts, 1 or more.
-
-    Raises:
-        ArgumentError: another index or count.
+    Each part is recorded by a process of its own, at the same time. Raises ArgumentError for no such part.
     """
     whole_number("part", count, least=1)
     whole_number("part", index, least=0, most=count - 1)
@@ -139,14 +120,9 @@ def part_file(address: Address, index: int, count: int) -> Address:
 
 @contextmanager
 def opened_whole(address: Path | str) -> Iterator[Store]:
-    """Yield a recording to add to, in a transaction: everything is written together, or nothing.
+    """Yield a recording, new or not, to add to, in a transaction: everything is written together, or nothing.
 
-    Args:
-        address: path or URL of an existing recording, or of a new one, which appears when it is complete.
-
-    Raises:
-        RecordingError: a recording cannot be written there.
-        StorageError: it cannot be put into the store.
+    Raises RecordingError if it cannot be written there, StorageError if it cannot be put into the store.
     """
     if storage.is_url(address):
         with _opened_remote(storage.file_at(address)) as store:
@@ -222,15 +198,9 @@ def _dialects(rows: Sequence[Row]) -> set[str]:
 
 
 def add_objects(target: Store, table: ObjectTable, has_masks: bool) -> None:
-    """Add the objects of other captures to a recording.
+    """Add the objects of other captures, and whether there are masks among these, to a recording.
 
-    Args:
-        target: the recording.
-        table: how masks show the objects.
-        has_masks: whether there are masks among the captures.
-
-    Raises:
-        OtherSceneError: masks would get the names of other objects, or get none.
+    Raises OtherSceneError if masks would get the names of other objects, or get none.
     """
     before = target.objects()
     if bool(before.colors) != bool(table.colors) and (has_masks if before.colors else target.has_masks()):

@@ -56,14 +56,11 @@ class PosedPictures:
     def read(
         cls, R: Array, t: Array, read: Callable[[int, int], Shot | None], fov: float, pairs: int, width: int
     ) -> PosedPictures | None:
-        """Return the pictures of pairs of frames that are likely to overlap; None where there are none.
+        """Return the pictures of pairs of frames that are likely to overlap, so many at most; None where
+        there are none.
 
-        Args:
-            R, t: of all frames, in their order.
-            read: returns a frame's picture of at most so many px width; None if it cannot be read.
-            fov: field of view, radians.
-            pairs: how many, at most.
-            width: of pictures, px, at most.
+        ``R, t`` are of all frames, in their order; ``read`` returns a frame's picture of at most so many px
+        width, None if it cannot be read; ``fov`` is in radians, ``width`` in px.
         """
         chosen = choose_pairs(R, t, fov, pairs)
         shots = {i: shot for i in np.unique(chosen).tolist() if (shot := read(i, width)) is not None}
@@ -151,12 +148,10 @@ def local_contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
-    """Return (P, 2) pairs of frames that turn and move, but see the same: by their order and turns.
+    """Return (P, 2) pairs, so many at most, of frames that turn and move, but see the same.
 
-    Args:
-        R, t: rotations and positions as said; a wrong convention leaves the angle between rotations.
-        fov: field of view, radians.
-        most: pairs.
+    Said are rotations and positions, whose convention may be wrong, which leaves angles between rotations;
+    and the field of view in radians.
     """
     count, rows = len(R), list[Indices]()
     for gap in range(1, count) if count <= _BESIDE else _GAPS:

@@ -41,10 +41,8 @@ class Recording(SourceWrapper):
         path: the file; created if there is none.
         anew: capture again what the file held before; the new capture replaces the old one.
 
-    Raises:
-        ArgumentError: ``source`` is no source.
-        RecordingError: the file is something else, newer, damaged, cannot be written, or holds captures of
-            another scene.
+    Raises RecordingError if the file is something else, newer, damaged, cannot be written, or is of another
+    scene.
     """
 
     def __init__(self, source: Source, path: Path | str, *, anew: bool = False) -> None:
@@ -87,11 +85,7 @@ class Recording(SourceWrapper):
         return replace(self._source.capabilities, traces=False)
 
     def objects(self) -> ObjectTable:
-        """The objects, with those that the file held before; they are written to the file, with the shapes.
-
-        Raises:
-            RecordingNotWritableError: as :meth:`Store.set_objects`.
-        """
+        """The objects, with those that the file held before; they are written to the file, with the shapes."""
         with self._lock:
             state = self._source.state
             if self._objects is None or self._objects[0] != state:

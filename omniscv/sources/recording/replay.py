@@ -43,11 +43,7 @@ _READ_AHEAD = 6  # captures decoded together: all faces of an optical centre in 
 
 
 class StateViews:
-    """The requested views of a state of the world, parsed on first use.
-
-    Args:
-        rows: captures of the state, in the order of recording.
-    """
+    """The requested views of a state of the world, of rows in the order of recording, parsed on first use."""
 
     def __init__(self, rows: Iterable[Row]) -> None:
         self._texts: dict[str, set[str]] = defaultdict(set)
@@ -177,8 +173,7 @@ class RecordedSource(Source):
     Attributes:
         stops: of the exposures that colours are merged from; empty where they are replayed as captured.
 
-    Raises:
-        RecordingError: the file is not there, is something else, newer, or damaged, or lacks the state.
+    Raises RecordingError if the file is not there, is something else, newer, or damaged, or lacks the state.
     """
 
     def __init__(self, path: Path | str, state: str = "") -> None:
@@ -242,8 +237,7 @@ class RecordedSource(Source):
     def cover(self, view: View) -> tuple[View, ...]:
         """The view, then recorded ones of the same centre, field of view and size, turned about its axis.
 
-        Servers that cannot capture straight up and down are recorded in two such views. Views that were
-        recorded in fewer modes than this one are left out.
+        Servers that cannot capture straight up and down are recorded in two such views, in the same modes.
         """
         return (view, *self._views.get(self._state, NO_VIEWS).turned(view))
 

@@ -18,12 +18,7 @@ from omniscv.errors import ArgumentError, BadReplyError, DamagedRecordingError
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, Lens, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, payload_of
-from omniscv.sources.recording.world_rows import (
-    DEFAULT_TOLERANCE,
-    checksum,
-    object_from_json,
-    scene_to_json,
-)
+from omniscv.sources.recording.world_rows import DEFAULT_TOLERANCE, checksum, object_from_json, scene_to_json
 
 T = TypeVar("T")
 
@@ -53,11 +48,8 @@ class Row(NamedTuple):
 
     @classmethod
     def of(cls, capture: Capture) -> Self:
-        """Return the row of a capture.
-
-        Raises:
-            ArgumentError: provenance that is no JSON, or too long.
-            BadReplyError: pixels that do not fit the modality or the view.
+        """Return the row of a capture; ArgumentError for provenance that is no JSON, BadReplyError for pixels
+        that do not fit the modality or the view.
         """
         payload, encoding = payload_of(capture)
         request = capture.request

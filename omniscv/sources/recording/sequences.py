@@ -1,7 +1,6 @@
 """Import frames with poses: a table of published layouts, and layouts of the user's own.
 
-A layout is data: which files there are, what their numbers mean, where poses are, in which axes
-(docs/capture-folders.md). :mod:`.listed_frames` has those that list their frames.
+A layout is data (docs/capture-folders.md). :mod:`.listed_frames` has those that list their frames.
 """
 
 from __future__ import annotations
@@ -43,13 +42,7 @@ from omniscv.sources.recording.listed_frames import (
     tum,
     words_of,
 )
-from omniscv.sources.recording.posed_frames import (
-    Files,
-    Frame,
-    Options,
-    Sequence,
-    objects_of,
-)
+from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, objects_of
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, read_bytes, read_text
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1, "pinhole": 0}
@@ -137,13 +130,8 @@ def sequences() -> tuple[str, ...]:
 def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
     """Return the frames of a folder, or of one panorama; None where it is none of these layouts.
 
-    Args:
-        path: of the folder or picture.
-        layout: one of :func:`sequences`, ``auto`` for what lies there, or a file ``.yaml`` of a layout.
-        options: of the user.
-
-    Raises:
-        ArgumentError: files of a layout without poses, or poses that contradict each other.
+    ``layout`` is one of :func:`sequences`, ``auto`` for what lies there, or a file ``.yaml`` of a layout.
+    Raises ArgumentError for files without poses, or poses that contradict each other.
     """
     poses_in.cache_clear()  # files may have changed since the last import
     find: Any = None
@@ -298,9 +286,9 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
         else:
             names = [name for name in (*match.groups(), match[0], Path(match[0]).name) if name]
             pose = named_pose(file, names, lossy=True, **options)
-    return pose and Pose(
-        pose.position, turn_about_z(poses.yaw_deg) @ pose.R_w_c if poses.yaw_deg else pose.R_w_c
-    )
+    if pose is None or not poses.yaw_deg:
+        return pose
+    return Pose(pose.position, turn_about_z(poses.yaw_deg) @ pose.R_w_c)
 
 
 def _pose_of_face(front: Pose, folder: Path, layout: Layout, match: re.Match[str]) -> Pose:

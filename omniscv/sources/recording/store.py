@@ -1,7 +1,7 @@
 """The file of a recording: one SQLite database, one row per capture, described in docs/recording-format.md.
 
-Each capture is a transaction: whatever kills the process, a capture is in the file whole or not at all. What
-a killed process left half-written is undone from the journal beside the file when it is next opened.
+Each capture is a transaction: whatever kills the process, it is in the file whole or not at all. What a
+killed process left half-written is undone when the file is next opened.
 """
 
 import contextlib
@@ -13,11 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from omniscv.arguments import shown
-from omniscv.errors import (
-    DamagedRecordingError,
-    OtherSceneError,
-    RecordingNotWritableError,
-)
+from omniscv.errors import DamagedRecordingError, OtherSceneError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
 from omniscv.sources.recording import files
@@ -49,9 +45,7 @@ _SHORTEST_BYTES = 100  # of a row of `capture`: two views and a key
 class Store(files.Forkable):
     """An open recording. One thread uses it at a time; a forked child opens a connection of its own.
 
-    Args:
-        path: the file; links are followed.
-        write: whether captures will be added; the file is then created if there is none.
+    With ``write``, captures will be added, and the file is created if there is none.
 
     Raises:
         NotARecordingError: there is no file to read, it is something else, of an earlier version, or damaged.
@@ -100,11 +94,7 @@ class Store(files.Forkable):
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Make all changes within together, or none; may be nested. Errors raised within pass unchanged.
-
-        Raises:
-            RecordingNotWritableError: the file cannot be written.
-        """
+        """Make all changes within together, or none; may be nested. Errors raised within pass unchanged."""
         with self._connected() as database:
             if self._head is not None:
                 yield database
@@ -125,10 +115,8 @@ class Store(files.Forkable):
                 database.rollback()  # without effect after a commit
 
     def listing(self) -> list[Row]:
-        """Return every capture but its payload, in the order of recording.
-
-        Raises:
-            DamagedRecordingError: one is damaged or lost.
+        """Return every capture but its payload, in the order of recording; DamagedRecordingError for a lost
+        one.
         """
         statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
@@ -147,11 +135,7 @@ class Store(files.Forkable):
         return rows
 
     def rows(self, numbers: Iterable[int] | None = None) -> Iterator[Row]:
-        """Yield captures as stored, unchecked.
-
-        Args:
-            numbers: of the captures; all, in the order of recording, if not given.
-        """
+        """Yield captures of some numbers as stored, unchecked; by default all, in the order of recording."""
         if numbers is None:
             most = self._most_captures()
             rows = self._query(f"SELECT number FROM capture ORDER BY number LIMIT {most}")
@@ -184,20 +168,13 @@ class Store(files.Forkable):
     def add(self, capture: Capture) -> None:
         """Write a capture, in place of an earlier one of the same request.
 
-        Raises:
-            ArgumentError: provenance that is no JSON.
-            BadReplyError: pixels that do not fit the modality or the view.
-            RecordingNotWritableError: the disk is full, the capture is too large, or the file cannot be
-                written.
+        Raises ArgumentError for provenance that is no JSON, BadReplyError for pixels that do not fit,
+        RecordingNotWritableError for a full disk, a too large capture, or a file that cannot be written.
         """
         self.add_row(Row.of(capture))
 
     def add_row(self, row: Row) -> None:
-        """Write a capture as stored in this or another recording, in place of an earlier one of its key.
-
-        Raises:
-            RecordingNotWritableError: as :meth:`add`.
-        """
+        """Write a capture as stored in this or another recording, in place of an earlier one of its key."""
         if len(row.payload) + len(row.provenance) > files.LARGEST_BYTES - 10_000:
             expected = f"expected a capture of at most {files.LARGEST_BYTES} bytes"
             raise RecordingNotWritableError(f"{expected}, got {len(row.payload)}", self.path)
@@ -232,8 +209,7 @@ class Store(files.Forkable):
     def set_objects(self, table: ObjectTable) -> None:
         """Add objects to the table; replace it where the tables contradict each other and no mask needs it.
 
-        Raises:
-            OtherSceneError: recorded masks would get other names, or none of the objects is known.
+        Raises OtherSceneError if recorded masks would get other names, or none of the objects is known.
         """
         with self._changing() as database:
             head, before = self.head(), self.objects()
@@ -273,11 +249,7 @@ class Store(files.Forkable):
                 database.execute("UPDATE geometry SET content = ?, checksum = ?", content)
 
     def states(self) -> dict[str, WorldState]:
-        """Return what is known of every state that captures show, except the still one.
-
-        Raises:
-            DamagedRecordingError: it is not as written.
-        """
+        """Return what is known of every state that captures show, except the still one."""
         return self._states("")
 
     def state(self, name: str) -> WorldState | None:

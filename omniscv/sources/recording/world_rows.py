@@ -129,8 +129,7 @@ def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
 def checked_json(data: Mapping[str, Any], read: Callable[[Any], Any], *prefix: str) -> tuple[str, int]:
     """Return the columns ``content`` and ``checksum`` of a row of JSON; the prefix is under the checksum too.
 
-    Raises:
-        RecordingNotWritableError: ``read``, which will read it, would call it damaged.
+    Raises RecordingNotWritableError if ``read``, which will read it, would call it damaged.
     """
     content = json.dumps(data, ensure_ascii=False, allow_nan=False)
     crc = checksum((*prefix, content))

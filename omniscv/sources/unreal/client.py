@@ -1,8 +1,8 @@
 """Connections to a server: the official client under deadlines, and a new connection after every fault.
 
-The official client's ``connect`` and ``request`` can block forever, and it reads frames of any size (protocol
-reference, sections 6.2 and 6.3). :class:`Client` replaces how it connects, sends and receives. Framing, ids
-and text stay the official client's.
+The official client can block forever, and reads frames of any size (protocol reference, sections 6.2 and
+6.3): :class:`Client` replaces how it connects, sends and receives. Framing, ids and text stay the official
+client's.
 """
 
 import contextlib
@@ -60,15 +60,11 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     """One connection to a server.
 
     After a fault, replies may belong to other requests, so the first fault breaks the client for good. Ids
-    start at random, because servers may send replies for an earlier client to the next one.
+    start at random, because servers may send replies for an earlier client to the next one. ``timeout_s`` is
+    for connecting with the greeting, for sending a request, and for each reply; ``until`` returns the latest
+    deadline, by the monotonic clock.
 
-    Args:
-        endpoint: of the server.
-        timeout_s: for connecting with the greeting, for sending a request, and for each reply.
-        until: returns the latest deadline, by the monotonic clock.
-
-    Raises:
-        ServerConnectionError: no UnrealCV server is reachable; from ConnectionRefusedError if none listens.
+    Raises ServerConnectionError if no server is reachable; from ConnectionRefusedError if none listens.
     """
 
     def __init__(
@@ -91,8 +87,8 @@ class Client(unrealcv.Client):  # type: ignore[misc]
     def stream(self, commands: Sequence[str]) -> Iterator[Reply]:
         """Send commands together, and yield their replies as they arrive.
 
-        Replies that are not read would be taken for those of later requests. So closing the iterator early
-        breaks the client, as does every error.
+        Closing the iterator early breaks the client, as does every error: replies would be those of later
+        requests.
         """
         if self.broken:
             broken = "expected a working connection, but an earlier fault broke it"
@@ -185,7 +181,6 @@ class Connection:
     """A connection that is opened at its first use, and opened anew after every fault.
 
     Args:
-        endpoint: of the server.
         timeout_s: how long connecting, and each reply, may take.
         patience_s: for how long after a fault to connect and send again, until there is a reply.
         retries: how often to try again, with pauses that grow from 0.1 s to 2 s.
@@ -195,9 +190,6 @@ class Connection:
         client: the current one, which may be broken; None before the first.
         scene: by command, the replies that name the project and the level, or all objects where no command
             names the level. Every new connection must give the same, or SceneChangedError is raised.
-
-    Raises:
-        ArgumentError: a time that is not above 0, or retries below 0.
     """
 
     def __init__(
@@ -254,8 +246,8 @@ class Connection:
     def attempts(self) -> Iterator[Callable[[SourceError | None], None]]:
         """Yield a function to call after each attempt of an operation, with its fault or None for progress.
 
-        After a fault of ``RETRIED`` the function disconnects and pauses, so that late replies are dropped. It
-        raises the fault after too many without progress, or if no server has ever been reached.
+        After a fault of ``RETRIED`` it disconnects and pauses, so that late replies are dropped. It raises
+        the fault after too many without progress, or if no server has ever been reached.
         """
         outer, failures = self._until, 0
 
@@ -331,12 +323,7 @@ class Connection:
                 raise ServerRefusedError(f"{self.address}: {expected}, got {shown(reply)}")
 
     def reply(self, command: str) -> Reply:
-        """Return the reply to any command; after a fault it is sent again only if it is repeatable.
-
-        Raises:
-            ServerRefusedError: the reply is an error.
-            SourceError: no reply within the deadlines.
-        """
+        """Return the reply to any command; after a fault it is sent again only if it is repeatable."""
         if is_repeatable(command):
             (reply,) = self.read([command], lambda _, reply: reply)
         else:

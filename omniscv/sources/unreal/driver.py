@@ -1,8 +1,8 @@
 """The interface of camera drivers, which aim a game's camera and take pictures; detection of stale frames;
 the exposure of one camera, and a bias that matches the game's own.
 
-Nothing reads the values of an exposure back (supplement to the protocol reference, section 2.1). So they are
-set on cameras that were spawned, which leave with the source.
+Nothing reads an exposure back (supplement to the protocol reference, section 2.1), so it is set on cameras
+that were spawned, which leave with the source.
 """
 
 import contextlib
@@ -43,13 +43,13 @@ _WAITS = (0, 1, SETTLED)  # more frames to skip at each attempt; the frame of th
 class StaleFrames:
     """Detects stale frames: pictures that still show what a camera saw before it moved.
 
-    Some cameras lag (protocol reference, section 7.2). A stale picture is not marked, but it equals, byte for
-    byte, the frame before the move. So frames are compared with the ones before a move, and the number of
-    stale frames is learned. Modes lag independently: a fresh depth says nothing of the mask.
+    A stale picture is not marked, but it equals, byte for byte, the frame before the move (protocol
+    reference, section 7.2). So frames are compared with the ones before a move, and the number of stale
+    frames is learned. Modes lag independently: a fresh depth says nothing of the mask.
 
     Attributes:
-        states: by mode, the state of the camera at its last frame: a view, or the pose and field of view that
-            the camera reports.
+        states: by mode, the state of the camera at its last frame: a view, or the pose and field of view
+            reported.
         lag: frames after a move that are known to be stale; kept over new connections.
     """
 
@@ -164,9 +164,8 @@ class CameraDriver(ABC):
     def expose(self, requests: Requests) -> None:  # noqa: B027  (most drivers cannot)
         """Set the camera's exposure before its first colours.
 
-        Raises:
-            ServerRefusedError: the server refuses the exposure that the options ask for.
-            BadReplyError: the game has started again, and lacks the camera.
+        Raises ServerRefusedError if the server refuses what the options ask for, BadReplyError if a game that
+        has started again lacks the camera.
         """
 
     @abstractmethod
@@ -299,16 +298,9 @@ def matching_bias(connection: Connection, camera: str | int, location_cm: Sequen
     """Return the bias at which manual exposure is as bright as the game's own; None if none comes near.
 
     Brightness is the mean of four directions. It grows with the bias; the tone curve need not be known. Black
-    or white pictures say nothing of the bias, so none matches them.
-
-    Args:
-        connection: to the server.
-        camera: a spawned one, as the game exposes it. Its pose, size, field of view, illumination and
-            exposure are left changed.
-        location_cm: x, y, z in Unreal's frame.
-
-    Raises:
-        ServerRefusedError: the server refuses one of the commands.
+    or white pictures say nothing of the bias, so none matches them. The camera is a spawned one, as the game
+    exposes it, and is left changed; ``location_cm`` is in Unreal's frame. Raises ServerRefusedError for a
+    refused command.
     """
     looks = _Looks(connection, camera, location_cm)
     target = float(np.mean([looks.settled(yaw) for yaw in _YAWS_DEG]))

@@ -21,14 +21,7 @@ from omniscv.geometry.unreal_frame import (
 from omniscv.sources.base import closed_error
 from omniscv.sources.unreal.client import Connection
 from omniscv.sources.unreal.driver import CameraDriver
-from omniscv.sources.unreal.protocol import (
-    IS_PAUSED,
-    OBJECTS,
-    PAUSE,
-    RESUME,
-    names,
-    numbers,
-)
+from omniscv.sources.unreal.protocol import IS_PAUSED, OBJECTS, PAUSE, RESUME, names, numbers
 
 Key = tuple[str, str]
 """The kind of a change, such as ``pose``, and the object's name, which is empty for changes of the game."""
@@ -48,9 +41,7 @@ _KNOWN = ("pose", "seen", "time", "name", "drawn", *UNSEEN)
 
 
 class Journal:
-    """The values that were set, and layers of undo steps.
-
-    A layer records changes from when it is opened until they are put back.
+    """The values that were set, and layers of undo steps: the changes since a layer was opened, to put back.
 
     Attributes:
         lock: held for one turn: captures of a viewpoint, or commands that belong together.

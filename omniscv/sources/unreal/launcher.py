@@ -1,7 +1,6 @@
 """Starts a packaged game, opens it as a source once it is reachable, and stops it with the source.
 
-The plugin's settings are written before the game starts, and put back once it is reachable. The game is a
-child of ``watcher.py``, which stops it when this process ends, however it ends.
+The game is a child of ``watcher.py``, which stops it when this process ends, however it ends.
 """
 
 import os
@@ -49,8 +48,7 @@ def launch(
         connect: opens an endpoint as a source.
         host: stops the game, and puts its settings back, when it is closed.
         port: where the plugin listens; None takes a free one.
-        size: width and height of its images, px: in force where a dialect cannot set them.
-        fov_deg: horizontal field of view, likewise.
+        size, fov_deg: of its images, px and degrees across: in force where a dialect cannot set them.
         startup_timeout_s: deadline for the game to be reachable; a large one takes minutes to load.
 
     Raises:
@@ -90,15 +88,13 @@ def settings_folders(path: Path) -> list[Path]:
 
 @contextmanager
 def temporary_settings(folder: Path, text: str, timeout_s: float) -> Iterator[None]:
-    """Write the plugin's settings in a folder; put back the user's file at the end.
+    """Write the plugin's settings in a folder, which is locked meanwhile; put back the user's file at the
+    end.
 
     The plugin reads them once, when it starts (protocol reference, section 1.5). The user's file is renamed,
-    so that it comes back unchanged. If the process is killed before that, the next launch puts it back. The
-    folder is locked: another launch of the package waits.
-
-    Raises:
-        DeadlineError: another launch holds the folder for longer than ``timeout_s``.
-        SourceError: the folder cannot be written, or the user has changed what a killed launch has left.
+    so that it comes back unchanged; if the process is killed before that, the next launch puts it back.
+    Raises DeadlineError if another launch holds the folder for too long, SourceError if it cannot be written,
+    or the user has changed what a killed launch has left.
     """
     file, backup = folder / SETTINGS, folder / BACKUP
     with ExitStack() as lock:

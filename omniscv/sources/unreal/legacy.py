@@ -32,11 +32,11 @@ _STRAY_CM = 0.02  # of a pawn from where it was set: single precision, two kilom
 class LegacyDriver(CameraDriver):
     """Drives the player's camera, the only one.
 
-    Its pictures have the size of the plugin's settings. Object masks come from the game's window, with its
-    size and the field of view of the settings, or the camera's where the level holds a CameraActor. Pitch and
-    roll are limited to 89.9 degrees: captures carry the view they were taken from. After a move the pose is
-    polled until it rests. It is read again after the pictures, which count only if nothing has moved
-    meanwhile. The window's keys and mouse stay switched off.
+    Its pictures have the size of the plugin's settings; object masks the window's, with the field of view of
+    the settings, or the camera's where the level holds a CameraActor. Pitch and roll are limited to 89.9
+    degrees: captures carry the view they were taken from. After a move the pose is polled until it rests, and
+    read again after the pictures, which count only if nothing has moved. The window's keys and mouse stay
+    switched off.
     """
 
     table = LEGACY

@@ -13,15 +13,7 @@ from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests, by_hand, lumen, matching_bias
-from omniscv.sources.unreal.protocol import (
-    CAMERAS,
-    EXPOSURE_METHOD,
-    MODERN,
-    VERSION,
-    name,
-    names,
-    numbers,
-)
+from omniscv.sources.unreal.protocol import CAMERAS, EXPOSURE_METHOD, MODERN, VERSION, name, names, numbers
 from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 
 _log = logging.getLogger("omniscv")

@@ -37,16 +37,12 @@ _SAME_AREA = 1 + 1e-6
 def paint(connection: Connection, vertex_colors: bool) -> None:
     """Set the mask colour of every object, to its own or, where that is ambiguous, to an unused one.
 
-    A colour is ambiguous if it is the background's or an earlier object's. Every server gives one object
-    black (protocol reference, section 5.1). Objects that were spawned late are in no mask and no depth until
-    their colour is set (section 2.5).
+    A colour is ambiguous if it is the background's, an earlier object's, or with ``vertex_colors`` one that
+    plugin 0.3.10 would not show as it is set. Every server gives one object black (protocol reference,
+    section 5.1), and objects that were spawned late are in no mask and no depth until their colour is set
+    (section 2.5).
 
-    Args:
-        connection: to the server.
-        vertex_colors: whether to replace colours, too, that plugin 0.3.10 would not show as they are set.
-
-    Raises:
-        ServerRefusedError: the server refuses a colour that must change, or does not keep a colour.
+    Raises ServerRefusedError if a colour that must change is refused, or one is not kept.
     """
     used = {(0, 0, 0)}  # the background's
     free = itertools.chain(*(itertools.product(values, values, values) for values in (_FAR_APART, _EXACT)))
@@ -117,11 +113,8 @@ def boxes(
     """Return the boxes of objects by name; objects without a shape have none.
 
     Vertices give a box along the object's own axes, or along turned ones where it is tighter; bounds give one
-    along the world's axes. Meshes may have millions of vertices: after ``most_vertices``, bounds are used for
-    the remaining objects.
-
-    Raises:
-        BadReplyError: a reply that is neither numbers nor an error.
+    along the world's axes, for the remaining objects after ``most_vertices``. Raises BadReplyError for a
+    reply that is neither numbers nor an error.
     """
     known = [what for what, template in _QUERIES.items() if connection.supports(template)]
     if not known:

@@ -1,8 +1,6 @@
 """The protocol: frames, commands of the plugins, readers of their replies, and the dialect of a server.
 
-Readers check the numbers and names that a server sends. Versions do not identify a dialect (protocol
-reference, section 0), so the server is asked for its commands. Plugin 1.1.0 lists them; older ones
-print them in their help.
+Versions do not identify a dialect (protocol reference, section 0), so the server is asked for its commands.
 """
 
 from __future__ import annotations
@@ -116,9 +114,8 @@ LEGACY = CameraTable({**_IMAGES, **_RAY_DEPTH}, "horizontal_fieldofview", False,
 def read_frame(receive: Callable[[int], bytes]) -> bytes:
     """Return the payload of the next frame, by a function such as ``socket.recv``.
 
-    Raises:
-        BadReplyError: wrong magic, an empty payload, or one larger than ``MAX_PAYLOAD``.
-        ConnectionError: the stream ends before the frame does.
+    Raises BadReplyError for wrong magic, or a payload that is empty or larger than ``MAX_PAYLOAD``,
+    ConnectionError if the stream ends before.
     """
     magic, size = _HEADER.unpack(_read_exactly(receive, _HEADER.size))
     if magic != MAGIC:

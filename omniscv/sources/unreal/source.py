@@ -54,8 +54,7 @@ class UnrealSource(Source):
     After a fault the connection is opened anew, the camera is found and aimed again, and the captures that
     were in flight are requested again. A picture counts once it has the right id, signature, length and size,
     the next reply is in step, and it is no stale frame. Threads take turns: one captures a viewpoint, or
-    sends commands that belong together. Too many faults in a row, a server that refuses what is needed, or
-    one that shows another scene than at first raise a SourceError.
+    sends commands that belong together.
     """
 
     def __init__(
@@ -134,12 +133,10 @@ class UnrealSource(Source):
     def command(self, text: str) -> str:
         """Send a command of the plugin, and return its reply; of a binary one, its size and format.
 
-        It is sent between the captures of two viewpoints. After a fault it is sent again only where that is
-        harmless. A command that may change the world gives it another state, which is not put back.
-
-        Raises:
-            ArgumentError: no single line, or ``vbatch``, whose reply depends on what follows.
-            ServerRefusedError: the reply is an error.
+        It is sent between the captures of two viewpoints, and after a fault again only where that is
+        harmless. One that may change the world gives it another state, which is not put back. Raises
+        ArgumentError for no single line, or ``vbatch``, whose reply depends on what follows,
+        ServerRefusedError for an error.
         """
         return self._world.send(checked(text))
 
@@ -238,8 +235,8 @@ def turns(
 ) -> Iterator[list[Request]]:
     """Yield requests in turns, between which the world may be changed; raise what ``check`` raises for one.
 
-    A turn has whole viewpoints: consecutive requests from one optical centre. Small viewpoints share a turn,
-    unless each is ``alone``. One with more pixels than memory should hold is divided.
+    A turn has whole viewpoints, consecutive requests from one optical centre. Small ones share a turn, unless
+    each is ``alone``; one with more pixels than memory should hold is divided.
     """
     turn: list[Request] = []
     pixels = 0
@@ -278,9 +275,6 @@ def connect(
     """Return a server as a source, whatever its dialect; the connection is closed with it.
 
     ``scene`` is the mock server's: its room is known, and whether it has objects that move by themselves.
-
-    The connection that asks for the dialect is the one that is used: some servers serve only one (protocol
-    reference, section 1.2).
     """
     try:
         return UnrealSource(connection, open_driver(connection, options), freeze, scene)

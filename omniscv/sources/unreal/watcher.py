@@ -1,8 +1,7 @@
 """Runs a game, and stops it when the process that started this program is done or gone, also after SIGKILL.
 
-A program of its own, of the standard library alone: ``watcher.py GRACE_S GAME``. It writes one line to the
-standard output: the game's process id, or why it cannot be run. The game's output goes to the standard error.
-Anything on the standard input, or its end, stops the game: the system closes it when its other side ends.
+A program of its own, of the standard library alone: ``watcher.py GRACE_S GAME``. It writes one line: the
+game's process id, or why it cannot be run. Anything on the standard input, or its end, stops the game.
 """
 
 import os

@@ -35,21 +35,11 @@ from omniscv.sources.world import Freeze, World
 
 
 class UnrealWorld(World):
-    """Objects and clock of a game.
+    """Objects and clock of a game, whose state the journal knows.
 
-    Methods take turns with captures; after a change the next capture waits until frames show it.
-
-    Args:
-        driver: of the capture camera.
-        journal: of the source, which knows the state.
-        freeze: how an instant is kept.
-
-    Attributes:
-        freeze: the same, with ``puppet`` for ``auto``: every dialect can pause, and the poses are then known
-            exactly.
-
-    Raises:
-        ServerRefusedError: the dialect cannot freeze the world so.
+    Methods take turns with captures; after a change the next capture waits until frames show it. ``freeze``
+    is how an instant is kept, ``puppet`` for ``auto``: every dialect can pause, and the poses are then known
+    exactly. Raises ServerRefusedError if the dialect cannot freeze the world so.
     """
 
     def __init__(self, driver: CameraDriver, journal: Journal, freeze: Freeze) -> None:
@@ -136,8 +126,8 @@ class UnrealWorld(World):
     def set_instant(self, instant: Instant) -> None:
         """Bring the world to an instant; to be used within a turn and an open layer of the journal.
 
-        With ``pause`` it stays where it is: the poses of the instant's objects are read, or, if it has none,
-        those of every movable object, and the time is not known.
+        With ``pause`` it stays where it is: the poses of the instant's objects, or of every movable one, are
+        read.
         """
         self.check({*instant.poses, *instant.hidden, *instant.varied.get("objects", {})})
         if self.freeze in ("puppet", "pause"):
@@ -199,12 +189,10 @@ class UnrealWorld(World):
         self._connection.set([f"vset /object/{name}/hide" for name in hidden])
 
     def put_back(self, layer: Layer) -> None:
-        """Undo a layer's changes, the last one first; a refusal does not stop the others.
+        """Undo a layer's changes, the last one first; a refusal does not stop the others. Nothing once it is
+        closed.
 
-        Nothing is done after the source is closed, which has put back all it could.
-
-        Raises:
-            SourceError: the server is gone, or what it refused first; the state keeps what was not put back.
+        Raises SourceError if the server is gone, or refused; the state keeps what was not put back.
         """
         with self._journal.lock:
             self._journal.close(layer)

@@ -139,8 +139,7 @@ def test_a_program_that_answers_nonsense_is_one_clear_sentence_and_is_ended(says
 
 
 @pytest.mark.parametrize(
-    "boxes",
-    [5, {"Floor": 1}, {"Floor": [[0], [[1]], []]}, {"Floor": [[0] * 3, [[1e300] * 3] * 3, [1] * 3]}],
+    "boxes", [5, {"Floor": 1}, {"Floor": [[0], [[1]], []]}, {"Floor": [[0] * 3, [[1e300] * 3] * 3, [1] * 3]}]
 )
 def test_boxes_that_are_none_are_one_clear_sentence(boxes, tmp_path):
     with (

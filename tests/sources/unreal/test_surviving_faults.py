@@ -7,13 +7,7 @@ from support.unreal import MODES, relayed
 
 import mock_server
 import omniscv
-from omniscv.errors import (
-    ArgumentError,
-    BadReplyError,
-    DeadlineError,
-    ServerConnectionError,
-    SourceError,
-)
+from omniscv.errors import ArgumentError, BadReplyError, DeadlineError, ServerConnectionError, SourceError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
 from omniscv.sources.unreal.driver import SETTLED
@@ -212,12 +206,7 @@ def test_captures_from_before_a_fault_are_delivered_before_its_error(server, tru
 
 @pytest.mark.parametrize(
     ("order", "fault"),
-    [
-        ("by viewpoint", "stale"),
-        ("in sizes", "stale=3"),
-        ("by mode", "stale=2@0.5"),
-        ("depth only", "stale"),
-    ],
+    [("by viewpoint", "stale"), ("in sizes", "stale=3"), ("by mode", "stale=2@0.5"), ("depth only", "stale")],
 )
 def test_stale_pictures_never_count(server, truth, order, fault):
     wanted = dict(zip(REQUESTS, truth, strict=True))

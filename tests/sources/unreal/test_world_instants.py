@@ -217,11 +217,7 @@ def test_a_fault_while_an_instant_is_set_leaves_the_game_as_it_was():
     def change(command, forward):
         return "error no" if command == "vset /object/Pole/hide" else forward(command)
 
-    with (
-        serve(time_step_s=0.0) as server,
-        relayed(server, change) as uri,
-        omniscv.open_source(uri) as source,
-    ):
+    with serve(time_step_s=0.0) as server, relayed(server, change) as uri, omniscv.open_source(uri) as source:
         with pytest.raises(SourceError, match="'vset /object/Pole/hide' with ok, got 'error no'"):
             source.at(Instant({"Box": MOVED}, frozenset({"Ball", "Pole"})))
         assert source.state == ""
