@@ -184,8 +184,7 @@ class Source(ABC):
         return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
 
     def without(self, objects: Iterable[str]) -> Source:
-        """Return a source of the same scene in which objects are hidden, until it is closed, before this is
-        used again.
+        """Return a source of the same scene with objects hidden, to be closed before this one is used again.
 
         Raises ArgumentError if this source cannot hide objects, or has no object of a name.
         """
@@ -215,9 +214,7 @@ class Source(ABC):
         raise ArgumentError(f"source: expected one whose objects can be moved, got {type(self).__name__}")
 
     def one_instant(self) -> AbstractContextManager[None]:
-        """Return a context for captures that must show one instant: a recording keeps all of them, or, if
-        an error ends it, none.
-        """
+        """Return a context for captures of one instant: a recording keeps all, or none after an error."""
         return nullcontext()
 
     def command(self, text: str) -> str:

@@ -88,10 +88,7 @@ class Bracketed(SourceWrapper):
 
 
 class _WithResponse(SourceWrapper):
-    """A source whose exposure is tried before its first capture; its response is added to the provenance.
-
-    ``known`` holds the response, shared by the sources at all instants; it is empty before it is known.
-    """
+    """A source whose exposure is tried before its first capture; its response is ``known`` then."""
 
     def __init__(self, source: Source, known: list[Response]) -> None:
         super().__init__(source)

@@ -100,10 +100,7 @@ def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
 
 
 def payload_of(capture: Capture) -> tuple[bytes, str]:
-    """Return the bytes and encoding of a capture; its pixels are encoded if it has none.
-
-    Raises BadReplyError for pixels that do not fit the modality or the view.
-    """
+    """Return the bytes and encoding of a capture, encoded if it has none; BadReplyError for wrong pixels."""
     pixels, row = capture.pixels, modalities.get(capture.mode)
     size = capture.view.height, capture.view.width
     ids = bool(row.derives) and pixels.dtype == np.uint16 and pixels.ndim == 2

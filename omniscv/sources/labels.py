@@ -46,9 +46,8 @@ def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, 
 
 @lru_cache(maxsize=1)
 def _label_of_colors(colors: tuple[Color, ...], off: int) -> Labels:
-    """Return (2^24,) the label of every colour, of objects that each have one, and are told apart by ``off``.
-
-    Pages of it are only made where they are written or read.
+    """Return (2^24,) the label of every colour within ``off`` of one object's; its pages are made when
+    written.
     """
     label_of = np.zeros(1 << 24, np.uint16)
     cube = label_of.reshape(256, 256, 256)

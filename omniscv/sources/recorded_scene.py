@@ -93,9 +93,7 @@ class RecordedScene:
         return cast(ViewHits, _RecordedView(asked, self._pixels, length))
 
     def _pixels(self, asked: View, mode: str) -> NDArray[Any]:
-        """Return the pixels of the recorded view that a client asks for; NotShownError, with the nearest,
-        without one.
-        """
+        """Return the pixels of a recorded view; NotShownError, with the nearest one, if there is none."""
         views = (view for view in self._source.recorded_in(mode) if _is_same(view, asked))
         request = Request(next(views, asked), mode, self._source.state)
         try:

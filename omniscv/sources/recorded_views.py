@@ -88,9 +88,8 @@ class _Cube:
 
 
 class RecordedViews:
-    """A recording's views, and its cubes by position, size and field of view.
-
-    ``of_mode`` returns those that are recorded in a mode; all of them if not given.
+    """A recording's views, of all modes or those that ``of_mode`` returns, and its cubes by position and
+    shape.
     """
 
     def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:

@@ -100,10 +100,7 @@ class _WithTransfer(SourceWrapper):
 
 
 def register(scheme: str, opener: Opener) -> None:
-    """Open addresses of a scheme, ``scheme://...``, with an opener, ``opener(address, **options) -> Source``.
-
-    Raises ArgumentError for a text that is no scheme, or an opener that cannot be called.
-    """
+    """Open addresses of a scheme with ``opener(address, **options) -> Source``."""
     if not isinstance(scheme, str) or not _SCHEME.fullmatch(f"{scheme}:"):
         raise ArgumentError(f"scheme: expected a name such as 'blender', got {shown(scheme)}")
     if not callable(opener):

@@ -174,8 +174,8 @@ class Request:
             raise ArgumentError(f"state: {expected}, got {shown(self.state)}")
 
     def check_state(self, state: str, where: str) -> None:
-        """Raise ArgumentError for a request of another state than that of a source's world; ``where`` is its
-        address.
+        """Raise ArgumentError for another state than that of the world of a source, whose address is
+        ``where``.
         """
         if self.state != state:
             expected = f"expected requests of the world as it is, state {shown(state)}"
@@ -271,10 +271,7 @@ def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:
 
 
 def merge_exposures(request: Request, captures: Sequence[Capture]) -> Capture:
-    """Return light, float32, of one view's captures at several exposures.
-
-    Raises ArgumentError without their transfer or response, BadReplyError for several sizes, or floats.
-    """
+    """Return light, float32, of one view's captures at several exposures in 8 bits of known response."""
     from omniscv import light  # compiled; sources are imported without numba
 
     first = captures[0]

@@ -180,9 +180,8 @@ class SceneSource(Source):
             raise closed_error(f"scene {self.scene.name}")
 
     def _pixels(self, request: Request) -> NDArray[Any]:
-        """Return a mode's pixels (H, W, ...).
-
-        Colours cost as much as all other modes together, so they are computed only when they are requested.
+        """Return a mode's pixels (H, W, ...). Colours cost as much as all others, and are made when
+        requested.
         """
         pixels = self._pixels_of(request.view)
         if request.mode not in pixels:

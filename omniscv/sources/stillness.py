@@ -67,9 +67,8 @@ class StillSet(SourceWrapper):
         self._delivered = self._visits = 0
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`Source.capture`; TornSetError if a repeated capture differs.
-
-        Each is delivered one late, so that all repeated ones are compared before the last is delivered.
+        """As :meth:`Source.capture`, one late, so that all repeated captures are compared; TornSetError if
+        one differs.
         """
         requested: deque[bool] = deque()
         late: Capture | None = None
@@ -87,10 +86,7 @@ class StillSet(SourceWrapper):
             yield late
 
     def verify(self) -> None:
-        """Capture the first centre's views again; raise TornSetError if one differs.
-
-        If no other centre was visited, they were compared at the end of the visit.
-        """
+        """Capture the first centre's views again, if others were visited; TornSetError if one differs."""
         if self._visits < 2:
             return
         first = next(iter(self._first))
@@ -102,10 +98,7 @@ class StillSet(SourceWrapper):
         pass
 
     def _with_proofs(self, requests: Iterable[Request], requested: deque[bool]) -> Iterator[Request]:
-        """Yield the requests, missing depth and masks before each, and repeated ones after those of a centre.
-
-        Whether each was requested by the caller is appended to ``requested``.
-        """
+        """Yield the requests, missing proofs before each, and repeated ones after those of a centre."""
         for center, here in groupby(requests, lambda request: _center(request.view)):
             self._visits += 1
             witnesses: dict[Request, None] = {}

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import astuple, dataclass, field
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,51 +154,41 @@ class SharedExposure:
             return self.value
 
 
-class World(ABC):
+class World(Protocol):
     """The running world behind a source: poses in the world frame, metres.
 
     A dialect that cannot do something raises ServerRefusedError before anything is sent. Every change gives
     the world another state (:attr:`omniscv.sources.Source.state`). A name of no object is an ArgumentError.
     """
 
-    @abstractmethod
     def objects(self) -> list[str]:
         """Return the names of the objects, sorted."""
 
-    @abstractmethod
     def pose(self, name: str) -> Pose:
         """Return an object's pose: ``R_w_o`` and its position."""
 
-    @abstractmethod
     def move(self, name: str, pose: Pose) -> None:
         """Move and turn an object."""
 
-    @abstractmethod
     def bounds(self, name: str) -> ObjectBox:
         """Return the box around an object, along the world's axes."""
 
-    @abstractmethod
     def show(self, name: str) -> None:
         """Show an object that was hidden."""
 
-    @abstractmethod
     def hide(self, name: str) -> None:
         """Hide an object."""
 
-    @abstractmethod
     def pause(self) -> None:
         """Stop the world's clock, if it runs."""
 
-    @abstractmethod
     def resume(self) -> None:
         """Let the world's clock run, if it is stopped."""
 
     @property
-    @abstractmethod
     def paused(self) -> bool:
         """Whether the clock is stopped."""
 
-    @abstractmethod
     def changes(self) -> AbstractContextManager[None]:
         """Return a context at whose end what was changed within is put back, whatever happened.
 

@@ -74,10 +74,7 @@ class Settings:
 
 
 def read_address(address: str) -> tuple[Settings, str | None, int]:
-    """Return the settings of an address, the Blender that it names, and the number of processes.
-
-    Raises ArgumentError for an unknown option, a value of another form, or no file at the path.
-    """
+    """Return an address's settings, Blender and number of processes; ArgumentError for a wrong one."""
     name, options = split_address(address, _READERS)
     blender, processes = options.pop("blender", None), options.pop("processes", 1)
     with within(f"source: {shown(address)}"):

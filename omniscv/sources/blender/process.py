@@ -103,10 +103,7 @@ class Process:
             self.version = tuple(map(int, self._reply()["version"]))
 
     def ask(self, what: str, message: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request of plain JSON values, to do ``what``, and return its reply.
-
-        Raises ServerRefusedError for an error of Blender; else the process has ended, or was ended.
-        """
+        """Send a request to do ``what``, and return its reply; ServerRefusedError for an error of Blender."""
         data = json.dumps(message).encode()
         with self._exchange(what):
             assert self._process.stdin is not None

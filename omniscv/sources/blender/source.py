@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,22 +62,19 @@ Pixels = dict[str, NDArray[Any]]
 """Pixels by modality."""
 
 
-class Measured(NamedTuple):
-    """By name, where objects are, metres, and the boxes of those with a shape."""
-
-    places: dict[str, Array]
-    boxes: dict[str, ObjectBox]
+Measured = tuple[dict[str, Array], dict[str, ObjectBox]]
+"""By name, where objects are, metres, and the boxes of those with a shape."""
 
 
 class BlenderSource(Rendered):
     """Captures of one scene. Threads take turns, one picture at a time.
 
     Data (ids, depth, normals) have one sample at the centre of each pixel; colours have as many as the
-    settings say, and a fixed seed: the same request gives the same pixels.
+    settings say, and a fixed seed: the same request gives the same pixels. ``blender`` renders.
     """
 
     def __init__(self, blender: Blender, settings: Settings) -> None:
-        self._blender, self._settings = blender, settings
+        self.blender, self._settings = blender, settings
         self._lock, self._closed = threading.RLock(), threading.Event()
         self._name, self._objects = blender.name, ObjectTable({}, ids=dict(blender.scene.objects))
         level = f"{blender.scene.scene}, frame {blender.scene.frame}"
@@ -87,12 +84,7 @@ class BlenderSource(Rendered):
     def capabilities(self) -> Capabilities:
         """Those of Blender; floating-point colours are light, those of 8 bits passed a view transform."""
         is_light = self._settings.lit == "float32"
-        return replace(CAPABILITIES, transfer="linear" if is_light else self._blender.scene.transfer)
-
-    @property
-    def blender(self) -> Blender:
-        """The Blender that renders, and what it knows of the scene."""
-        return self._blender
+        return replace(CAPABILITIES, transfer="linear" if is_light else self.blender.scene.transfer)
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ArgumentError for a mode, lens or size that Blender does not have."""
@@ -123,25 +115,25 @@ class BlenderSource(Rendered):
 
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects that have a shape, around their vertices and in their own axes."""
-        return SceneGeometry(MappingProxyType(dict(sorted(self._measured().boxes.items()))))
+        _, boxes = self._measured()
+        return SceneGeometry(MappingProxyType(dict(sorted(boxes.items()))))
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        scene = self._blender.scene
+        scene = self.blender.scene
         known = {"lights": scene.lights, "materials": scene.materials}
         return known[kind] if kind in known else super().variable(kind)
 
     def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
         if objects is None:
             return self._moved
-        known = self._measured()
-        axes = {name: box.R_w_b for name, box in known.boxes.items()}
-        return {name: Pose(known.places[name], axes[name]) for name in objects if name in axes}
+        places, boxes = self._measured()
+        return {name: Pose(places[name], boxes[name].R_w_b) for name in objects if name in boxes}
 
     def _measured(self) -> Measured:
         with self._lock:
             self._check_open()
             message = {"do": "boxes", **self._world_state()}
-            return self._blender.ask("measure its objects", message, _read_measured)
+            return self.blender.ask("measure its objects", message, _read_measured)
 
     def _world_state(self) -> dict[str, Any]:
         """Return what a request says of the world."""
@@ -151,7 +143,7 @@ class BlenderSource(Rendered):
     def close(self) -> None:
         with self._lock:
             self._closed.set()
-            self._blender.close()
+            self.blender.close()
 
     def _render(self, request: Request) -> Pixels:
         """Render a view, and return its pixels, read-only, by the modalities that come together."""
@@ -178,7 +170,7 @@ class BlenderSource(Rendered):
         with self._lock:
             self._check_open()
             what = f"render {view.width} x {view.height} px"
-            pixels = self._blender.ask(what, message, read)
+            pixels = self.blender.ask(what, message, read)
         for array in pixels.values():
             array.flags.writeable = False
         return pixels
@@ -186,22 +178,22 @@ class BlenderSource(Rendered):
     def _provenance(self, request: Request) -> dict[str, Any]:
         settings = self._settings
         look = {"samples": settings.samples, "seed": settings.seed, "denoiser": settings.denoiser}
-        server = f"Blender {self._blender.version}"
+        server = f"Blender {self.blender.version}"
         scene = {"server": server, "scene": self._identity.name, "dialect": CAPABILITIES.dialect}
         return {**scene, **look} if request.mode == "lit" else scene
 
     def _check_open(self) -> None:
         if self._closed.is_set():
-            raise closed_error(self._blender.name)
+            raise closed_error(self.blender.name)
 
 
 def _read_measured(reply: dict[str, Any], folder: Path) -> Measured:
     places = {name: np.array(place, np.float64) for name, place in reply["places"].items()}
-    shapes = {name: [np.array(part, np.float64) for part in box] for name, box in reply["boxes"].items()}
-    boxes = {
-        name: ObjectBox.of(center, axes, size, "vertices") for name, (center, axes, size) in shapes.items()
-    }
-    return Measured(places, boxes)
+    boxes = {}
+    for name, box in reply["boxes"].items():
+        center, axes, size = (np.array(part, np.float64) for part in box)
+        boxes[name] = ObjectBox.of(center, axes, size, "vertices")
+    return places, boxes
 
 
 def open_blender(address: str, timeout_s: float = TIMEOUT_S, retries: int = RETRIES) -> Source:

@@ -122,9 +122,8 @@ class Cube:
         return np.asarray(a[0] == b[0, ::-1])
 
     def steps(self) -> Array:
-        """Return (12,) the step across each edge, levels, less what pixels beside it differ by.
-
-        Outlines that lie on an edge are left out; an edge of nothing else has no step.
+        """Return (12,) the step across each edge, levels, less what pixels beside it differ by; outlines have
+        none.
         """
         steps = []
         for edge in self.edges:

@@ -136,9 +136,8 @@ def _squared_radii(size: int) -> Array:
 
 
 def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArray[np.uint8]:
-    """Return (6, s, s, 3) pixels without vignette whose light is multiplied by a gain for each face.
-
-    Lowered if many clip.
+    """Return (6, s, s, 3) pixels without vignette, their light times a gain for each face, lowered if many
+    clip.
     """
     u = _squared_radii(pixels.shape[1])[..., None]
     factor = np.exp(gains.vignette[0] * u + gains.vignette[1] * u**2)
@@ -258,10 +257,7 @@ def close(cube: Cube) -> NDArray[np.uint8]:
 
 
 def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return pixels (6, h, h, 3) of faces wider than 90 degrees that fade into each other where they overlap.
-
-    The weight of a face falls to 0 at its border; what the others show there is interpolated.
-    """
+    """Return pixels (6, h, h, 3) of faces wider than 90 degrees that fade into each other."""
     import cv2
 
     half, focal = views[0].width / 2, views[0].focal_px
@@ -280,8 +276,8 @@ def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.u
 def _overlaps(
     views: Sequence[View],
 ) -> Iterator[tuple[int, int, tuple[Any, ...], NDArray[Any], NDArray[Any]]]:
-    """Yield a face and one beside it, the face's pixels (rows, columns) near that edge, where the other shows
-    them (h, w, 2) px, from the first pixel's centre, and its weight there: 0 at its border.
+    """Yield a face and one beside it, and of the band (rows, columns) that both show the other's px (h, w, 2)
+    and its weight (h, w), 0 at its border.
     """
     half, focal = views[0].width / 2, views[0].focal_px
     reach = half / focal

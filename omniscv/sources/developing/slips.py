@@ -30,9 +30,7 @@ _ROUNDS, _PRIOR = 20, 1e-9
 
 
 def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float] | None:
-    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light that cubes of one camera prove; None without
-    proof.
-    """
+    """Return (a, b) of the logarithm ``-a r^2 - b r^4`` of light that cubes of one camera prove, or None."""
     creases = [_creases(cube, transfer) for cube in cubes]
     if not creases:
         return None
@@ -92,9 +90,8 @@ _SLIP_DEG, _PROVEN = 0.05, 2  # the least turn, and the edges on which it is see
 
 
 def straightened(capture: Capture, turn: Array) -> Capture:
-    """Return a capture of a face that is turned by a rotation vector, resampled to what it should show.
-
-    Colours are interpolated, truth is the nearest pixel's.
+    """Return a capture of a face that is turned by a rotation vector, resampled; truth to the nearest
+    pixel's.
     """
     import cv2
     from scipy.spatial.transform import Rotation  # slow to load
@@ -111,10 +108,7 @@ def straightened(capture: Capture, turn: Array) -> Capture:
 
 
 def proven_turns(cube: Cube) -> dict[int, Array]:
-    """Return the faces that are turned, proven on two edges, each by its rotation vector.
-
-    In the world frame, radians. None of less than 512 px.
-    """
+    """Return rotation vectors, world frame, radians, of faces of 512 px whose turn two edges prove."""
     if cube.pixels.shape[1] < _LEAST_PX:
         return {}
     turns, seen = turns_of(cube)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection, Mapping
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Traced
+from omniscv.sources.mujoco.renderer import Renderer
 from omniscv.sources.mujoco.settings import Settings, read_qpos
 
 LIGHT = {"diffuse": 3, "ambient": 3, "specular": 3, "pos": 3, "dir": 3, "active": 1}
@@ -53,7 +55,7 @@ class Model:
         import mujoco
 
         self.mujoco, self.m, self.d, self.settings = mujoco, model, data, settings
-        self.lock = threading.RLock()
+        self.lock, self.closed = threading.RLock(), threading.Event()
         self._track: Array | None = None
         self._start()
         self.handles, object_of = _objects(mujoco, model, settings.by)
@@ -97,6 +99,17 @@ class Model:
         state = np.empty(self.mujoco.mj_stateSize(self.m, kind))
         self.mujoco.mj_getState(self.m, data, state, kind)
         return state
+
+    @cached_property
+    def renderer(self) -> Renderer:
+        """The one of all instants, made when the first picture is rendered."""
+        return Renderer(self)
+
+    def close(self) -> None:
+        with self.lock:
+            if not self.closed.is_set() and "renderer" in vars(self):
+                self.renderer.close()
+            self.closed.set()
 
     # -- the world at an instant --------------------------------------------------------------------------
 
@@ -282,10 +295,7 @@ class Model:
 
 
 def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[np.int64]]:
-    """Return objects by name, and (ngeom,) the object of each geom.
-
-    Of bodies, what hangs on the world itself is an object a geom.
-    """
+    """Return objects by name, and (ngeom,) the object of each geom; of the world itself each geom is one."""
     handles: dict[str, Handle] = {}
     index_of: dict[Handle, int] = {}
     object_of = []

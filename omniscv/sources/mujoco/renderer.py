@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from omniscv.errors import SourceError
 from omniscv.geometry import Array
 from omniscv.sources.base import View
-
-if TYPE_CHECKING:
-    from omniscv.sources.mujoco.model import Model
 
 NEAR_M, FAR_M = 0.001, 10_000.0
 """Of what is rendered: the renderer's depth is a float of 32 bits that is 0 at the far end, so that a near
@@ -31,12 +28,11 @@ _no_opengl: list[str] = []
 
 
 class Renderer:
-    """Renders a model's pictures: colours with the model's samples a pixel, ids and depth with one.
-
-    Raises SourceError where no OpenGL context can be made.
+    """Renders a model's pictures, colours with its samples a pixel, data with one; SourceError without
+    OpenGL.
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Any) -> None:
         self._model, self._mujoco = model, model.mujoco
         self._thread = ThreadPoolExecutor(1, "mujoco-gl")
         try:
@@ -161,7 +157,7 @@ class Renderer:
         light.diffuse, light.specular = 0 * light.diffuse, 0 * light.specular
 
 
-def raster_error(model: Model, geom: NDArray[np.int32], depth: Array, view: View) -> Array:
+def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) -> Array:
     """Return (H, W) how far the renderer's planar depth may be from the exact surface along the ray, metres.
 
     It is that of float32, and on what is round that of its facets: with N around and M from pole to pole they

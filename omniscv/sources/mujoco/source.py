@@ -7,11 +7,9 @@ import hashlib
 import io
 import os
 import sys
-import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +39,7 @@ from omniscv.sources.base import (
     copy_with,
 )
 from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
-from omniscv.sources.mujoco.renderer import Renderer, raster_error
+from omniscv.sources.mujoco.renderer import raster_error
 from omniscv.sources.mujoco.settings import Settings
 from omniscv.sources.registry import split_address
 
@@ -70,7 +68,7 @@ class MujocoSource(Rendered):
             what = "skins" if model.m.nskin else "flexes"
             expected = f"expected a model whose rays meet all of it, got {what}; write data=raster"
             raise ArgumentError(f"{identity.name}: {expected}")
-        self._shared, self._begin = _Shared(model), model.begin
+        self._model, self._begin = model, model.begin
         self._identity, self._name = identity, identity.name
         self._objects = ObjectTable({}, ids=model.ids)
 
@@ -78,7 +76,7 @@ class MujocoSource(Rendered):
     def capabilities(self) -> Capabilities:
         """Without normals and rays where data come from the renderer, without colours where it is off."""
         can = CAPABILITIES if self._settings.data == "rays" else _RASTER
-        return can if _renders(self._shared.model) else replace(can, modes=can.modes - {"lit"})
+        return can if hasattr(self._model.mujoco, "GLContext") else replace(can, modes=can.modes - {"lit"})
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; ids, depth and normals of a view are made once."""
@@ -88,7 +86,7 @@ class MujocoSource(Rendered):
             self._check(request)
             if request.mode == "lit":
                 with self._shown() as model:
-                    data["lit"] = _fixed(self._shared.renderer.colors(request.view))
+                    data["lit"] = _fixed(self._model.renderer.colors(request.view))
             elif request.view != last or request.mode not in data:
                 with self._shown() as model:
                     make = self._by_rays if model.settings.data == "rays" else self._by_renderer
@@ -108,7 +106,7 @@ class MujocoSource(Rendered):
         }
 
     def _by_renderer(self, model: Model, view: View) -> dict[str, Any]:
-        geom, depth = self._shared.renderer.geoms_and_depth(view)
+        geom, depth = self._model.renderer.geoms_and_depth(view)
         error = raster_error(model, geom, depth, view)
         file = io.BytesIO()
         np.save(file, np.stack([depth, error], axis=-1).astype(np.float32))
@@ -137,7 +135,7 @@ class MujocoSource(Rendered):
             return there.poses()
 
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
-        model = self._shared.model
+        model = self._model
         known = {"lights": (model.lights(), LIGHT), "materials": (model.materials(), MATERIAL)}
         return dict.fromkeys(*known[kind]) if kind in known else super().variable(kind)
 
@@ -146,50 +144,32 @@ class MujocoSource(Rendered):
 
         Both may be used at the same time, as long as this source is open; the renderer is shared.
         """
-        begin = self._shared.model.state_of(data)
+        begin = self._model.state_of(data)
         name = f"state {hashlib.sha256(begin.tobytes()).hexdigest()[:16]}"
         return SourceView(copy_with(self, _begin=begin, _instant=Instant(name=name), _moved={}))
 
     def close(self) -> None:
-        self._shared.close()
+        self._model.close()
 
     @property
     def _settings(self) -> Settings:
-        return self._shared.model.settings
+        return self._model.settings
 
     @contextmanager
     def _shown(self) -> Iterator[Model]:
         """Yield the model in this source's state; nobody else uses it meanwhile."""
-        model = self._shared.model
-        with model.lock:
+        with self._model.lock:
             self._check_open()
-            model.show(self._begin, self._hidden, self._instant, self._moved)
-            yield model
+            self._model.show(self._begin, self._hidden, self._instant, self._moved)
+            yield self._model
 
     def _check_open(self) -> None:
-        if self._shared.closed.is_set():
+        if self._model.closed.is_set():
             raise closed_error(self._identity.name)
 
     def _provenance(self) -> dict[str, Any]:
-        server, data = f"MuJoCo {self._shared.model.mujoco.__version__}", self._settings.data
+        server, data = f"MuJoCo {self._model.mujoco.__version__}", self._settings.data
         return {"server": server, "scene": self._name, "dialect": "mujoco", "data": data}
-
-
-class _Shared:
-    """What all instants of a model share; its renderer is made when the first picture is rendered."""
-
-    def __init__(self, model: Model) -> None:
-        self.model, self.closed = model, threading.Event()
-
-    @cached_property
-    def renderer(self) -> Renderer:
-        return Renderer(self.model)
-
-    def close(self) -> None:
-        with self.model.lock:
-            if not self.closed.is_set() and "renderer" in vars(self):
-                self.renderer.close()
-            self.closed.set()
 
 
 def from_model(
@@ -249,10 +229,6 @@ def _mujoco(what: str) -> Any:
         advice = "set it to egl, or to disabled for data alone"
         raise SourceError(f"{what}: {wanted}, which is not there; {advice}") from cause
     return mujoco
-
-
-def _renders(model: Model) -> bool:
-    return hasattr(model.mujoco, "GLContext")
 
 
 def _fixed(pixels: NDArray[Any]) -> NDArray[Any]:

@@ -19,9 +19,8 @@ _LARGE = 1 << 21  # pixels
 
 
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
-    """Return a sequence as its pictures say that it is to be read, and a line about it, for people.
-
-    Raises ArgumentError if pictures clearly contradict the words, which are no guess and not trusted.
+    """Return a sequence as its pictures say that it is to be read, and a line; ArgumentError if they
+    contradict it.
     """
     if (verdict := verdict_on(sequence)) is None:
         return sequence, ()

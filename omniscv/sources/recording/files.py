@@ -174,10 +174,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def check_header(path: Path) -> None:
-    """Check the first bytes of a file; no journal is read, and nothing is changed.
-
-    Raises NotARecordingError for another file, or an earlier version, NewerRecordingError for a later one.
-    """
+    """Check the first bytes of a file; NotARecordingError, or NewerRecordingError for a later version."""
     with path.open("rb") as file:
         header = file.read(_HEADER.size)
     if len(header) < _HEADER.size or not header.startswith(_MAGIC):
@@ -244,10 +241,7 @@ def _schema() -> frozenset[tuple[str, ...]]:
 
 
 def target_of(path: Path | str) -> Path:
-    """Return where a recording is, or will be written: links are followed.
-
-    Raises RecordingNotWritableError if no regular file is there, ArgumentError for no path.
-    """
+    """Return where a recording is, or will be; RecordingNotWritableError if no regular file is there."""
     target = followed(path)
     kind = kind_of(target)
     if kind not in ("", "a file"):
@@ -280,10 +274,7 @@ def kind_of(path: Path) -> str:
 
 @contextlib.contextmanager
 def written_for(target: Path) -> Iterator[Path]:
-    """Yield where to write the file that will be moved to a path, in a scratch folder beside it.
-
-    Raises RecordingNotWritableError if the folder of the path cannot be created or written.
-    """
+    """Yield where to write the file that will be moved to a path, in a scratch folder beside it."""
     with contextlib.ExitStack() as stack:
         with errors_of(target, write=True):
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -325,10 +316,7 @@ def _sync_folder(path: Path) -> None:
 
 
 def settle_journal(path: Path) -> None:
-    """Roll back the file's own journal; rename a foreign one, and a write-ahead log: recordings have none.
-
-    NotARecordingError if the journal is another program's, or a foreign log cannot be renamed.
-    """
+    """Roll back the file's own journal; set aside a foreign one, and any write-ahead log."""
     journal, wal = Path(f"{path}-journal"), Path(f"{path}-wal")
     if wal.exists():
         _set_aside(path, wal)

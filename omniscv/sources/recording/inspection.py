@@ -154,8 +154,8 @@ class Verification:
 
 
 def verify(path: Path | str) -> Verification:
-    """Check structure and object table, that no capture is lost, each capture, that all show one scene, and
-    that depth and masks show their own views; RecordingError for a file that cannot be read.
+    """Check structure, objects, and each capture, that none is lost, and that all show one scene and their
+    own views.
     """
     name = storage.without_secrets(path)
     faults: list[str] = []

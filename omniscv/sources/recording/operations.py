@@ -198,10 +198,7 @@ def _dialects(rows: Sequence[Row]) -> set[str]:
 
 
 def add_objects(target: Store, table: ObjectTable, has_masks: bool) -> None:
-    """Add the objects of other captures, and whether there are masks among these, to a recording.
-
-    Raises OtherSceneError if masks would get the names of other objects, or get none.
-    """
+    """Add the objects of other captures; OtherSceneError if masks would get wrong names, or none."""
     before = target.objects()
     if bool(before.colors) != bool(table.colors) and (has_masks if before.colors else target.has_masks()):
         expected = "expected object masks with an object table both in it and in what is added"

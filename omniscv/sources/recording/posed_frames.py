@@ -121,9 +121,8 @@ class Files:
 
 @dataclass
 class Frame:
-    """Pictures from one pose: files, and what they hold, by mode; ``lens`` is None for panoramas.
-
-    Where ``mask`` is 0, pixels are black, without label and surface.
+    """Pictures from one pose: files, and what they hold, by mode; of panoramas without ``lens``; black where
+    ``mask`` is 0, without label and surface.
     """
 
     files: dict[str, Path]

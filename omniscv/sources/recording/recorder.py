@@ -85,7 +85,7 @@ class Recording(SourceWrapper):
         return replace(self._source.capabilities, traces=False)
 
     def objects(self) -> ObjectTable:
-        """The objects, with those that the file held before; they are written to the file, with the shapes."""
+        """The objects, with those that the file held before; all are written to the file, with the shapes."""
         with self._lock:
             state = self._source.state
             if self._objects is None or self._objects[0] != state:

@@ -48,8 +48,8 @@ class Row(NamedTuple):
 
     @classmethod
     def of(cls, capture: Capture) -> Self:
-        """Return the row of a capture; ArgumentError for provenance that is no JSON, BadReplyError for pixels
-        that do not fit the modality or the view.
+        """Return the row of a capture; ArgumentError for provenance that is no JSON, BadReplyError for wrong
+        pixels.
         """
         payload, encoding = payload_of(capture)
         request = capture.request

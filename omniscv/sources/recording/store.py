@@ -115,9 +115,7 @@ class Store(files.Forkable):
                 database.rollback()  # without effect after a commit
 
     def listing(self) -> list[Row]:
-        """Return every capture but its payload, in the order of recording; DamagedRecordingError for a lost
-        one.
-        """
+        """Return every capture but its payload, as recorded; DamagedRecordingError if one is lost."""
         statement = f"SELECT {_WITHOUT_PAYLOAD} FROM capture ORDER BY number LIMIT "
         with self._reading():
             head = self.head()
@@ -207,10 +205,7 @@ class Store(files.Forkable):
             return object_table(table_rows, head.tolerance)
 
     def set_objects(self, table: ObjectTable) -> None:
-        """Add objects to the table; replace it where the tables contradict each other and no mask needs it.
-
-        Raises OtherSceneError if recorded masks would get other names, or none of the objects is known.
-        """
+        """Add objects; replace a table that they contradict and no mask needs; else OtherSceneError."""
         with self._changing() as database:
             head, before = self.head(), self.objects()
             conflict = table_conflict(before, table)

@@ -109,10 +109,7 @@ def object_rows(table: ObjectTable) -> list[ObjectRow]:
 
 
 def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
-    """Return why captured masks would get other names: a name has two colours, or a colour two names.
-
-    Empty where the tables agree.
-    """
+    """Return why masks would get other names: a name has two colours, or a colour two names; empty if not."""
     if before.colors and before.tolerance != after.tolerance:
         return f"the tolerance is {after.tolerance} and was {before.tolerance}"
     column = "ids" if after.ids else "colors"
@@ -127,10 +124,7 @@ def table_conflict(before: ObjectTable, after: ObjectTable) -> str:
 
 
 def checked_json(data: Mapping[str, Any], read: Callable[[Any], Any], *prefix: str) -> tuple[str, int]:
-    """Return the columns ``content`` and ``checksum`` of a row of JSON; the prefix is under the checksum too.
-
-    Raises RecordingNotWritableError if ``read``, which will read it, would call it damaged.
-    """
+    """Return content and checksum of a row of JSON; RecordingNotWritableError if ``read`` would refuse it."""
     content = json.dumps(data, ensure_ascii=False, allow_nan=False)
     crc = checksum((*prefix, content))
     with readable():

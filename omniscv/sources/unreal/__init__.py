@@ -31,10 +31,7 @@ _MAX_ADDRESS = 200  # characters, more than a socket's path and most names of ho
 
 
 def _opener(open_address: Callable[[str, Connect, ExitStack], Source]) -> Opener:
-    """Return the opener for a function that opens an address, given how to connect to an endpoint.
-
-    What it starts for the source, it leaves to an exit stack, which is closed with the source.
-    """
+    """Return the opener for a function that opens an address; what it starts, it leaves to an exit stack."""
 
     def opener(
         address: str,

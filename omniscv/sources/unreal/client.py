@@ -208,12 +208,7 @@ class Connection:
         self.scene: dict[str, str] = {}
 
     def connected(self) -> Client:
-        """Return the current client, or a new one after a fault.
-
-        Raises:
-            ServerConnectionError: no server is reachable.
-            SceneChangedError: it shows another scene than before.
-        """
+        """Return the current client, or a new one after a fault; SceneChangedError for another scene."""
         if self.client is None or self.client.broken:
             self.client = self._unix_client() or self._connect(self.endpoint)
             if self.scene:

@@ -174,9 +174,8 @@ class CameraDriver(ABC):
 
     @abstractmethod
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
-        """Yield captures of the first requests, in order; fewer where frames may be stale.
-
-        An error of ``RETRIED`` means that the connection cannot be used any more.
+        """Yield captures of the first requests, in order; fewer where frames may be stale; ``RETRIED`` ends
+        it.
         """
 
     def cover(self, view: View) -> tuple[View, ...]:
@@ -281,10 +280,7 @@ _PRECISION = 2  # decimals of a bias
 
 
 def by_hand(camera: str | int, bias: float) -> list[str]:
-    """Return the commands for manual exposure that a bias in stops alone decides.
-
-    A cine model that is on ignores them: it keeps the values from when it was switched on.
-    """
+    """Return the commands for manual exposure that a bias in stops alone decides, without a cine model."""
     settings = ("exposure_method manual", "physical_exposure 0", f"exposure_bias {bias:.8f}")
     return [f"vset /camera/{camera}/{setting}" for setting in settings]
 

@@ -100,10 +100,7 @@ class Journal:
         self.layers = [other for other in self.layers if other is not layer]
 
     def note(self, what: str, name: str, value: Any, undo: Undo | None = None) -> None:
-        """Note a change before it is made, so that it is put back however making it ends.
-
-        A value of None is the one from before any change. Without ``undo`` the value stays for good.
-        """
+        """Note a change before it is made, None for the value from before any; without ``undo`` it stays."""
         key = what, name
         if undo is not None:
             for layer in self.layers:

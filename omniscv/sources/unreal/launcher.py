@@ -76,10 +76,7 @@ def launch(
 
 
 def settings_folders(path: Path) -> list[Path]:
-    """Return where a game reads its settings: beside the executable, which a launcher may start.
-
-    A package is ``Game.sh`` or ``Game.exe`` beside ``Game/Binaries/<Platform>/``.
-    """
+    """Return where a game reads its settings: ``Game/Binaries/<Platform>/`` beside ``Game.sh``."""
     if path.parent.parent.name == "Binaries":
         return [path.parent]
     inside = [folder for folder in path.parent.glob("*/Binaries/*/") if folder.parts[-3] != "Engine"]

@@ -131,9 +131,8 @@ class LegacyDriver(CameraDriver):
         )
 
     def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
-        """Return the pose and field of view that the camera reports, and captures; refuse a moving camera.
-
-        The mask is answered out of order, so it is requested alone; it leaves the window in its view mode.
+        """Return what the camera reports, and captures; refuse a moving one. Masks are answered out of order:
+        alone.
         """
         reading = self._resting_pose(client)
         pose = self._actual_pose(view, reading)

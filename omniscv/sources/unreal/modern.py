@@ -210,9 +210,8 @@ class ModernDriver(CameraDriver):
         """As the driver's; the captures of a turn end with the scene's name, which was compared."""
 
     def _steps(self, requests: Requests) -> list[Step]:
-        """Return the commands for captures, in order.
-
-        Before a move there must be a frame of the same mode and size, to compare the next one with.
+        """Return the commands for captures, in order; before a move is a frame of the mode and size to
+        compare with.
         """
         steps: list[Step] = []
         aimed, stops, in_doubt = self._aimed, self._stops, self.stale_frames.in_doubt

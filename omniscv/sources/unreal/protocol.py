@@ -241,10 +241,7 @@ class Asked(Protocol):
 
 @dataclass(frozen=True)
 class Plugin:
-    """The plugin of one server: its dialect, a key of ``DIALECTS``, and the templates of its commands.
-
-    Templates have ``[uint]`` for a camera's number.
-    """
+    """The plugin of a server: a key of ``DIALECTS``, and commands, with ``[uint]`` for a camera."""
 
     dialect: str
     templates: frozenset[str]

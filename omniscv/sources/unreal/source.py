@@ -94,9 +94,8 @@ class UnrealSource(Source):
         return self._driver.cover(view)
 
     def geometry(self) -> SceneGeometry:
-        """Boxes of the objects, read anew; none from plugin 0.3.10, which has no command for them.
-
-        The room is that of the mock server's scene.
+        """Boxes of the objects, read anew; none from plugin 0.3.10. The room is that of the mock server's
+        scene.
         """
         with self._journal.turn():
             known = self._steady(lambda: boxes(self._connection, list(colors(self._connection))))
@@ -284,9 +283,8 @@ def connect(
 
 
 def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> CameraDriver:
-    """Return the camera driver for a server's plugin, not yet attached; BadReplyError for an unknown one.
-
-    ServerRefusedError for options that the plugin does not have.
+    """Return a server's camera driver, not yet attached; ServerRefusedError for options that it does not
+    have.
     """
     if options.exposure not in (None, "game") and not connection.supports(EXPOSURE_METHOD):
         expected = "expected a server that sets the exposure of one camera (N2 or later)"

@@ -156,10 +156,7 @@ class UnrealWorld(World):
     def hide_all(
         self, objects: Iterable[str], what: Literal["hidden", "left out", "drawn out"] = "hidden"
     ) -> None:
-        """Hide objects in the world, or leave them out of its captures without a change of its state.
-
-        To be used within a turn and an open layer of the journal.
-        """
+        """Hide objects in the world, or leave them out of captures alone; within a turn and an open layer."""
         new = [name for name in objects if not self._journal.value(what, name)]
         invisible = {name for kind in UNSEEN for name in self._journal.named(kind)}
         visible = [name for name in new if name not in invisible]
@@ -280,9 +277,8 @@ class UnrealWorld(World):
 
 
 def _commands(instant: Instant) -> list[str]:
-    """Return the commands that draws consist of: they set absolute values, and no reply says what was before.
-
-    So they stay in force until the next draw.
+    """Return the commands that draws consist of; no reply says what was before: they stay until the next
+    draw.
     """
     kinds = (instant.varied.get(kind, {}) for kind in ("lights", "materials"))
     return [settings["command"] for by_name in kinds for settings in by_name.values()]
