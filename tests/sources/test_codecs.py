@@ -68,11 +68,17 @@ def store(tmp_path):
         ("depth", np.zeros((5, 7)), r"depth of float32, shape \(5, 7\); got float64"),
         ("depth", np.full((5, 7), -1, np.float32), "35 of 35 values negative or NaN"),
         ("object_mask", np.zeros((5, 7), np.int64), "object_mask of uint8"),
+        ("object_mask", np.zeros((5, 7, 3), np.float32), "object_mask of uint8"),
+        ("lit", np.zeros((5, 7, 4), np.uint8), "lit of uint8"),
+        ("depth", np.ones((5, 7), np.uint16), "depth of float32"),
     ],
 )
 def test_pixels_that_do_not_fit_are_not_recorded(mode, pixels, says, store):
-    with pytest.raises(BadReplyError, match=says):
-        store.add(Capture(Request(VIEW, mode), VIEW, pixels))
+    """Neither with bytes of whoever says that they decode."""
+    payloads = [{}] if "negative" in says else [{}, {"payload": b"x", "encoding": "npy"}]
+    for payload in payloads:
+        with pytest.raises(BadReplyError, match=says):
+            store.add(Capture(Request(VIEW, mode), VIEW, pixels, **payload))
     assert list(store.rows()) == []
 
 
