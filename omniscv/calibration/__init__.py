@@ -5,16 +5,7 @@ relate to ours, which are at .5. Readers raise ``ArgumentError`` for text that d
 writers for cameras, names and poses that the format cannot carry. Nothing is approximated silently.
 """
 
-from omniscv.calibration.files import (
-    dumps,
-    formats,
-    load,
-    load_rig,
-    loads,
-    nearest,
-    save,
-    save_rig,
-)
+from omniscv.calibration.files import dumps, formats, load, load_rig, loads, nearest, save, save_rig
 from omniscv.calibration.fitting import Fit, fit
 from omniscv.calibration.opencv import (
     from_opencv,

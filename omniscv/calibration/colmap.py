@@ -17,13 +17,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omniscv.arguments import numbers, shown, within
+from omniscv.arguments import numbers, shown, within, wrong
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Form
 from omniscv.calibration.intrinsics import check_first_is_origin
 from omniscv.calibration.nodes import Values, whole
 from omniscv.cameras import Camera, Equirectangular
-from omniscv.cameras.rig import Rig, RigCamera
+from omniscv.cameras.rig import ORIGIN, Rig, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -71,9 +71,8 @@ def _lenses(content: Content) -> dict[str, Values]:
             name = str(whole("CAMERA_ID", words[0]))
             if name in cameras:
                 raise ArgumentError(f"expected each CAMERA_ID once, got {name} again")
-            cameras[name] = dict(
-                zip(("MODEL", "WIDTH", "HEIGHT", "PARAMS"), [*words[1:4], words[4:]], strict=True)
-            )
+            cameras[name] = dict(zip(("MODEL", "WIDTH", "HEIGHT"), words[1:4], strict=True))
+            cameras[name]["PARAMS"] = words[4:]
     return cameras
 
 
@@ -163,14 +162,12 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
     known = {name: entry.camera for name, entry in COLMAP.read(Content(cameras)).items()}
     lines = [words for line in rigs.splitlines() if (words := line.partition("#")[0].split())]
     if len(lines) != 1 or len(lines[0]) < 4:
-        raise ArgumentError(
-            f"rigs.txt: expected one line 'RIG_ID NUM_SENSORS CAMERA ID ...', got {shown(lines)}"
-        )
+        raise wrong("rigs.txt", "one line 'RIG_ID NUM_SENSORS CAMERA ID ...'", lines)
     _, count, *words = lines[0]
     sensors: dict[str, RigCamera] = {}
     while words:
         (sensor, name), words = words[:2], words[2:]
-        pose = Pose(np.zeros(3), np.eye(3))
+        pose = ORIGIN
         with within(f"rigs.txt: sensor {name}"):
             if sensor != "CAMERA" or name not in known or name in sensors:
                 raise ArgumentError(f"expected each sensor a CAMERA of cameras.txt, got {shown(sensor)}")
@@ -196,27 +193,17 @@ def rig_to_colmap(rig: Rig) -> tuple[str, str]:
 
 
 def rig_line(rig_id: int, sensors: Mapping[int, Pose]) -> str:
-    """Return a rig's line of ``rigs.txt``.
-
-    Args:
-        rig_id: from 1.
-        sensors: poses in one frame by the ids of cameras; the first camera is COLMAP's reference.
-    """
+    """Return a rig's line of ``rigs.txt``, of poses in one frame by the ids of cameras; the first camera is
+    COLMAP's reference."""
     (reference, T_rig_ref), *others = sensors.items()
-    words = [f"{rig_id} {len(sensors)} CAMERA {reference}"]
-    for camera_id, pose in others:
-        words.append(f"CAMERA {camera_id} 1 {pose_words(T_rig_ref.inverse() @ pose)}")
-    return " ".join(words)
+    T_ref_rig = T_rig_ref.inverse()
+    words = [f"CAMERA {camera_id} 1 {pose_words(T_ref_rig @ pose)}" for camera_id, pose in others]
+    return " ".join([f"{rig_id} {len(sensors)} CAMERA {reference}", *words])
 
 
 def frame_line(frame_id: int, rig_id: int, pose: Pose, images: Mapping[int, int]) -> str:
-    """Return a frame's line of ``frames.txt``.
-
-    Args:
-        frame_id, rig_id: from 1.
-        pose: of the reference camera, world frame.
-        images: ids of images by ids of cameras.
-    """
+    """Return a frame's line of ``frames.txt``, by the pose of the reference camera, world frame, and the ids
+    of images by those of cameras."""
     data = " ".join(f"CAMERA {camera_id} {image_id}" for camera_id, image_id in images.items())
     return f"{frame_id} {rig_id} {pose_words(pose)} {len(images)} {data}"
 
@@ -225,7 +212,6 @@ def _sees_backwards(camera: Camera) -> bool:
     """Return whether a pixel of a grid sees 90 degrees off the axis or more."""
     if isinstance(camera, Equirectangular):
         return False
-    u = np.linspace(0, camera.width, 65)
-    v = np.linspace(0, camera.height, 65)
-    rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1))
+    axes = np.linspace(0, camera.width, 65), np.linspace(0, camera.height, 65)
+    rays = camera.unproject(np.stack(np.meshgrid(*axes), axis=-1))
     return bool((rays.directions[rays.valid][:, 2] <= 0).any())

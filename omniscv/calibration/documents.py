@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from itertools import chain
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import yaml
@@ -30,11 +30,7 @@ _DOCUMENT_ENDS = re.compile(r"^(?:---|\.\.\.)(?=\s|$)", re.MULTILINE)
 
 
 class Content:
-    """A file: its bytes, its text ("" of binary files), and the values of its documents.
-
-    Args:
-        data: the file's bytes, or its text.
-    """
+    """A file by its bytes or text: its text ("" of binary files), and the values of its documents."""
 
     def __init__(self, data: bytes | str) -> None:
         self.data = data.encode() if isinstance(data, str) else data
@@ -61,6 +57,9 @@ class Content:
             self.error = cause
             return []
 
+    error: ArgumentError | None = None
+    """Why there are no values."""
+
     @property
     def documents(self) -> list[Any]:
         """The values without those printed twice, as a topic's messages are but for their header."""
@@ -70,9 +69,6 @@ class Content:
             if body not in known:
                 known.append(body)
         return known
-
-    error: ArgumentError | None = None
-    """Why there are no values."""
 
     def _parse(self) -> list[Any]:
         if self.data.startswith(b"PK\3\4"):
@@ -107,12 +103,9 @@ def _is_utf16(data: bytes) -> bool:
 def put_once(values: dict[str, Any], key: str, value: Any) -> None:
     """Add a key to a mapping; ArgumentError where it has another value already."""
     if key in values and values[key] != value:
-        _refuse_twice(key, values[key], value)
+        both = f"{shown(values[key])} and {shown(value)}"
+        raise ArgumentError(f"{key}: expected this key once, got it twice: {both}")
     values[key] = value
-
-
-def _refuse_twice(key: str, one: Any, other: Any) -> NoReturn:
-    raise ArgumentError(f"{key}: expected this key once, got it twice: {shown(one)} and {shown(other)}")
 
 
 def _from_json(text: str) -> Any:
@@ -121,8 +114,8 @@ def _from_json(text: str) -> Any:
 
     def once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
         values: dict[str, Any] = {}
-        for key, value in pairs:
-            put_once(values, key, value)
+        for pair in pairs:
+            put_once(values, *pair)
         return values
 
     try:

@@ -77,9 +77,9 @@ class Own(Form):
         if str(document.get(_MARK, 1)) != "1":
             raise ArgumentError(f"{_MARK}: expected 1, got {shown(document[_MARK])}")
         if "cameras" in values:
-            mounts = Rig.from_dict(values).cameras.items()
             return {
-                name: _plausible(Entry(mount.camera, mount.pose, mount.time_offset)) for name, mount in mounts
+                name: _plausible(Entry(mount.camera, mount.pose, mount.time_offset))
+                for name, mount in Rig.from_dict(values).cameras.items()
             }
         if _MARK not in document and {"fx", "cx", "center", "cy"} & values.keys():
             _log.warning(
@@ -198,9 +198,8 @@ def doubts(camera: Camera) -> list[str]:
     lines = []
     u, v = camera.center.tolist()
     if not (0 <= u <= camera.width and 0 <= v <= camera.height):
-        lines.append(
-            f"its centre ({u:.6g}, {v:.6g}) lies outside the image of {camera.width} x {camera.height} px"
-        )
+        image = f"the image of {camera.width} x {camera.height} px"
+        lines.append(f"its centre ({u:.6g}, {v:.6g}) lies outside {image}")
     u, v = (np.linspace(0, size, 66)[1:-1] for size in (camera.width, camera.height))
     blind = 1 - float(camera.valid(np.stack(np.meshgrid(u, v), axis=-1)).mean())
     if blind > _NO_RAY:
@@ -211,9 +210,8 @@ def doubts(camera: Camera) -> list[str]:
 def _form_of(content: Content) -> Form:
     """Return the first form whose marks a file has."""
     if content.is_binary and not content.values and not colmap.COLMAP.is_of(content):
-        raise ArgumentError(
-            "expected a text file, an archive of numpy or COLMAP's cameras.bin, got other bytes"
-        )
+        wanted = "a text file, an archive of numpy or COLMAP's cameras.bin"
+        raise ArgumentError(f"expected {wanted}, got other bytes")
     for form in FORMS.values():
         if form.is_of(content):
             return form
@@ -242,9 +240,7 @@ def _nearest(content: Content) -> list[tuple[str, str]]:
         if not form.rows:
             continue
         needed = [*form.mark.split(), *(key.paths for key in form.rows[0].keys if not key.optional)]
-        missing = [
-            p for p in needed if not any(plain(path).rpartition(".")[2] in keys for path in p.split("|"))
-        ]
+        missing = [p for p in needed if not {plain(path).rpartition(".")[2] for path in p.split("|")} & keys]
         lacks = f"no {missing[0].partition('|')[0]}" if missing else "its keys stand elsewhere"
         if len(missing) < len(needed):
             ranked.append((len(missing) / len(needed), form.name, lacks))
@@ -277,11 +273,8 @@ def dumps(cameras: Mapping[str, Camera], format: str, suffix: str = "") -> str:
     """Return the text of a calibration file, as :func:`save` writes it.
 
     Args:
-        cameras, format: as for :func:`save`.
+        cameras, format: as for :func:`save`, and its errors.
         suffix: of the file's name, for OpenCV's formats.
-
-    Raises:
-        ArgumentError: an unknown format, no camera, a camera or name that the format cannot carry.
     """
     form = FORMS[one_of("format", format, FORMS)]
     if not cameras:
@@ -341,10 +334,8 @@ def loads_rig(text: str | bytes, size: tuple[int, int] | None = None) -> Rig:
         entries = form.stereo(Node(content.values[0]), entries)
     lost = [name for name, entry in entries.items() if entry.pose is None]
     if lost and len(entries) > 1:
-        wanted = " or ".join(path.partition("|")[0] for path, _ in form.poses)
-        raise ArgumentError(
-            f"{lost[0]}: expected the pose of every camera ({wanted or 'none in this form'}), got none"
-        )
+        paths = " or ".join(path.partition("|")[0] for path, _ in form.poses) or "none in this form"
+        raise ArgumentError(f"{lost[0]}: expected the pose of every camera ({paths}), got none")
     safe = {re.sub(r"[^\w.-]+", "_", name).lstrip("."): entry.mounted for name, entry in entries.items()}
     return Rig(safe)
 

@@ -34,7 +34,7 @@ from omniscv.calibration.nodes import (
 )
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.lens_parameters import Numbers
-from omniscv.cameras.rig import RigCamera
+from omniscv.cameras.rig import ORIGIN, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 
@@ -60,7 +60,7 @@ class Entry(NamedTuple):
     @property
     def mounted(self) -> RigCamera:
         """The camera of a rig."""
-        return RigCamera(self.camera, self.pose or Pose(np.zeros(3), np.eye(3)), self.time_offset)
+        return RigCamera(self.camera, self.pose or ORIGIN, self.time_offset)
 
 
 @dataclass(frozen=True)
@@ -336,9 +336,8 @@ class Form:
         if kind in ("T_b_c", "T_c_b"):
             put(values, path, matrix_of_pose(mounted.pose if kind == "T_b_c" else mounted.pose.inverse()))
         else:
-            pose = dict(
-                zip(_POSE, [*mounted.pose.position.tolist(), *mounted.pose.quaternion()], strict=True)
-            )
+            numbers = *mounted.pose.position.tolist(), *mounted.pose.quaternion()
+            pose = dict(zip(_POSE, numbers, strict=True))
             for key in keys_of(kind):
                 put(values, key.path, key.write(pose))
         if mounted.time_offset and self.time is None:
@@ -370,9 +369,8 @@ def matrix_3x4(name: str, R: object, T: object) -> Array:
     """Return [R | T] of nine numbers and three."""
     rows, ends = floats(name, R), floats(name.replace("R", "T"), T)
     if (len(rows), len(ends)) != (9, 3):
-        raise ArgumentError(
-            f"{name}: expected a 3 x 3 matrix and T of three numbers, got {shown(R)}, {shown(T)}"
-        )
+        got = f"{shown(R)}, {shown(T)}"
+        raise ArgumentError(f"{name}: expected a 3 x 3 matrix and T of three numbers, got {got}")
     return np.column_stack([np.reshape(rows, (3, 3)), ends])
 
 
@@ -385,5 +383,4 @@ def rotation_of(rows: ArrayLike) -> Array:
 
 def matrix_of_pose(pose: Pose) -> list[list[float]]:
     """Return the 4 x 4 matrix of a pose."""
-    rows = np.column_stack([pose.rotation, pose.position]).tolist()
-    return [*rows, [0.0, 0.0, 0.0, 1.0]]
+    return [*np.column_stack([pose.rotation, pose.position]).tolist(), [0.0, 0.0, 0.0, 1.0]]

@@ -5,6 +5,7 @@ Forms name the numbers as we do, or by names of :data:`DERIVED`.
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -82,9 +83,8 @@ class Intrinsics(NamedTuple):
 def intrinsics(camera: Camera) -> list[Intrinsics]:
     """Return the models that have a camera's rays, and their numbers; its own model comes first.
 
-    The image circle of lenses such as ``fisheye-equidistant`` is not among these numbers.
-
-    The limit ``fov_deg`` is not among them either: see :func:`refuse_limit`.
+    The image circle of lenses such as ``fisheye-equidistant`` is not among these numbers, nor the limit
+    ``fov_deg``: see :func:`refuse_limit`.
     """
     ours = camera.lens.numbers(camera) if camera.lens is not None else None
     if ours is None:
@@ -153,9 +153,8 @@ def complete(values: Mapping[str, float], width: int, height: int, shift_px: flo
 def held(names: Iterable[str], ours: Numbers, width: int, height: int, shift_px: float) -> Numbers:
     """Return a form's numbers, the inverse of :func:`complete`; ArgumentError where it cannot hold ours."""
     names = list(names)
-    covered = {
-        word for name in names for word in (DERIVED[name].covers.split() if name in DERIVED else [name])
-    }
+    covers = (DERIVED[name].covers.split() if name in DERIVED else [name] for name in names)
+    covered = {*chain.from_iterable(covers)}
     values: Numbers = {"cx": width / 2, "cy": height / 2, **NEUTRAL}
     for name, value in ours.items():
         if name not in covered and value != values.get(name, 0.0):
@@ -173,10 +172,9 @@ def refuse_limit(camera: Camera) -> None:
     """Raise ArgumentError where the camera has a limit ``fov_deg``, which no format holds."""
     limit = getattr(camera, "fov_deg", None)
     if limit is not None:
-        raise ArgumentError(
-            f"fov_deg: expected a camera without this limit, which the format cannot carry, got "
-            f"{limit:.15g}; save the same camera made without fov_deg"
-        )
+        wanted = "expected a camera without this limit, which the format cannot carry"
+        advice = "save the same camera made without fov_deg"
+        raise ArgumentError(f"fov_deg: {wanted}, got {limit:.15g}; {advice}")
 
 
 def check_first_is_origin(mounts: Mapping[str, RigCamera], program: str) -> None:
@@ -184,7 +182,5 @@ def check_first_is_origin(mounts: Mapping[str, RigCamera], program: str) -> None
     name, first = next(iter(mounts.items()))
     offset = max(np.abs(first.pose.position).max(), np.abs(first.pose.rotation - np.eye(3)).max())
     if offset > 1e-12:
-        raise ArgumentError(
-            f"{program}: expected a rig in the frame of its first camera, got another frame; save "
-            f"rig.seen_from({name!r})"
-        )
+        wanted = "expected a rig in the frame of its first camera"
+        raise ArgumentError(f"{program}: {wanted}, got another frame; save rig.seen_from({name!r})")

@@ -14,15 +14,13 @@ Source: Kalibr, ``kalibr_common/ConfigReader.py``.
 import re
 from collections.abc import Mapping
 
-import numpy as np
-
 from omniscv.arguments import shown, within
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_of_pose, pose_of_matrix
 from omniscv.calibration.intrinsics import check_first_is_origin
 from omniscv.calibration.nodes import Values
 from omniscv.calibration.table import PLAIN
-from omniscv.cameras.rig import RigCamera
+from omniscv.cameras.rig import ORIGIN, RigCamera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -35,7 +33,7 @@ class Kalibr(Form):
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
         entries, nodes = super().read(content, size), self.nodes(content)
         of_body = {name: entry.pose for name, entry in entries.items()}
-        first, poses = "cam0", {"cam0": Pose(np.zeros(3), np.eye(3))}
+        first, poses = "cam0", {"cam0": ORIGIN}
         for i in range(1, len(nodes) + 1 if first in nodes else 0):
             name, before, T_body_0 = f"cam{i}", poses.get(f"cam{i - 1}"), of_body[first]
             if name not in nodes:

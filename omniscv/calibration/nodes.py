@@ -113,9 +113,8 @@ class Node:
             )
             is_zero = re.fullmatch(r"[kps]\d", parts[-1]) and _is_neutral(value, parts[-1])
             if (odd or (not is_zero and self._misspells(parts[-1]))) and not re.search(harmless, plain(path)):
-                raise ArgumentError(
-                    f"{path}: expected no such key, which may change the geometry, got {shown(value)}"
-                )
+                wanted = "expected no such key, which may change the geometry"
+                raise ArgumentError(f"{path}: {wanted}, got {shown(value)}")
             ignored.append(path)
         return tuple(ignored)
 
@@ -158,10 +157,9 @@ def _agree(one: object, other: object) -> bool:
 
 def _is_neutral(value: object, key: str) -> bool:
     """Return whether a value changes nothing: none, zero, a word for it, an identity, a ratio of 1."""
-    if key.startswith(("fix", "zero")) or (
-        re.search("aspect|stretch", key) and str(value) in ("1", "1.", "1.0")
-    ):
-        return True  # flags of OpenCV's calibration
+    is_one = str(value) in ("1", "1.", "1.0") and re.search("aspect|stretch", key)
+    if is_one or key.startswith(("fix", "zero")):  # flags of OpenCV's calibration
+        return True
     if value in (None, "") and re.match(r"[kps]\d", key):
         return False
     if value is None or (isinstance(value, str) and canonical(value) in ("none", "", "false", "global", "0")):
@@ -173,9 +171,7 @@ def _is_neutral(value: object, key: str) -> bool:
     if len(values) == 12 and re.fullmatch(r"p\d", key):  # a projection of cv2.stereoRectify
         return True
     side = int(len(values) ** 0.5)
-    return not any(values) or (
-        side > 1 and side**2 == len(values) and values == np.eye(side).ravel().tolist()
-    )
+    return not any(values) or (side > 1 and values == np.eye(side).ravel().tolist())
 
 
 # -- numbers -------------------------------------------------------------------------------------------
@@ -294,16 +290,12 @@ class Key(NamedTuple):
         if not values and self.optional:
             return {}
         if len(values) not in self.counts:
-            wanted = " or ".join(map(str, self.counts))
-            raise ArgumentError(
-                f"{self.path}: expected {wanted} finite numbers ({','.join(self.names)}), got {len(values)}: "
-                f"{shown(value)}"
-            )
+            wanted = f"{' or '.join(map(str, self.counts))} finite numbers ({','.join(self.names)})"
+            raise ArgumentError(f"{self.path}: expected {wanted}, got {len(values)}: {shown(value)}")
         for name, got in zip(self.names, values, strict=False):
             if _is_literal(name) and abs(got - float(name)) > 1e-12:
-                raise ArgumentError(
-                    f"{self.path}: expected {name} (other values are not modelled), got {got:.15g}"
-                )
+                wanted = f"expected {name} (other values are not modelled)"
+                raise ArgumentError(f"{self.path}: {wanted}, got {got:.15g}")
         return dict(zip(self.names, values, strict=False))
 
     def write(self, values: Numbers) -> Any:

@@ -26,6 +26,7 @@ from omniscv.arguments import one_of, shown, within
 from omniscv.calibration.documents import Content, put_once
 from omniscv.calibration.forms import Form
 from omniscv.calibration.nodes import Node, Values, mappings
+from omniscv.calibration.parts import Sized
 from omniscv.cameras import Camera, FTheta
 from omniscv.cameras.lens_parameters import Numbers
 from omniscv.errors import ArgumentError
@@ -126,9 +127,7 @@ def _parameters(content: Content) -> dict[str, Any]:
     return cameras
 
 
-def _without_times(
-    node: Node, word: str, values: Numbers, width: int, height: int
-) -> tuple[Numbers, tuple[int, int]]:
+def _without_times(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Refuse rolling shutters, and leave the other polynomial unread."""
     if "ROLLING" in str(shutter := node.take("shutter_type", "GLOBAL")):
         raise ArgumentError(

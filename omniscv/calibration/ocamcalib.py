@@ -80,9 +80,8 @@ def _numbers(node: Node, word: str, values: Numbers, width: int, height: int) ->
         own = {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}
     elif word == "4":
         if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
-            raise ArgumentError(
-                "f4: expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e, got another"
-            )
+            wanted = "expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e"
+            raise ArgumentError(f"f4: {wanted}, got another")
         return {}, (width, height)
     else:
         scale = width / angle / unit  # of an angle to r
@@ -140,9 +139,7 @@ def _write(lens: Values) -> str:
         'image size: "height" and "width"': [lens["height"], lens["width"]],
     }
     # The blank lines are OCamCalib's: many readers count lines.
-    return "".join(
-        f"#{title}\n\n{' '.join(str(value) for value in values)}\n\n" for title, values in sections.items()
-    )
+    return "".join(f"#{title}\n\n{' '.join(map(str, values))}\n\n" for title, values in sections.items())
 
 
 def _counted(key: str, words: list[str]) -> tuple[Array, list[str]]:
@@ -177,10 +174,8 @@ def _inverse(polynomial: Array, affine: Array, center: tuple[float, float], size
         error = min(error, float(np.abs(polyval(angle, inverse) - rho).max()))
         if error <= _INVERSE_ERROR_PX:
             return np.asarray(inverse, dtype=np.float64)
-    raise ArgumentError(
-        f"OCamCalib: expected a polynomial whose inverse is one within {_INVERSE_ERROR_PX} px, "
-        f"got no nearer than {error:.3g} px"
-    )
+    wanted = f"expected a polynomial whose inverse is one within {_INVERSE_ERROR_PX} px"
+    raise ArgumentError(f"OCamCalib: {wanted}, got no nearer than {error:.3g} px")
 
 
 OCAMCALIB = Form(

@@ -26,13 +26,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import number, shown
+from omniscv.arguments import number, shown, wrong
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_3x4, rotation_of
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, marked, plain, whole
+from omniscv.calibration.parts import Sized
 from omniscv.calibration.table import HEIGHT, PLAIN, WIDTH, D
 from omniscv.cameras import Camera, create
 from omniscv.cameras.lens_parameters import Numbers
+from omniscv.cameras.rig import ORIGIN
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -79,10 +81,8 @@ def model_of(node: Node) -> str:
         if word in _PLAIN_WORDS and (word != "none" or node.has(_WORDS)):
             return "opencv"
         if f" {word} " in _OTHER_WORDS or (node.has(_WORDS) and isinstance(node.take(_WORDS), str)):
-            got = shown(node.take(_WORDS, None) or node.take(_LOOSE_WORDS))
-            raise ArgumentError(
-                f"distortion_model: expected plumb_bob, rational_polynomial or equidistant, got {got}"
-            )
+            got = node.take(_WORDS, None) or node.take(_LOOSE_WORDS)
+            raise wrong("distortion_model", "plumb_bob, rational_polynomial or equidistant", got)
     flag = str(node.take(_FLAGS, "")).lower().removesuffix(".0")
     if flag in ("0", "1", "true", "false"):
         return "opencv-fisheye" if flag in ("1", "true") else "opencv"
@@ -161,9 +161,8 @@ class OpenCV(Form):
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
         if (model := model_of(node)) not in (self.name, EITHER):
-            raise ArgumentError(
-                f"expected a camera of {self.name}, got one of {model}: read the file as {model!r}"
-            )
+            advice = f"read the file as {model!r}"
+            raise ArgumentError(f"expected a camera of {self.name}, got one of {model}: {advice}")
         for path in (_WORDS, _LOOSE_WORDS, _FLAGS):
             node.take(path, None)
         return super().entry(node, size)
@@ -172,10 +171,8 @@ class OpenCV(Form):
         """Return the text of ``cv2.FileStorage``, by the suffix ``.yml``, ``.xml`` or ``.json``."""
         import cv2  # slow to load, and reading does without
 
-        storage = cv2.FileStorage(
-            suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml",
-            cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY,
-        )
+        suffix = suffix if suffix in (".yml", ".yaml", ".xml", ".json") else ".yml"
+        storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
         terms = (1, -1) if "xi" in document else (-1, 1)  # as the samples of the modules have them
         for key, value in document.items():
             if isinstance(value, list):
@@ -204,9 +201,7 @@ FISHEYE = _form(
 OMNIDIR = _form("opencv-omnidir", "the same of cv2.omnidir", f"- unified {K}={_SKEWED} xi {D}=k1,k2,p1,p2")
 
 
-def _binned(
-    node: Node, word: str, values: Numbers, width: int, height: int
-) -> tuple[Numbers, tuple[int, int]]:
+def _binned(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Crop to the region of interest, then bin: pixels of the sensor become those of the image."""
     size = []
     for axis, full in (("x", width), ("y", height)):
@@ -234,14 +229,12 @@ class Ros(Form):
             if len(turn) != 9 or not any(turn) or np.abs(rotation_of(turn) - np.eye(3)).max() < 1e-9:
                 continue
             if len(P) != 12 or not P[0]:
-                raise ArgumentError(
-                    f"rectification_matrix: expected an identity, or a projection_matrix, got {shown(turn)}"
-                )
+                raise wrong("rectification_matrix", "an identity, or a projection_matrix", turn)
             raw = entries[name].camera
             lens = create("pinhole", raw.width, raw.height, fx=P[0], fy=P[5], cx=P[2] + 0.5, cy=P[6] + 0.5)
             entries[f"{name}-rectified"] = Entry(lens, Pose(np.zeros(3), rotation_of(turn).T))
             if len(nodes) == 1:  # where the cameras of a pair are, the file does not say
-                entries[name] = entries[name]._replace(pose=Pose(np.zeros(3), np.eye(3)))
+                entries[name] = entries[name]._replace(pose=ORIGIN)
         return entries
 
 
@@ -296,7 +289,7 @@ def from_opencv_fisheye(K: ArrayLike, D: ArrayLike, width: int, height: int) -> 
         K: (3, 3), px, ``[[fx, fx skew, cx], [0, fy, cy], [0, 0, 1]]`` with pixel centres at whole numbers:
             0.5 is added to cx and cy.
         D: four numbers (k1, k2, k3, k4), as (4,), (4, 1) or (1, 4).
-        width, height: image size, px; K and D do not hold it.
+        width, height: image size, px.
     """
     return _camera(FISHEYE, width, height, K, D)
 
@@ -318,7 +311,7 @@ def from_opencv_omnidir(K: ArrayLike, xi: float, D: ArrayLike, width: int, heigh
         K: (3, 3) as :func:`from_opencv_fisheye` takes it.
         xi: no unit.
         D: four numbers (k1, k2, p1, p2), as (4,), (4, 1) or (1, 4).
-        width, height: image size, px; the arrays do not hold it.
+        width, height: image size, px.
     """
     return _camera(OMNIDIR, width, height, K, D, xi=np.squeeze(np.asarray(xi, dtype=object)).tolist())
 

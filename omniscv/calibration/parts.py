@@ -7,11 +7,12 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.calibration.documents import Content
 from omniscv.calibration.forms import Entry, Form, matrix_3x4, matrix_of_pose
 from omniscv.calibration.nodes import Node, Values, canonical, families, floats, leaves, mappings, marked
 from omniscv.cameras.lens_parameters import Numbers
+from omniscv.cameras.rig import ORIGIN
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 
@@ -58,7 +59,7 @@ def by_baseline(node: Node, entries: dict[str, Entry]) -> dict[str, Entry]:
     else:
         return entries
     right = entry._replace(pose=Pose(np.array([baseline, 0, 0]), np.eye(3)))
-    return {name: entry._replace(pose=Pose(np.zeros(3), np.eye(3))), "cam1": right}
+    return {name: entry._replace(pose=ORIGIN), "cam1": right}
 
 
 def join_orb(cameras: dict[str, Values]) -> Values:
@@ -68,10 +69,8 @@ def join_orb(cameras: dict[str, Values]) -> Values:
     document.pop("Stereo.T_c1_c2", None)
     for other in others:
         if len(others) > 1 or any(other[key] != first[key] for key in first if key.startswith("Camera.")):
-            raise ArgumentError(
-                "cameras: expected two at most, of one model and size (ORB-SLAM writes these once), got "
-                f"{len(cameras)}: {shown([*cameras.values()])}"
-            )
+            wanted = "expected two at most, of one model and size (ORB-SLAM writes these once)"
+            raise ArgumentError(f"cameras: {wanted}, got {len(cameras)}: {shown([*cameras.values()])}")
         document |= {key.replace("Camera1.", "Camera2."): value for key, value in other.items()}
     return document
 
@@ -87,11 +86,8 @@ def frames(content: Content) -> dict[str, Any]:
         shared = node.values
         listed = node.take("frames")
         frames = listed if isinstance(listed, list) else []
-        of_frames = [
-            lens_of_frame(shared, frame)
-            for frame in frames
-            if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)
-        ]
+        with_own = [frame for frame in frames if isinstance(frame, Mapping) and Node(frame).has(_FOCAL)]
+        of_frames = [lens_of_frame(shared, frame) for frame in with_own]
         if of_frames and len(of_frames) < len(frames):
             raise ArgumentError("frames: expected a focal length in each or in none, got it in some")
         for lens in of_frames or ([lens_of_frame(shared, {})] if node.has(_FOCAL) else []):
@@ -137,9 +133,7 @@ def kitti(content: Content) -> dict[str, Any]:
             elif "p" in lens:
                 P = np.array(floats(f"P_{name}", lens["p"]))
                 if P.size != 12 or not P[0]:
-                    raise ArgumentError(
-                        f"P_{name}: expected 3 x 4 numbers of a camera, got {shown(lens['p'])}"
-                    )
+                    raise wrong(f"P_{name}", "3 x 4 numbers of a camera", lens["p"])
                 P, offset = P.reshape(3, 4), np.eye(4)
                 offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
                 label = name.replace("rect", "rect_") if "rect" in name else f"P{name}"
@@ -155,11 +149,8 @@ def join_kitti(cameras: dict[str, Values]) -> Values:
         if not re.fullmatch(r"\d\d", name):
             raise ArgumentError(f"{name}: expected names 00, 01, ..., got {shown(name)}")
         T = np.array(lens.get("T", np.eye(4).tolist()))
-        document |= {
-            f"S_{name}": lens["S"],
-            f"K_{name}": lens["K"],
-            f"D_{name}": [*lens["D"], *[0.0] * 5][:5],
-        }
+        D = [*lens["D"], *[0.0] * 5][:5]
+        document |= {f"S_{name}": lens["S"], f"K_{name}": lens["K"], f"D_{name}": D}
         document |= {f"R_{name}": T[:3, :3].ravel().tolist(), f"T_{name}": T[:3, 3].tolist()}
     return document
 
@@ -185,9 +176,8 @@ def basalt(content: Content) -> dict[str, Any]:
         rig = node.take("value0")
         lists = [rig.get(key) for key in ("intrinsics", "resolution", "T_imu_cam")]
         if not all(isinstance(items, list) and len(items) == len(lists[0] or []) for items in lists):
-            raise ArgumentError(
-                "value0: expected intrinsics, resolution and T_imu_cam of every camera, got other lists"
-            )
+            wanted = "expected intrinsics, resolution and T_imu_cam of every camera"
+            raise ArgumentError(f"value0: {wanted}, got other lists")
         shared = {"cam_time_offset_ns": rig.get("cam_time_offset_ns", 0)}
         for lens, size, pose in zip(*lists, strict=True):
             own = {"resolution": size, "T_imu_cam": pose, **shared}
@@ -208,7 +198,7 @@ def aria(content: Content) -> dict[str, Any]:
     for node in mappings(content, "CameraCalibrations"):
         entries, sizes = node.take("CameraCalibrations"), node.take("ImageSizes", None)
         if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
-            raise ArgumentError(f"CameraCalibrations: expected a list of cameras, got {shown(entries)}")
+            raise wrong("CameraCalibrations", "a list of cameras", entries)
         if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(entries)):
             raise ArgumentError(f"ImageSizes: expected one of each camera, got {shown(sizes)}")
         for i, entry in enumerate(entries):
@@ -260,9 +250,7 @@ def metashape(content: Content) -> dict[str, Any]:
         if isinstance(value, Mapping):
             name = str(value.get("label", name))
             listed = value.get("calibration")
-            lenses = [
-                lens for lens in (listed if isinstance(listed, list) else [listed]) if _is_metashape(lens)
-            ]
+            lenses = [*filter(_is_metashape, listed if isinstance(listed, list) else [listed])]
             if lenses:
                 adjusted = [lens for lens in lenses if lens.get("class") == "adjusted"]
                 name = name if name not in cameras else f"{name}-{len(cameras)}"
@@ -290,16 +278,11 @@ def openmvg(content: Content) -> dict[str, Any]:
                 continue
             key = int(number("polymorphic_id", node.take("value.polymorphic_id"))) & 0x3FFFFFFF
             names.setdefault(key, str(node.take("value.polymorphic_name", None)))
-            lens = _merged(node.take("value.ptr_wrapper.data"))
-            cameras[str(node.take("key", len(cameras)))] = {"model": names[key], **lens}
+            data = node.take("value.ptr_wrapper.data")
+            lens = dict(leaves(data)) if isinstance(data, Mapping) else {}
+            own = {path.rpartition(".")[2]: value for path, value in lens.items()}
+            cameras[str(node.take("key", len(cameras)))] = {"model": names[key], **own}
     return cameras
-
-
-def _merged(data: Any) -> Values:
-    """Return the values of nested mappings in one."""
-    return {
-        path.rpartition(".")[2]: value for path, value in leaves(data if isinstance(data, Mapping) else {})
-    }
 
 
 _DSO = re.compile(

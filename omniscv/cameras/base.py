@@ -41,13 +41,11 @@ from omniscv.geometry.arrays import ROUNDING
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None
-"""The types of constructor arguments."""
+Parameter = float | str | Sequence[float] | Array | Mapping[str, Any] | None  # of constructors
 FARTHEST = 1e150  # metres: float64 cannot hold the square of more
 LARGEST_PX = 10**6  # rounding at the border of larger images would exceed 1e-6 px
 _SAME_RAY = 1e-9  # tolerance of Plücker coordinates, metres
-LARGEST_IMAGE = 1 << 27
-"""Pixels, 16384 x 8192: the rays of such an image take 7 GB."""
+LARGEST_IMAGE = 1 << 27  # pixels, 16384 x 8192: its rays take 7 GB
 
 
 def grid_axes(pixels: Array) -> tuple[Array, Array]:

@@ -12,7 +12,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import flag, number, numbers, one_of, optional_number, shown, whole_number, within
+from omniscv.arguments import (
+    flag,
+    number,
+    numbers,
+    one_of,
+    optional_number,
+    shown,
+    whole_number,
+    within,
+    wrong,
+)
 from omniscv.cameras.base import Array, Camera, Mask, Viewpoints, grid_axes, vectors, viewpoints_by_line
 from omniscv.cameras.registry import register
 from omniscv.errors import ArgumentError
@@ -82,13 +92,11 @@ def _velodyne(elevation_deg: Array, cycle_s: float, laser_s: float) -> LidarTabl
     return read(LidarTable, {**beams, **steps})
 
 
-def _off_axis(
-    elevation_deg: Any, azimuth_deg: Array, axis_mm: float, up_mm: float, **more: Any
-) -> LidarTable:
+def _off_axis(elevation: Any, azimuth_deg: Array, axis_mm: float, up_mm: float, **more: Any) -> LidarTable:
     """Return the table of beams that start on a circle around the axis, at the azimuth of their column."""
     angle, axis_m, up_m = np.radians(azimuth_deg), axis_mm / 1e3, np.full(len(azimuth_deg), up_mm / 1e3)
     start = {"along_m": axis_m * np.cos(angle), "across_m": -axis_m * np.sin(angle), "up_m": up_m}
-    return read(LidarTable, {"elevation_deg": elevation_deg, "azimuth_deg": azimuth_deg, **start, **more})
+    return read(LidarTable, {"elevation_deg": elevation, "azimuth_deg": azimuth_deg, **start, **more})
 
 
 def _ouster(channels: int) -> LidarTable:
@@ -180,8 +188,8 @@ class Lidar(Camera):
     @property
     def rings(self) -> NDArray[np.uint16]:
         """(H,) the number of each row's channel: from the top, or from below as programs count Velodyne's."""
-        channel = self._channel
-        return (channel.max() - channel if self._table.ring_from_below else channel).astype(np.uint16)
+        channel = ((np.arange(self.height) + 0.5) * self._channels_a_row).astype(np.uint16)  # nearest to it
+        return channel.max() - channel if self._table.ring_from_below else channel
 
     @property
     def readout(self) -> float:
@@ -200,15 +208,9 @@ class Lidar(Camera):
 
     def seconds(self) -> Array:
         """Return (H, W) seconds from the first column's firing to each; 0 of a frozen sensor."""
-        times = np.arange(self.width) / (self._turn * self.rate) + self.delay(
-            np.arange(0.5, self.height)[:, None]
-        )
+        rows = np.arange(0.5, self.height)[:, None]
+        times = np.arange(self.width) / (self._turn * self.rate) + self.delay(rows)
         return np.zeros_like(times) if self.frozen else times
-
-    @property
-    def _channel(self) -> NDArray[np.intp]:
-        """(H,) the channel that is nearest to each row, from the top."""
-        return ((np.arange(self.height) + 0.5) * self._channels_a_row).astype(np.intp)
 
     def _beam(self, row: Array) -> tuple[Array, Array, Array]:
         """Return azimuth, and the start along, across and up (3, ...), of rows, counted in channels."""
@@ -268,12 +270,8 @@ def _table(preset: str) -> LidarTable:
             content = bounded.read_bytes(path, _MOST_BYTES)
             if path.suffix == ".csv":
                 return _of_csv(content.decode("utf-8-sig"))
-            parse = (
-                bounded.parse_json
-                if path.suffix == ".json"
-                else lambda data: bounded.parse_yaml(data.decode())
-            )
-            data = parse(content)
+            is_json = path.suffix == ".json"
+            data = bounded.parse_json(content) if is_json else bounded.parse_yaml(content.decode())
             sections = [data, *(value for value in data.values() if isinstance(value, Mapping))]
             keys = {key: value for section in sections for key, value in section.items()}
             if "beam_altitude_angles" in keys:
@@ -297,7 +295,7 @@ def _of_ouster(keys: Mapping[str, Any]) -> LidarTable:
     matrix = numbers("lidar_to_sensor_transform", keys.get("lidar_to_sensor_transform", to_sensor), (16,))
     turn, moved_mm = matrix.reshape(4, 4)[:3, :3], matrix.reshape(4, 4)[:3, 3]
     if np.abs(turn - _HALF_TURN).max() > 1e-6 or np.abs(moved_mm[:2]).max() > 1e-6:
-        raise ArgumentError(f"lidar_to_sensor_transform: expected half a turn about Z, got {shown(matrix)}")
+        raise wrong("lidar_to_sensor_transform", "half a turn about Z", matrix)
     azimuth_deg = -numbers("beam_azimuth_angles", keys["beam_azimuth_angles"], (None,))
     origin_mm = number("lidar_origin_to_beam_origin_mm", origin_mm)
     up_mm += moved_mm[2]
@@ -322,9 +320,7 @@ def _of_ncore(keys: Mapping[str, Any]) -> LidarTable:
     step = (columns[-1] - columns[0]) / max(len(columns) - 1, 1)
     even = columns[0] + step * np.arange(len(columns))
     if step == 0 or np.abs(columns - even).max() > _EVEN * abs(step):
-        raise ArgumentError(
-            f"column_azimuths_rad: expected equal steps, got {shown(keys['column_azimuths_rad'])}"
-        )
+        raise wrong("column_azimuths_rad", "equal steps", keys["column_azimuths_rad"])
     rows = len(keys["row_elevations_rad"])
     offsets = keys.get("row_azimuth_offsets_rad") or [0.0] * rows
     elevation, azimuth = (numbers("rows", row, (rows,)) for row in (keys["row_elevations_rad"], offsets))
@@ -337,7 +333,6 @@ def _of_csv(text: str) -> LidarTable:
     """A line of names, then a line for each channel: ``elevation_deg``, ``azimuth_deg`` (to the left +)."""
     rows = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
     if not rows or not {*rows[0]} <= {"elevation_deg", "azimuth_deg"}:
-        raise ArgumentError(
-            f"expected columns elevation_deg, azimuth_deg, got {shown(text.partition(chr(10))[0])}"
-        )
+        got = shown(text.partition("\n")[0])
+        raise ArgumentError(f"expected columns elevation_deg, azimuth_deg, got {got}")
     return read(LidarTable, {name: [row[name] for row in rows] for name in rows[0]})

@@ -138,12 +138,11 @@ class NoncentralSphericalMirror(NoncentralMirror):
             seen = above_horizon & (k <= 1 + ROUNDING)
             p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
-            out[seen] = increasing_root(_quartic, np.zeros_like(q), limit[seen], *quartic)
+            out[seen] = increasing_root(
+                lambda t, c0, c1, c2, c3, c4: (((c4 * t + c3) * t + c2) * t + c1) * t + c0,
+                np.zeros_like(q), limit[seen], *quartic,
+            )  # fmt: skip
         return t
-
-
-def _quartic(t: Array, c0: Array, c1: Array, c2: Array, c3: Array, c4: Array) -> Array:
-    return (((c4 * t + c3) * t + c2) * t + c1) * t + c0
 
 
 @register

@@ -77,22 +77,14 @@ class _Rows(NamedTuple):
 
 # Functions of the slope tan phi: near the pole phi has lost the digits of the height.
 _ROWS: dict[str, _Rows] = {
-    "perspective": _Rows(
-        lambda slope: slope,
-        lambda h: (1 / np.hypot(1.0, h), h / np.hypot(1.0, h)),
-        to_pole=False,
-    ),
-    "mercator": _Rows(np.arcsinh, lambda h: (1 / np.cosh(h), np.tanh(h)), to_pole=False),
+    "perspective": _Rows(lambda slope: slope, lambda h: (1 / np.hypot(1.0, h), h / np.hypot(1.0, h)), False),
+    "mercator": _Rows(np.arcsinh, lambda h: (1 / np.cosh(h), np.tanh(h)), False),
     "miller": _Rows(
         lambda slope: 1.25 * np.arcsinh(np.tan(0.8 * np.arctan(slope))),
-        lambda h: _cos_sin(1.25 * np.arctan(np.sinh(0.8 * h))),
-        to_pole=True,
+        lambda h: (np.cos(phi := 1.25 * np.arctan(np.sinh(0.8 * h))), np.sin(phi)),
+        True,
     ),
-    "equal-area": _Rows(
-        lambda slope: np.sin(np.arctan(slope)),
-        lambda h: (np.sqrt((1 - h) * (1 + h)), h),
-        to_pole=True,
-    ),
+    "equal-area": _Rows(lambda k: np.sin(np.arctan(k)), lambda h: (np.sqrt((1 - h) * (1 + h)), h), True),
 }
 _LEAST_LEVEL = 1e-17  # keeps the azimuth of rays straight up
 
@@ -147,10 +139,6 @@ class Cylindrical(AngularGrid, CentralCamera):
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         height = _ROWS[self.profile].height(-y / np.hypot(x, z))
         return self._pixels_at(np.arctan2(x, z), height / self._top), True
-
-
-def _cos_sin(phi: Array) -> tuple[Array, Array]:
-    return np.cos(phi), np.sin(phi)
 
 
 Layout = Literal["strip", "3x2", "cross", "dice"]

@@ -51,9 +51,7 @@ class Pinhole(FocalLens):
         refuse_focal_and_fov(focal, fov_deg)
         if center is not None:
             if cx is not None or cy is not None:
-                raise ArgumentError(
-                    f"center: expected center or cx and cy, got both ({shown(center)} and more)"
-                )
+                raise ArgumentError(f"center: expected it or cx and cy, got both ({shown(center)} and more)")
             cx, cy = numbers("center", center, (2,)).tolist()
         self.distortion = _twelve_terms(distortion)
         if self.distortion.any():

@@ -31,9 +31,8 @@ def register(cls: type[C]) -> type[C]:
         raise ArgumentError(f"{cls.__name__}.name: expected the model's name, got {shown(name)}")
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
-        raise ArgumentError(
-            f"{cls.__name__}: expected a class that implements {missing}, got an abstract one"
-        )
+        wanted = f"expected a class that implements {missing}"
+        raise ArgumentError(f"{cls.__name__}: {wanted}, got an abstract one")
     if _MODELS.setdefault(name, cls) is not cls:
         raise ArgumentError(
             f"{cls.__name__}.name: expected a name that no other model has, got {name!r} of "

@@ -8,27 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import Reader, number, numbers, one_of, shown, stems, whole_number, within
+from omniscv.arguments import number, numbers, one_of, shown, stems, whole_number, within
 from omniscv.cameras.base import Camera
 from omniscv.cameras.registry import from_dict
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL, Array, Pose
 from omniscv.geometry.pose import rotation_reader
 from omniscv.geometry.trajectory import Trajectory, nanoseconds
-from omniscv.records import checked, mapping, named, optional, read, record
+from omniscv.records import checked, mapping, named, nested, optional, read, record
 
-_ORIGIN = Pose(np.zeros(3), np.eye(3))
+ORIGIN = Pose(np.zeros(3), np.eye(3))
+"""Of the frame itself."""
 
 
-def _instance(cls: type[Any]) -> Reader:
-    """Return a reader that accepts objects of a class."""
-
-    def check(name: str, value: object) -> object:
-        if not isinstance(value, cls):
-            raise ArgumentError(f"{name}: expected a {cls.__name__}, got {shown(value)}")
-        return value
-
-    return check
+def _camera(name: str, value: Any) -> Camera:
+    with within(name):
+        return value if isinstance(value, Camera) else from_dict(value)
 
 
 @record(eq=False)
@@ -36,7 +31,7 @@ class RigCamera:
     """A camera of a rig.
 
     Args:
-        camera: the model.
+        camera: the model, or its description.
         pose: ``T_rig_cam``, the camera in the rig's frame, which is a camera frame: x right, y down,
             z forward, metres. The rig's origin and direction if not given.
         time_offset: seconds by which the camera takes its image later than the rig's time.
@@ -45,8 +40,8 @@ class RigCamera:
         ArgumentError: no camera, no pose, or an offset that is not finite.
     """
 
-    camera: Camera = checked(_instance(Camera))
-    pose: Pose = checked(_instance(Pose), default=_ORIGIN)
+    camera: Camera = checked(_camera)
+    pose: Pose = checked(nested(Pose), default=ORIGIN)
     time_offset: float = checked(number, default=0.0)
 
     @classmethod
@@ -118,25 +113,17 @@ class Rig:
             ArgumentError: the rig has no camera of that name.
         """
         T_cam_rig = self.cameras[one_of("camera", name, self.cameras)].pose.inverse()
-        return Rig(
-            {
-                other: replace(mounted, pose=_ORIGIN if other == name else T_cam_rig @ mounted.pose)
-                for other, mounted in self.cameras.items()
-            }
-        )
+        poses = {other: T_cam_rig @ mounted.pose for other, mounted in self.cameras.items()}
+        poses[name] = ORIGIN
+        return Rig({other: replace(self.cameras[other], pose=pose) for other, pose in poses.items()})
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON: what :meth:`from_dict` takes."""
-        return {
-            "cameras": {
-                name: {
-                    "camera": mounted.camera.to_dict(),
-                    **mounted.pose.to_dict(),
-                    "time_offset": mounted.time_offset,
-                }
-                for name, mounted in self.cameras.items()
-            }
-        }
+        mounts = {}
+        for name, mounted in self.cameras.items():
+            mounts[name] = {"camera": mounted.camera.to_dict(), **mounted.pose.to_dict()}
+            mounts[name]["time_offset"] = mounted.time_offset
+        return {"cameras": mounts}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Rig:
@@ -149,11 +136,6 @@ class Rig:
             ArgumentError: a field is missing, unknown or wrong.
         """
         return read(cls, data)
-
-
-def _camera(name: str, value: Any) -> Camera:
-    with within(name):
-        return value if isinstance(value, Camera) else from_dict(value)
 
 
 @record(eq=False)

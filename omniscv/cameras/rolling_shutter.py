@@ -49,11 +49,7 @@ class RollingShutter(Camera):
     """
 
     name = "rolling-shutter"
-    typical: ClassVar = {
-        "base": {"model": "pinhole"},
-        "readout": 0.03,
-        "velocity": (20.0, 0.0, 0.0),
-    }
+    typical: ClassVar = {"base": {"model": "pinhole"}, "readout": 0.03, "velocity": (20.0, 0.0, 0.0)}
     central = False
 
     def __init__(

@@ -32,7 +32,7 @@ REFUSED = [
     ("pinhole", {"focal": 30, "fov_deg": 60}, "focal: expected focal or fov_deg, got both"),
     ("pinhole", {"focal": 30, **FOCALS}, "focal: expected focal, or fx and fy, got focal = 30, fx = 30"),
     ("pinhole", {"fx": 30}, "focal: expected focal, or fx and fy, got fx = 30"),
-    ("pinhole", {"center": (1, 2), "cx": 1}, "center: expected center or cx and cy, got both"),
+    ("pinhole", {"center": (1, 2), "cx": 1}, "center: expected it or cx and cy, got both"),
     ("pinhole", {"distortion": [0.1] * 14}, "distortion: expected 4, 5, 8 or 12 numbers .*got 14"),
     ("pinhole", {"distortion": 0.1}, "distortion: expected finite numbers"),
     ("pinhole", {"width": 10**400}, "width: expected a whole number of pixels <= 1000000"),
