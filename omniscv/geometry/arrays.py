@@ -18,11 +18,9 @@ Faces = Sequence[Pixels] | Pixels
 Rows = tuple[Any, ...]
 """What a kernel unpacks: arrays of N rows, and numbers."""
 
-
 ROUNDING = 1e-12
 """Relative rounding error of a radius, and of a pixel at the border."""
-_FEW = 8
-"""Pixels of all pictures for each that is read; by measurement."""
+_FEW = 8  # pixels of all pictures for each that is read; by measurement
 
 
 def reads_few(faces: Faces, rays: int) -> bool:
@@ -49,16 +47,13 @@ def stacked(faces: Faces) -> Pixels:
 def run(
     kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any, as_one: bool = False
 ) -> list[Any]:
-    """Call a kernel on blocks of rows, in parallel.
+    """Call a kernel on blocks of rows, in parallel, and return its results.
 
     Args:
         kernel: called with a block of each array of ``rows``, then with ``others``; releases the GIL.
         rows: arrays of N rows.
         others: arguments that are passed whole.
         as_one: whether the kernel takes the rows as one tuple.
-
-    Returns:
-        The results, one for each block.
     """
 
     def call(block: slice) -> Any:
@@ -69,12 +64,8 @@ def run(
 
 
 def cluster_starts(positions_w: Array, distance_m: float) -> Array:
-    """Return, for each position, the first position of its cluster.
-
-    Args:
-        positions_w: (N, 3) metres, world frame.
-        distance_m: the longest step between two positions of a cluster.
-    """
+    """Return, for each position of (N, 3), metres, the first one of its cluster, in which neighbours are at
+    most ``distance_m`` apart."""
     count = len(positions_w)
     if count < 2:
         return positions_w
@@ -84,8 +75,7 @@ def cluster_starts(positions_w: Array, distance_m: float) -> Array:
 
     pairs = cKDTree(positions_w).query_pairs(distance_m, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), (count, count))
-    _, first, cluster = np.unique(
-        connected_components(graph, directed=False)[1], return_index=True, return_inverse=True
-    )
+    label = connected_components(graph, directed=False)[1]
+    _, first, cluster = np.unique(label, return_index=True, return_inverse=True)
     starts: Array = positions_w[first[cluster]]
     return starts

@@ -12,8 +12,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array, Pose
 from omniscv.geometry.trajectory import NS, Trajectory
 
-_CLOSE = 1e-8
-"""Metres and radians within which the cubics pass through a path between their rows."""
+_CLOSE = 1e-8  # metres and radians within which the cubics pass through a path between their rows
 _MOST_HALVINGS = 7
 
 
@@ -38,7 +37,11 @@ class CubicPath:
             raise ArgumentError(f"path: expected 4, 7, 10, ... rows, got {len(rows)}")
         if (np.diff(times) <= 0).any():
             raise ArgumentError(f"path: expected rows later and later, got times {times.tolist()}")
-        moves = rows[:, 1:] if rows.shape[1] == 7 else np.column_stack([rows[:, 1:4], _vectors(rows[:, 4:])])
+        moves = rows[:, 1:]
+        if rows.shape[1] == 8:
+            from scipy.spatial.transform import Rotation  # slow to load
+
+            moves = np.column_stack([rows[:, 1:4], Rotation.from_quat(rows[:, 4:]).as_rotvec()])
         self.turn = float(np.linalg.norm(np.diff(moves[:, 3:], axis=0), axis=1).sum())
         self.moves = bool(moves.any())
         step = 3 if len(rows) > 2 else 1
@@ -56,12 +59,6 @@ class CubicPath:
         for power in range(self._factors.shape[1] - 2, -1, -1):
             moved = moved * part + self._factors[i, power]
         return _matrices(moved[..., 3:]), moved[..., :3]
-
-
-def _vectors(quaternions: Array) -> Array:
-    from scipy.spatial.transform import Rotation  # slow to load
-
-    return np.asarray(Rotation.from_quat(quaternions).as_rotvec())
 
 
 def _matrices(vectors: Array) -> Array:

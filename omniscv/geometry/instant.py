@@ -45,11 +45,7 @@ class Motion:
 
     @classmethod
     def through(cls, poses: Mapping[float, Pose], curve: Curve = "linear") -> Motion:
-        """Return the motion through poses by their times, seconds.
-
-        Raises:
-            ArgumentError: no pose, or another curve.
-        """
+        """Return the motion through poses by their times, seconds; ArgumentError without any."""
         times = sorted(poses)
         return cls(Trajectory.timed(tuple(poses[time] for time in times), times), curve)
 
@@ -64,11 +60,7 @@ class Motion:
         return (times[0], times[-1]) if times is not None and len(times) > 1 else None
 
     def at(self, time_ns: int | None) -> Pose:
-        """Return the pose at a time, whole nanoseconds.
-
-        Raises:
-            ArgumentError: the object moves, and the time is None.
-        """
+        """Return the pose at a time, whole nanoseconds; ArgumentError for None where the object moves."""
         if self.span_ns is None:
             return self.waypoints[0]
         if time_ns is None:
@@ -90,8 +82,7 @@ def object_pose(
     return Pose(camera_pose.position, camera_pose.rotation @ R_LEVEL.T)
 
 
-_DECIMALS = 7
-"""Of metres and matrix entries in ``state``: servers are sent three decimals of a centimetre."""
+_DECIMALS = 7  # of metres and entries in ``state``: servers are sent three decimals of a centimetre
 
 
 def _hidden(name: str, value: Any) -> frozenset[str]:

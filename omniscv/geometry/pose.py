@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omniscv.arguments import numbers, shown
+from omniscv.arguments import numbers, shown, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import unreal_frame
 from omniscv.parallel import MIN_PARALLEL_ELEMENTS, row_blocks
@@ -37,7 +37,7 @@ def position_reader(name: str, value: ArrayLike, farthest: float = FARTHEST) -> 
     """Return (3,) coordinates of at most ``farthest``; ArgumentError for anything else."""
     position = numbers(name, value, (3,))
     if np.abs(position).max() > farthest:
-        raise ArgumentError(f"{name}: expected coordinates of at most {farthest:g}, got {shown(position)}")
+        raise wrong(name, f"coordinates of at most {farthest:g}", position)
     return position
 
 
@@ -48,10 +48,8 @@ def rotation_reader(name: str, value: ArrayLike, shape: tuple[int | None, ...] =
         drift = float(np.abs(rotation @ rotation.swapaxes(-1, -2) - _EYE).max())
         determinant = float(np.linalg.det(rotation).min())
     if not drift <= _NOT_ORTHONORMAL or determinant < 0:  # NaN where products overflow
-        raise ArgumentError(
-            f"{name}: expected a right-handed orthonormal 3x3 matrix, "
-            f"got determinant {determinant:.6g} and |R R^T - I| = {drift:.3g}"
-        )
+        got = f"determinant {determinant:.6g} and |R R^T - I| = {drift:.3g}"
+        raise ArgumentError(f"{name}: expected a right-handed orthonormal 3x3 matrix, got {got}")
     return rotation
 
 
@@ -126,16 +124,12 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, position: ArrayLike, quaternion: Sequence[float]) -> Pose:
-        """Return the pose of a position and a quaternion (x, y, z, w) of any length, camera to world.
-
-        Raises:
-            ArgumentError: not four finite numbers, or all of them 0.
-        """
+        """Return the pose of a position and a quaternion (x, y, z, w) of any length but 0."""
         from scipy.spatial.transform import Rotation  # slow to load
 
         xyzw = numbers("quaternion", quaternion, (4,))
         if not np.linalg.norm(xyzw) > _SHORTEST_QUATERNION:
-            raise ArgumentError(f"quaternion: expected one of length 1, got {shown(xyzw)}")
+            raise wrong("quaternion", "one of length 1", xyzw)
         return cls(np.asarray(position), Rotation.from_quat(xyzw).as_matrix())
 
     def quaternion(self) -> tuple[float, float, float, float]:
@@ -145,12 +139,6 @@ class Pose:
         x, y, z, w = (Rotation.from_matrix(self.rotation).as_quat(canonical=True) + 0.0).tolist()
         return x, y, z, w
 
-    def rotation_vector_to(self, end: Pose) -> Array:
-        """Return the turn from this pose to another in this camera's frame: (3,) axis times angle, rad."""
-        from scipy.spatial.transform import Rotation
-
-        return np.asarray(Rotation.from_matrix(self.rotation.T @ end.rotation).as_rotvec())
-
     def interpolate(self, end: Pose, fraction: float) -> Pose:
         """Return the pose at a fraction of the way to another one; fractions outside [0, 1] extrapolate.
 
@@ -158,7 +146,8 @@ class Pose:
         """
         from scipy.spatial.transform import Rotation
 
-        turn = Rotation.from_rotvec(fraction * self.rotation_vector_to(end)).as_matrix()
+        whole = Rotation.from_matrix(self.rotation.T @ end.rotation).as_rotvec()
+        turn = Rotation.from_rotvec(fraction * whole).as_matrix()
         position = self.position + fraction * (end.position - self.position)
         return Pose(position, self.rotation @ turn)
 

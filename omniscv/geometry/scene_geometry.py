@@ -7,7 +7,7 @@ from typing import Any, Literal, Self, get_args
 
 import numpy as np
 
-from omniscv.arguments import number, numbers, one_of, shown, text, texts
+from omniscv.arguments import number, numbers, one_of, text, texts, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import Array, rotation_reader
 from omniscv.records import checked, named, nested, optional, read, record
@@ -24,7 +24,7 @@ BOX_EDGES = np.array([e for i in range(4) for e in ((i, (i + 1) % 4), (4 + i, 4 
 def _size(name: str, value: Any) -> Array:
     size = numbers(name, value, (3,))
     if (size < 0).any():
-        raise ArgumentError(f"{name}: expected lengths of at least 0, got {shown(size)}")
+        raise wrong(name, "lengths of at least 0", size)
     return size
 
 

@@ -50,8 +50,7 @@ _KEYS = {
 """Keys of JSON that hold several columns, row by row."""
 
 _MOST_ANGLE = 1e5  # degrees or radians; more digits than a turn has are lost
-_ROUNDING = 1e-3
-"""How far a quaternion's length, and the entries of R R^T, may be off: files have few digits."""
+_ROUNDING = 1e-3  # of a quaternion's length, and the entries of R R^T: files have few digits
 _EXACT = 1e-9  # a matrix that is a rotation as it is
 _BLOCK = 1 << 16
 _I, _GL, _MIRROR = np.eye(3), np.diag([1.0, -1, -1]), np.diag([1.0, -1, 1])
@@ -141,9 +140,8 @@ class Rows:
             with within(where):
                 rows.append(_columns_of(entry, units))
                 if rows[-1].keys() != rows[0].keys():
-                    raise ArgumentError(
-                        f"expected {', '.join(rows[0])}, as before, got {', '.join(rows[-1])}"
-                    )
+                    before, got = ", ".join(rows[0]), ", ".join(rows[-1])
+                    raise ArgumentError(f"expected {before}, as before, got {got}")
         columns = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
         return cls(columns, units, lambda i: (entries[i][0], " ".join(f"{n:.9g}" for n in rows[i].values())))
 
@@ -286,7 +284,8 @@ def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, fl
             continue
         if key.lower() in _KEYS:
             names = _KEYS[key.lower()]
-            values = np.ravel(numbers(key, value, np.shape(value) if _is_listed(value) else (None,))).tolist()
+            is_listed = isinstance(value, list | tuple | np.ndarray)
+            values = np.ravel(numbers(key, value, np.shape(value) if is_listed else (None,))).tolist()
             if len(values) not in ((12, 16) if names is MATRIX else (len(names),)):
                 raise ArgumentError(f"{key}: expected {len(names)} numbers, got {shown(value)}")
             own = dict(zip(names, values if names is not MATRIX else [*values, 0, 0, 0, 1], strict=False))
@@ -305,10 +304,6 @@ def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, fl
         del units[column]
     _check_columns(list(found))
     return found
-
-
-def _is_listed(value: object) -> bool:
-    return isinstance(value, list | tuple | np.ndarray)
 
 
 def _check_columns(columns: Sequence[str]) -> None:
@@ -348,9 +343,8 @@ def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str],
         known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
         raise ArgumentError(f"expected names of columns among {known}; got {shown(unknown[0])}")
     if len(words) != count:
-        raise ArgumentError(
-            f"expected {len(words)} columns, as there are names, got {count} in the first row"
-        )
+        wanted = f"expected {len(words)} columns, as there are names"
+        raise ArgumentError(f"{wanted}, got {count} in the first row")
     columns = columns if keyed else ["" if column == "name" else column for column in columns]
     if keyed and "name" not in columns:
         raise ArgumentError(f"expected a column 'name', got {shown(' '.join(words))}")
@@ -359,9 +353,7 @@ def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str],
     if "nsec" in columns and "time" not in columns:
         columns[columns.index("nsec")], units["time"] = "time", "ns"
     for column, unit in units.items():
-        fitting = _UNITS_OF.get(column, ())
-        if unit not in fitting:
-            raise ArgumentError(
-                f"expected {column} in {' or '.join(fitting) or 'no unit'}, got {shown(unit)}"
-            )
+        if unit not in (fitting := _UNITS_OF.get(column, ())):
+            wanted = " or ".join(fitting) or "no unit"
+            raise ArgumentError(f"expected {column} in {wanted}, got {shown(unit)}")
     return columns, units

@@ -38,7 +38,8 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, r
 
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
 _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
-_SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4  # seconds from row to row: no camera is so slow
+# Seconds from row to row: no camera is so slow; whole numbers are as often ms.
+_SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4
 _MOST_BYTES = 1 << 28
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
@@ -104,21 +105,19 @@ def read_poses(path: Path, *, keyed: bool, whole: bool = False, **options: Any) 
     if path.suffix.lower() != ".json":
         return read_rows(path, keyed, whole)[1].listed(**options)
     data = parse_json(read_bytes(path, MOST_JSON_BYTES))
-    items = (
-        [(f"[{i}]", dict(entry)) for i, entry in enumerate(data)] if isinstance(data, list) else data.items()
-    )
-    names = [str(entry.pop("name", where)) if isinstance(data, list) else where for where, entry in items]
-    rows = Rows.of_entries([*items])
+    is_list = isinstance(data, list)
+    items = [(f"[{i}]", dict(entry)) for i, entry in enumerate(data)] if is_list else [*data.items()]
+    names = [str(entry.pop("name", where)) if is_list else where for where, entry in items]
+    rows = Rows.of_entries(items)
     return replace(rows, columns={"name": np.array(names, object), **rows.columns}).listed(**options)
 
 
 def check_frame(path: Path, frame: Frame | None) -> None:
     """Refuse a file of Unreal's poses without the word that says in which axes they are."""
     if frame is None and path.name.lower() == _CONVERTED:
-        raise ArgumentError(
-            "expected frame: unreal (Unreal's own axes, centimetres) or frame: body (as EasySynth writes: "
-            "metres, x forward, y left, z up), got no frame"
-        )
+        body = "frame: body (as EasySynth writes: metres, x forward, y left, z up)"
+        wanted = f"frame: unreal (Unreal's own axes, centimetres) or {body}"
+        raise ArgumentError(f"expected {wanted}, got no frame")
 
 
 # -- rows ------------------------------------------------------------------------------------------------
@@ -227,12 +226,13 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
         whole, parts = (rows.columns[name].astype(np.int64) for name in ("time", "nsec"))
         return whole * NS + parts, says
     smallest, largest = float(np.abs(times).min()), float(np.abs(times).max())
+    slow = _SLOW if (times % 1).any() else _SLOW_WHOLE
     if not unit and largest > _SECONDS:
         unit = "ms" if largest < _SECONDS * 1e3 else "us" if largest < _SECONDS * 1e6 else "ns"
         if largest > _MOST_TIME or smallest < _SECONDS * UNITS[unit] / 1e3:
             raise ArgumentError(f"time: expected seconds, got {smallest:.15g} to {largest:.15g}")
         says.append(f"times up to {largest:.6g} are taken as {unit} since 1970")
-    elif not unit and len(times) > 1 and (step := float(np.median(np.diff(times)))) >= _slow(times):
+    elif not unit and len(times) > 1 and (step := float(np.median(np.diff(times)))) >= slow:
         advice = "name the column time_s, time_ms, time_us or time_ns"
         if step >= _TOO_SLOW:
             raise ArgumentError(f"time: expected seconds, got steps of {step:.9g}; {advice}")
@@ -241,11 +241,6 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
     if largest / per_s > _MOST_SECONDS:
         raise ArgumentError(f"time: expected seconds, got {largest / per_s:.15g}")
     return np.array([parsed(text, per_s) for text in rows.written_times.tolist()]), says
-
-
-def _slow(times: NDArray[Any]) -> float:
-    """Return the seconds from row to row beyond which times may be others: whole ones are as often ms."""
-    return _SLOW if (times % 1).any() else _SLOW_WHOLE
 
 
 def _without_repeats(

@@ -60,9 +60,7 @@ def _sin_cos_deg(angles_deg: Array) -> tuple[Array, Array]:
     """Sine and cosine, exact at multiples of 90 degrees, so that cube faces are exact."""
     turned = angles_deg % 360.0
     quarter = turned % 90.0 == 0
-    index = np.where(quarter, turned // 90, 0).astype(np.int64) % 4
-    exact = np.array([0.0, 1.0, 0.0, -1.0]), np.array([1.0, 0.0, -1.0, 0.0])
-    radians = np.radians(turned)
-    return np.where(quarter, exact[0][index], np.sin(radians)), np.where(
-        quarter, exact[1][index], np.cos(radians)
-    )
+    index = np.where(quarter, turned // 90, 0).astype(np.int64)
+    exact, radians = np.array([0.0, 1.0, 0.0, -1.0]), np.radians(turned)
+    sine = np.where(quarter, exact[index % 4], np.sin(radians))
+    return sine, np.where(quarter, exact[(index + 1) % 4], np.cos(radians))

@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, numbers, one_of, shown, text, whole_number
+from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, wrong
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
@@ -95,8 +95,8 @@ def _shading(name: str, value: object) -> optics.Shading:
         return text(name, str(value))
     table = numbers(name, value, (None, 2))
     if len(table) < 2 or (np.diff(table[:, 0]) <= 0).any() or (table < 0).any():
-        wanted = "expected natural, a file, or at least two pairs of increasing degrees and share of light"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        wanted = "natural, a file, or at least two pairs of increasing degrees and share of light"
+        raise wrong(name, wanted, value)
     return tuple((degrees, share) for degrees, share in table.tolist())
 
 
@@ -108,8 +108,7 @@ def _lateral(name: str, value: object) -> tuple[float, float]:
 def _blur(name: str, value: object) -> tuple[float, ...]:
     sigmas = numbers(name, value if isinstance(value, list | tuple) else [value], (None,)).tolist()
     if not 1 <= len(sigmas) <= _MOST_KERNELS:
-        wanted = f"expected 1 to {_MOST_KERNELS} standard deviations"
-        raise ArgumentError(f"{name}: {wanted}, got {shown(value)}")
+        raise wrong(name, f"1 to {_MOST_KERNELS} standard deviations", value)
     return tuple(number(name, sigma, least=0) for sigma in sigmas)
 
 
@@ -131,9 +130,7 @@ class Sensor:
         ArgumentError: an unknown preset, or a value outside its domain.
     """
 
-    preset: str | None = _option(
-        one_of, f"parameters of a sensor: {', '.join(PRESETS)}", words=tuple(PRESETS)
-    )
+    preset: str | None = _option(one_of, f"parameters of a sensor: {', '.join(PRESETS)}", words=(*PRESETS,))
     seed: int = checked(whole_number, least=0, default=0, help="seed of all noise")
     electrons: Any = _option(_electrons, "electrons at light 1.0, or those of red, green, blue [full_well]")
     exposure_s: Any = _option(number, "seconds of dark current [0.01]", above=0)
@@ -160,9 +157,8 @@ class Sensor:
         if self.electrons is None:
             object.__setattr__(self, "electrons", self.full_well)
         if self.black_level >= 2**self.bits - 1:
-            raise ArgumentError(
-                f"black_level: expected less than {2**self.bits - 1}, got {self.black_level:g}"
-            )
+            wanted = f"expected less than {2**self.bits - 1}"
+            raise ArgumentError(f"black_level: {wanted}, got {self.black_level:g}")
         if self.gain is None:
             object.__setattr__(self, "gain", (2**self.bits - 1 - self.black_level) / self.full_well)
 
@@ -256,9 +252,7 @@ class Sensor:
         step = max(1, _BLOCK_PX // width)
         electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
         dark = self.dark_current * self.exposure_s
-        numbers = np.array(
-            [dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1]
-        )
+        of_sensor = dark, self.full_well, self.read_noise, self.gain, self.black_level, 2.0**self.bits - 1
         patterns = _fixed_patterns(tuple(fixed.tolist()), plane, light.shape, (self.prnu, self.dsnu))
         for first in range(0, height, step):
             rows = slice(first, min(first + step, height))
@@ -267,7 +261,7 @@ class Sensor:
             offsets = self.row_noise * noise.normals(key, noise.ROW, plane, first, count)
             of_rows = np.column_stack([electrons[np.arange(first, rows.stop) & 1], offsets])
             arrays = light[rows], words, patterns[rows], of_rows, codes[rows]
-            run(noise.expose, arrays, noise.quantiles(), numbers)
+            run(noise.expose, arrays, noise.quantiles(), np.array(of_sensor))
         return codes
 
     def develop(self, codes: NDArray[np.uint16]) -> NDArray[np.uint8]:
@@ -290,11 +284,7 @@ class Sensor:
         return np.asarray(cv2.LUT(scaled, np.stack(tones, axis=-1)[None]))
 
     def apply(
-        self,
-        image: Image,
-        camera: str = "",
-        time: float | None = None,
-        lateral: Sequence[Image] = (),
+        self, image: Image, camera: str = "", time: float | None = None, lateral: Sequence[Image] = ()
     ) -> Image:
         """Return an image with the further layers ``raw``, of a mosaic, and ``sensor``, the picture.
 

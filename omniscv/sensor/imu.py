@@ -39,17 +39,17 @@ def _densities(name: str, value: Any) -> tuple[float, ...]:
     return tuple(number(name, density, least=0) for density in _axes(name, value))
 
 
+def _axes_of(reader: Any, help: str) -> Any:
+    return checked(reader, default=(0.0,) * 3, help=help)
+
+
 @record
 class ImuNoise:
     """The errors of three axes, each one number or three: rad/s of a gyroscope, m/s^2 of an accelerometer."""
 
-    bias: tuple[float, ...] = checked(_axes, default=(0.0,) * 3, help="constant error, rad/s or m/s^2")
-    noise_density: tuple[float, ...] = checked(
-        _densities, default=(0.0,) * 3, help="of white noise, unit / sqrt(Hz)"
-    )
-    random_walk: tuple[float, ...] = checked(
-        _densities, default=(0.0,) * 3, help="of the bias, unit / s / sqrt(Hz)"
-    )
+    bias: tuple[float, ...] = _axes_of(_axes, "constant error, rad/s or m/s^2")
+    noise_density: tuple[float, ...] = _axes_of(_densities, "of white noise, unit / sqrt(Hz)")
+    random_walk: tuple[float, ...] = _axes_of(_densities, "of the bias, unit / s / sqrt(Hz)")
 
     def errors(self, seed: int, name: str, rate: float, count: int) -> tuple[Array, Array]:
         """Return biases and white noise, (count, 3) each, of the samples from the first one on."""
@@ -59,9 +59,8 @@ class ImuNoise:
             if density:
                 white[:, axis] = density * rate**0.5 * noise.normals(key, _WHITE, axis, 0, count)
             if walk:
-                biases[1:, axis] += (
-                    np.cumsum(noise.normals(key, _WALK, axis, 0, count - 1)) * walk / rate**0.5
-                )
+                steps = np.cumsum(noise.normals(key, _WALK, axis, 0, count - 1))
+                biases[1:, axis] += steps * walk / rate**0.5
         return biases, white
 
 
@@ -95,9 +94,7 @@ class Imu:
     """An IMU on a rig. Its body frame is X forward, Y left, Z up where the rig looks, unless it is turned."""
 
     rate: float = checked(number, above=0, default=200.0, help="samples a second")
-    position: tuple[float, ...] = checked(
-        _axes, default=(0.0,) * 3, help="in the rig's frame (x right, y down, z forward), metres"
-    )
+    position: tuple[float, ...] = _axes_of(_axes, "in the rig's frame (x right, y down, z forward), metres")
     yaw_deg: float = checked(number, default=0.0, help="turn of the body on the rig: to the left +")
     pitch_deg: float = checked(number, default=0.0, help="the same, nose up +")
     roll_deg: float = checked(number, default=0.0, help="the same, right side down +")

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import shown, within
+from omniscv.arguments import within
 from omniscv.cameras import Camera, Pinhole, RollingShutter, from_dict
 from omniscv.cameras.fisheyes import Fisheye
 from omniscv.cameras.radial import Lens
@@ -147,16 +147,15 @@ def magnified(camera: Camera, share: float) -> Camera:
     described = camera.to_dict()
     if isinstance(camera, RollingShutter):
         base = magnified(camera.base, share).to_dict()
-        return from_dict(
-            {**described, "base": {k: v for k, v in base.items() if k not in ("width", "height")}}
-        )
+        del base["width"], base["height"]
+        return from_dict({**described, "base": base})
     focal: dict[str, Any] = {key: described[key] for key in ("fx", "fy") if key in described}
     if not focal and isinstance(camera, Fisheye | Pinhole):
         described.pop("fov_deg", None)
         focal = {"focal": camera.focal}
     if not focal:
         wanted = "expected a lens with a focal length for lateral colour"
-        raise ArgumentError(f"lateral: {wanted}, got {shown(camera.name)}; leave it out")
+        raise ArgumentError(f"lateral: {wanted}, got {camera.name}; leave it out")
     return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})
 
 
