@@ -23,7 +23,6 @@ from omniscv.sources.base import Request, Source
 from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
-
 PAPER, EXACT, ASKED, DEFAULT = "the paper", "exact", "accuracy=", "the default"
 AIMS = (0.01, 0.003, 0.001, 0.0003)
 MS_REQUEST, MS_MEGAPIXEL = PRICE
@@ -38,6 +37,7 @@ _NONCENTRAL: _Ways = {
 }
 _LEAST_NONCENTRAL = 0.001
 """The least aim of cameras with several centres: smaller ones are not reached here."""
+_BALL: Any = {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
 _MODES = ("object_mask", "depth")
 _LEAST = 1e-4  # a share of 0 is drawn here
@@ -79,21 +79,15 @@ def cameras(width: int) -> dict[str, Camera]:
     """Return the cameras of the chart, by name."""
     square = {"width": width // 4, "height": width // 4}
     return {
-        "panorama": create("equirectangular", width=width, height=width // 2),
-        "fisheye": create("fisheye-equidistant", width=width // 2, height=width // 2, fov_deg=185),
-        "mirror ball": create(
-            "noncentral-spherical-mirror", **square, mirror_radius=0.3, distance=0.3, fov_deg=280
-        ),
-        "non-central panorama": create(
-            "noncentral-panorama", width=width // 2, height=width // 4, radius=0.4
-        ),
+        "panorama": create("equirectangular", width, width // 2),
+        "fisheye": create("fisheye-equidistant", width // 2, width // 2, fov_deg=185),
+        "mirror ball": create("noncentral-spherical-mirror", **square, **_BALL),
+        "non-central panorama": create("noncentral-panorama", width // 2, width // 4, radius=0.4),
     }
 
 
 def measure(
-    width: int = 512,
-    asked: Sequence[float] = (0.03, *AIMS),
-    progress: Steps | None = None,
+    width: int = 512, asked: Sequence[float] = (0.03, *AIMS), progress: Steps | None = None
 ) -> list[Row]:
     """Measure all cameras in the four-wall room, by every series of strategies.
 
@@ -155,8 +149,7 @@ def _measured(
         if name in truth:
             off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
             wrong = float(off[image.valid].mean())
-        prices = {ms: Price(ms, MS_MEGAPIXEL) for ms in LATENCIES_MS}
-        seconds_at = {ms: price.of(captures, pixels) / 1e3 for ms, price in prices.items()}
+        seconds_at = {ms: Price(ms, MS_MEGAPIXEL).of(captures, pixels) / 1e3 for ms in LATENCIES_MS}
         seconds = seconds_at[LATENCIES_MS[0]] if is_modelled else _capturing_s(live, source.requests)
         seconds = max(seconds, _LEAST)  # where rays are traced, nothing is captured
         rows.append(
@@ -204,11 +197,8 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
             for row, label in zip(mine, labels, strict=True)
         ]
         drawing.dots(axes, dots, looks)
-        for row in mine:
-            if row.wrong is None:
-                continue
-            look = looks[row.series]
-            wrong = 100 * max(row.wrong, _LEAST)
+        for row in mine if rows[0].wrong is not None else ():
+            look, wrong = looks[row.series], 100 * max(row.wrong or 0.0, _LEAST)
             axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
         _draw_aims(axes)
         axes.set_title(name, size=10, color=INK)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -31,8 +32,6 @@ SCALES = (0.5, 1.0, 2.0)
 DEFAULT: tuple[Filter, float] = ("bilinear", 1.0)
 
 QUICK = {"width": 64}
-
-
 _POSITION = (0.1, -0.2, 1.45)
 _LEVEL = Pose.from_angles(_POSITION)
 _ROUNDS = 9
@@ -136,16 +135,9 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         if not np.isfinite(row.rms):
             axes.axvline(row.ms, color=MUTED, lw=1, ls="--", zorder=1)
             axes.annotate(
-                f"limit: {row.name}",
-                (row.ms, 0.02),
-                (3, 0),
-                xycoords=("data", "axes fraction"),
-                textcoords="offset points",
-                size=8,
-                color=MUTED,
-                rotation=90,
-                va="bottom",
-            )
+                f"limit: {row.name}", (row.ms, 0.02), (3, 0), xycoords=("data", "axes fraction"),
+                textcoords="offset points", size=8, color=MUTED, rotation=90, va="bottom",
+            )  # fmt: skip
     axes.set_xlabel("ms to compose one panorama from decoded faces (hollow: including its map)", size=9)
     axes.set_ylabel("rms error, grey levels of 255", size=9)
     axes.legend(fontsize=8, frameon=False)
@@ -168,11 +160,9 @@ def finding(rows: Sequence[Row]) -> str:
     nearer = f"{truest.name} is nearer to the truth by {1 - truest.rms / ours.rms:.1%}"
     truth = "none of them is nearer to the truth" if truest.rms >= ours.rms else nearer
     best = drawing.front([_dot(row) for row in drawn])
-    front = ", ".join(
-        f"{row.name} {row.face_size}" if row.ours else row.name for row in drawn if _dot(row) in best
-    )
+    named = [f"{row.name} {row.face_size}" if row.ours else row.name for row in drawn if _dot(row) in best]
     sizes = f"6 x {ours.face_size}\N{SUPERSCRIPT TWO} to {ours.width} x {ours.width // 2} px"
-    return f"{sizes}, {ours.name}: {ours.ms:.1f} ms, {', '.join(beaten)}; {truth}. Front: {front}"
+    return f"{sizes}, {ours.name}: {ours.ms:.1f} ms, {', '.join(beaten)}; {truth}. Front: {', '.join(named)}"
 
 
 Image = NDArray[np.uint8]
@@ -190,9 +180,8 @@ def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:
         import py360convert
 
         size, form = (camera.height, camera.width), {"mode": "bilinear", "cube_format": "list"}
-        installed["py360convert"] = lambda turn: np.asarray(
-            py360convert.c2e(list(in_order), *size, **form), np.uint8
-        )
+        convert = partial(py360convert.c2e, list(in_order), *size, **form)
+        installed["py360convert"] = lambda turn: np.asarray(convert(), np.uint8)
     if find_spec("av"):
         installed["ffmpeg v360"] = _v360(in_order, camera)
     return installed
@@ -230,12 +219,8 @@ def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
 
     picture = np.concatenate([np.concatenate(faces[i : i + 3], axis=1) for i in (0, 3)])
     time_base, graph, frames = Fraction(1, 25), av.filter.Graph(), count()
-    start = graph.add_buffer(
-        width=picture.shape[1],
-        height=picture.shape[0],
-        format=av.VideoFormat("rgb24"),
-        time_base=time_base,
-    )
+    height, width = picture.shape[:2]
+    start = graph.add_buffer(width=width, height=height, format=av.VideoFormat("rgb24"), time_base=time_base)
     options = f"input=c3x2:output=e:in_forder=frblud:w={camera.width}:h={camera.height}:interp=linear"
     way, end = graph.add("v360", options), graph.add("buffersink")
     start.link_to(way)

@@ -61,7 +61,6 @@ _SLACK = _DEPTH / 10  # relative error that a bound of depth may miss
 _BROKEN, _UNMARKED = 0.002, 0.001  # least increase of wrong and of unmarked pixels that counts, as a share
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
-
 _SLITS_PX = 8
 _ROOM = """
 sky: [0.6, 0.8, 0.9]
@@ -121,6 +120,7 @@ def _fault(name: str, unit: str, *strengths: float | str, fault: str = "") -> Ca
     return Cause(name, unit, strengths, f"fault={fault or name.replace(' ', '-')}={{}}")
 
 
+_STILL = "time_step_s=0"
 CAUSES = (
     _fault("exposure drift", "of the way", 0.001, 0.01, 0.1, 1),
     _fault("vignette", "in corners", 0.001, 0.01, 0.1, 1),
@@ -134,9 +134,7 @@ CAUSES = (
     _fault("far origin", "km", 1, 10, 100, 1000),
     _fault("stale", "images", 1, 3, 10, 30),
     _fault("growing world", "each depth", 1e-5, 1e-4, 1e-3, 1e-2, fault="moving-world"),
-    Cause(
-        "moving objects", "s a frame", (1e-5, 1e-4, 1e-3, 1e-2), "time_step_s={}", "workshop", "time_step_s=0"
-    ),
+    Cause("moving objects", "s a frame", (1e-5, 1e-4, 1e-3, 1e-2), "time_step_s={}", "workshop", _STILL),
     _fault("radial depth", "of the way", 0.001, 0.01, 0.1, 1),
     _fault("depth mantissa", "bits", 10, 7, 4, 2),
     _fault("integer depth", "bits of 100 m", 24, 16, 12, 8, fault="depth-bits"),
@@ -244,13 +242,7 @@ def wrong_depth(depth: Array, hits: Hits) -> Mask:
 
 
 def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[str] = ()) -> list[Row]:
-    """Measure causes at all strengths.
-
-    Args:
-        width: of the images, px.
-        progress: called with (strengths done, in total).
-        causes: names; all if not given.
-    """
+    """Measure causes at all strengths, in images of a width, px; all causes if none is named."""
     selected = [cause for cause in CAUSES if not causes or cause.name in causes]
     steps = [(cause, strength) for cause in selected for strength in cause.strengths]
     rows: list[Row] = []
@@ -299,7 +291,7 @@ def _examine(scene: str, query: str, width: int, pose: Pose, checks: str = "none
     try:
         findings = examine_address(address, pose.position, **_DEADLINES)
     except OmniscvError as refusal:
-        return _Outcome(images, frozenset({f"{type(refusal).__name__}"}))
+        return _Outcome(images, frozenset({type(refusal).__name__}))
     return _Outcome(images, frozenset(finding.name for finding in findings if finding.verdict != "ok"))
 
 
@@ -354,9 +346,8 @@ def _draw(axes: Axes, rows: Sequence[Row]) -> None:
     axes.semilogy(range(len(rows)), share, color="#c3c9d2", lw=1.2, zorder=1)
     for at, (row, value) in enumerate(zip(rows, share, strict=True)):
         marker = "x" if row.said == "refused" else "o"
-        axes.plot(
-            at, value, marker, color=ANSWERS[row.said][0], ms=5.5, mew=2 if marker == "x" else 0, zorder=2
-        )
+        style: Any = {"color": ANSWERS[row.said][0], "mew": 2 if marker == "x" else 0}
+        axes.plot(at, value, marker, ms=5.5, zorder=2, **style)
     axes.set(ylim=(_LEAST / 2, 6), xlim=(-0.5, max(len(rows), 1) - 0.5))
     axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False, which="both")
     for side in axes.spines.values():

@@ -142,6 +142,10 @@ def _far(left: float) -> float:
     return 10 / left
 
 
+def _beyond(left: float) -> float:
+    return BEYOND_THE_CONE / left
+
+
 Limit = Callable[[str], Approach]
 """Returns the approach of a model by its name."""
 
@@ -197,14 +201,7 @@ _LIMITS: dict[str, list[Limit]] = {
     ],
     "fisheye624": [
         _to("θ → turn of r(θ)", edge, k=(-0.1, 0, 0, 0, 0, 0), **_KB),
-        _to(
-            "r → turn of the distortion",
-            edge_to_the_right,
-            k=(0,) * 6,
-            p=(2e-3, 0),
-            s=(-0.2, 0, 0.1, 0),
-            **_KB,
-        ),
+        _to("r → turn of the distortion", edge_to_the_right, p=(2e-3, 0), s=(-0.2, 0, 0.1, 0), **_KB),
     ],
     "ftheta": [
         _to("θ → turn of f(θ)", edge, polynomial=(0, 150, 0, -15)),
@@ -235,8 +232,8 @@ _LIMITS: dict[str, list[Limit]] = {
     ],
     "field-of-view": [
         _to("r → π / ω", edge, omega=0.9, **_KB),
-        _to("ω → 0", omega=lambda left: left, **_KB),
-        _to("ω → π", omega=lambda left: np.pi * (1 - left), **_KB),
+        _to("ω → 0", omega=_down_from(1.0), **_KB),
+        _to("ω → π", omega=_up_to(np.pi), **_KB),
     ],
     "pinhole": [
         _to("r → turn of the distortion", edge_to_the_right, distortion=(-0.3, 0.01, 1e-3, -2e-3), **_KB),
@@ -290,12 +287,7 @@ _LIMITS: dict[str, list[Limit]] = {
             _to(text, metres=lambda left: BEYOND_THE_CONE, half_angle_deg=_up_to(limit), distance=0.3)
             for limit, text in ((45, "τ → 45°"), (90, "τ → 90°, a plane"))
         ),
-        _to(
-            "τ → 0, a needle",
-            metres=lambda left: BEYOND_THE_CONE / left,
-            half_angle_deg=_down_from(60),
-            distance=0.3,
-        ),
+        _to("τ → 0, a needle", metres=_beyond, half_angle_deg=_down_from(60), distance=0.3),
     ],
     "noncentral-spherical-mirror": [
         _to("Z_m → 0", distance=_down_from(0.5), mirror_radius=0.5),
@@ -308,12 +300,8 @@ def approaches(name: str) -> list[Approach]:
     """Return the approaches of any registered model, and the further ones of this model."""
     cls = cameras.model(name)
     last = Approach("pixel → last valid one", lambda left: cls.example(SIZE), edge, _metres(cls))
-    fields_of_view = [key for key in inspect.signature(cls).parameters if key.startswith("fov_")]
-    return [
-        last,
-        *(_widest(cls, key) for key in fields_of_view),
-        *(limit(name) for limit in _LIMITS.get(name, [])),
-    ]
+    widest = [_widest(cls, key) for key in inspect.signature(cls).parameters if key.startswith("fov_")]
+    return [last, *widest, *(limit(name) for limit in _LIMITS.get(name, []))]
 
 
 def _widest(cls: type[Camera], key: str) -> Approach:
@@ -336,7 +324,7 @@ def _widest(cls: type[Camera], key: str) -> Approach:
 
 
 def _metres(cls: type[Camera]) -> Callable[[float], float]:
-    return (lambda left: 10.0) if cls.central else (lambda left: BEYOND_THE_CONE / left)
+    return (lambda left: 10.0) if cls.central else _beyond
 
 
 def _with_field_of_view(cls: type[Camera], key: str, degrees: float) -> Camera:

@@ -44,24 +44,12 @@ class Row:
 
 
 def measure(progress: Steps | None = None, models: Sequence[str] | None = None) -> list[Row]:
-    """Measure every approach to a limit.
-
-    Args:
-        progress: called with (models done, models in total).
-        models: their names; all that are registered if not given.
-    """
+    """Measure every approach to a limit of models, by name; of all that are registered if not given."""
     rows: list[Row] = []
     for name in counted(cameras.names() if models is None else models, progress):
-        rows += [
-            Row(
-                name,
-                way.limit,
-                way.beyond(),
-                tuple(way.error_px(left) for left in STEPS),
-                tuple(way.known_px(STEPS).tolist()) if way.known_px else None,
-            )
-            for way in approaches(name)
-        ]
+        for way in approaches(name):
+            known = tuple(way.known_px(STEPS).tolist()) if way.known_px else None
+            rows.append(Row(name, way.limit, way.beyond(), tuple(map(way.error_px, STEPS)), known))
     return rows
 
 
@@ -77,9 +65,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     for beyond, color in _BEYOND.items():
         panels[-1].plot([], [], color=color, label=beyond)
     panels[-1].plot([], [], ":", color="0.3", label="float64's end")
-    panels[-1].legend(
-        title="beyond the limit:", loc="center", fontsize=7.5, title_fontsize=7.5, frameon=False
-    )
+    panels[-1].legend(title="beyond:", loc="center", fontsize=7.5, title_fontsize=7.5, frameon=False)
     figure.supxlabel("what is left to the limit, relative: from 1 (left) to 1e-16 (red line)", size=8.5)
     figure.supylabel("round trip, px; dashed: the promise, 1e-6", size=8.5)
     return drawing.write(rows, figure, out, "stability")
@@ -105,6 +91,5 @@ def _draw(axes: Axes, name: str, rows: Sequence[Row]) -> None:
     axes.minorticks_off()
     axes.tick_params(labelsize=6.5, colors=drawing.INK, length=2)
     axes.grid(alpha=0.25)
-    axes.set_title(
-        name.replace("noncentral", "nc").replace("catadioptric", "cata"), fontsize=7.5, loc="left", pad=2
-    )
+    title = name.replace("noncentral", "nc").replace("catadioptric", "cata")
+    axes.set_title(title, fontsize=7.5, loc="left", pad=2)

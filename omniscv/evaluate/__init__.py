@@ -64,12 +64,8 @@ class Report:
 
     def write(self, name: str, out: Path) -> list[Path]:
         """Write ``NAME.json`` and ``NAME.csv`` into a folder; return all files of the report."""
-        content = {
-            "evaluation": name,
-            "figures": [asdict(figure) for figure in self.figures],
-            "about": dict(self.about),
-            "raw": [dict(row) for row in self.rows],
-        }
+        content: dict[str, Any] = {"evaluation": name, "figures": list(map(asdict, self.figures))}
+        content |= {"about": dict(self.about), "raw": list(map(dict, self.rows))}
         as_json, as_csv = out / f"{name}.json", out / f"{name}.csv"
         write_json(as_json, finite(content))
         with whole_file(as_csv) as part, part.open("w", newline="", encoding="utf-8") as file:

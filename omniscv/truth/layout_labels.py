@@ -34,7 +34,6 @@ _LEVELS = 5  # of each channel: steps of 63 exceed Canny's thresholds
 
 CAMERA_HEIGHT_M = 1.6
 """Height that plans are scaled to, because a panorama does not show the height of its camera."""
-
 _LEVEL = 1e-6  # rad
 
 
@@ -144,9 +143,8 @@ def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]
 
 def refuses(camera: Camera) -> str | None:
     """Return why corners in columns cannot describe a camera's images; None if they can."""
-    if camera.name == "equirectangular":
-        return None
-    return f"expected an upright equirectangular panorama, got {camera.name}"
+    is_panorama = camera.name == "equirectangular"
+    return None if is_panorama else f"expected an upright equirectangular panorama, got {camera.name}"
 
 
 def cor_id(room: Room, camera: Camera, pose: Pose) -> Array:
@@ -175,16 +173,13 @@ def cor_id(room: Room, camera: Camera, pose: Pose) -> Array:
 
 
 def corner_lines(layout: Mapping[str, Any], camera: Camera, pose: Pose) -> str:
-    """Return the lines ``x y`` px of the corners of a panorama, as ``label_cor/STEM.txt`` holds them.
+    """Return :func:`lines_of` the corners of the layout that a record describes, in a panorama."""
+    return lines_of(cor_id(room_of(layout), camera, pose))
 
-    Args:
-        layout: record of :mod:`omniscv.truth.layout_record`.
-        camera, pose: of the panorama.
 
-    Raises:
-        ArgumentError: no record of a layout, or as :func:`cor_id`.
-    """
-    return "".join(f"{x:.3f} {y:.3f}\n" for x, y in cor_id(room_of(layout), camera, pose).tolist())
+def lines_of(corners: Array) -> str:
+    """Return the lines ``x y`` px of corners (2N, 2), as ``label_cor/STEM.txt`` holds them."""
+    return "".join(f"{x:.3f} {y:.3f}\n" for x, y in corners.tolist())
 
 
 def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
@@ -203,9 +198,7 @@ def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
     ceiling, floor = pixels[0::2], pixels[1::2]
     paired = len(ceiling) == len(floor) and np.abs(ceiling[:, 0] - floor[:, 0]).max() <= width / 100
     if not paired or len(floor) < 3:
-        raise ArgumentError(
-            "cor_id: expected at least 3 pairs of a ceiling's and a floor's corner, in columns"
-        )
+        raise ArgumentError("cor_id: expected at least 3 pairs of corners, a ceiling's above a floor's")
     theta = ((floor[:, 0] + 0.5) / width - 0.5) * 2 * np.pi
     up, down = (np.pi * (0.5 - (row[:, 1] + 0.5) / height) for row in (ceiling, floor))
     if (up <= 0).any() or (down >= 0).any():

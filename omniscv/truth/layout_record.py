@@ -113,10 +113,8 @@ def room_of(record: Mapping[str, Any]) -> Room:
         raise ArgumentError(f"layout: expected a record of a layout, got {shown(record)}") from cause
     uneven = max(np.ptp(floor[:, 2]), np.ptp(ceiling[:, 2]), np.abs(floor[:, :2] - ceiling[:, :2]).max())
     if uneven > _SAME_M:
-        raise ArgumentError(
-            "layout: expected a room of upright walls between a level floor and a level ceiling, got corners "
-            f"that are {uneven:.3g} m off that"
-        )
+        wanted = "expected a room of upright walls between a level floor and a level ceiling"
+        raise ArgumentError(f"layout: {wanted}, got corners that are {uneven:.3g} m off that")
     names = tuple(wall for wall, _ in walls[:count])
     heights = float(floor[0, 2]), float(ceiling[0, 2])
     return Room(floor[:, :2], *heights, names, walls[0][1], walls[count][1])
@@ -132,21 +130,20 @@ def _corner_records(
     in_room, in_full = flags(corners_c[seen], pixels[seen], origins_c[seen])
     visible_room, visible = np.zeros_like(seen), np.zeros_like(seen)
     visible_room[seen], visible[seen] = in_room, in_room if in_full is None else in_full
-    count, records = len(corners_w) // 2, []
-    for i, in_image in enumerate(seen.tolist()):
-        records.append(
-            {
-                "id": i,
-                "kind": "floor" if i < count else "ceiling",
-                "world": corners_w[i].tolist(),
-                "camera": corners_c[i].tolist(),
-                "pixel": pixels[i].tolist() if in_image else None,
-                "in_image": in_image,
-                "visible_room": bool(visible_room[i]),
-                "visible": None if in_full is None else bool(visible[i]),
-            }
-        )
-    return records
+    count = len(corners_w) // 2
+    return [
+        {
+            "id": i,
+            "kind": "floor" if i < count else "ceiling",
+            "world": corners_w[i].tolist(),
+            "camera": corners_c[i].tolist(),
+            "pixel": pixels[i].tolist() if in_image else None,
+            "in_image": in_image,
+            "visible_room": bool(visible_room[i]),
+            "visible": None if in_full is None else bool(visible[i]),
+        }
+        for i, in_image in enumerate(seen.tolist())
+    ]
 
 
 def corners_of(room: Room) -> Array:
@@ -192,9 +189,7 @@ class LayoutOptions:
     """Options of the truth ``layout``."""
 
     source: LayoutSource | None = checked(
-        layout_source,
-        default=None,
-        help="scene, or fitted to the image; default: scene where it knows its room",
+        layout_source, default=None, help="scene, or fitted to the image [scene where it knows its room]"
     )
     tolerance: Tolerance = checked(nested(Tolerance), default=Tolerance(), help="of depths that are equal")
 
@@ -255,13 +250,7 @@ def _check(_: object, geometry: SceneGeometry, modes: Collection[str], options: 
 
 register(
     Truth(
-        "layout",
-        _derive,
-        needs=("depth",),
-        file="layout.json",
-        keys=("tolerance",),
-        captures=_captures,
-        options=LayoutOptions,
-        check=_check,
+        "layout", _derive, needs=("depth",), file="layout.json", keys=("tolerance",), captures=_captures,
+        options=LayoutOptions, check=_check,
     )
-)
+)  # fmt: skip

@@ -26,8 +26,7 @@ Names = Mapping[str, int] | Sequence[str]
 Box = list[int]
 """``[x, y, width, height]``, px: the edges of pixels, ``[0, 0, 1, 1]`` is the first one."""
 
-_SAMPLES = 6
-"""Points along each edge of a box's sides, for the share of the surface that is in the image."""
+_SAMPLES = 6  # points along each edge of a box's sides, for the share of the surface in the image
 
 
 def boxes(
@@ -189,17 +188,10 @@ def boxes_around_points(
     return around
 
 
-def _unit_surface() -> Array:
-    """(N, 3) the middles of equal tiles of the sides of a box of size 1."""
-    along = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
-    a, b = (axis.ravel() for axis in np.meshgrid(along, along))
-    sides = [
-        np.insert(np.column_stack([a, b]), axis, end, axis=1) for axis in range(3) for end in (-0.5, 0.5)
-    ]
-    return np.concatenate(sides)
-
-
-_SURFACE = _unit_surface()
+_ALONG = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+_SIDE = np.stack(np.meshgrid(_ALONG, _ALONG), axis=-1).reshape(-1, 2)
+_SIDES = [np.insert(_SIDE, axis, end, axis=1) for axis in range(3) for end in (-0.5, 0.5)]
+_SURFACE = np.concatenate(_SIDES)  # (216, 3) the middles of equal tiles of the sides of a box of size 1
 
 
 # -- the truths -----------------------------------------------------------------------------------------
@@ -208,13 +200,8 @@ _SURFACE = _unit_surface()
 def _derive_boxes(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`boxes`, with ``truncated`` where a box in space is known."""
     image, known = frame.rendered(), frame.geometry.boxes
-    records = boxes(
-        frame.layer("labels"),
-        frame.instances,
-        frame.classes,
-        wrap=image.camera.wraps,
-        depth=image.depth,
-    )
+    labels, wrap = frame.layer("labels"), image.camera.wraps
+    records = boxes(labels, frame.instances, frame.classes, wrap=wrap, depth=image.depth)
     with_box = [record for record in records if record["name"] in known]
     shares = truncated([known[record["name"]] for record in with_box], image.camera, image.pose)
     for record, share in zip(with_box, shares, strict=True):

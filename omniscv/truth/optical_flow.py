@@ -15,7 +15,7 @@ from omniscv.cameras import Camera, Rays
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.parallel import row_blocks
-from omniscv.records import checked, nested, record
+from omniscv.records import checked, nested, record, word
 from omniscv.render_options import Tolerance
 from omniscv.truth.registry import Truth, register
 
@@ -84,9 +84,8 @@ def flow(
         ArgumentError: arrays of different sizes, motions without labels, or a wrong option.
     """
     one_of("wrap", wrap, get_args(Wrap))
-    tolerance = Tolerance(
-        number("tolerance_m", tolerance_m, least=0), number("tolerance_rel", tolerance_rel, least=0)
-    )
+    allowed = {"tolerance_m": tolerance_m, "tolerance_rel": tolerance_rel}
+    tolerance = Tolerance(*(number(name, value, least=0) for name, value in allowed.items()))
     if motions and labels is None:
         raise ArgumentError("motions: expected labels with them, got none")
     for name, array in (("rays0", rays0.valid), ("labels", labels)):
@@ -164,16 +163,7 @@ def _move(
 
 
 class _Occlusion:
-    """Which points are occluded in the second image.
-
-    Args:
-        camera1: of the image.
-        depth1: (H1, W1) metres.
-        tolerance: by which the image's depth must be nearer.
-
-    Raises:
-        ArgumentError: a depth of another size than the camera's.
-    """
+    """Which points are occluded in the second image, whose depth (H1, W1) is nearer there."""
 
     def __init__(self, camera1: Camera, depth1: NDArray[Any], tolerance: Tolerance) -> None:
         if depth1.shape != (camera1.height, camera1.width):
@@ -218,16 +208,13 @@ class FlowOptions:
     """Options of the truth ``flow``, and of the format that writes it."""
 
     gap: int = checked(whole_number, default=1, help="number of frames from a frame to the other one")
-    wrap: Wrap = checked(
-        one_of,
-        words=get_args(Wrap),
+    wrap: Wrap = word(
+        Wrap,
         default="shortest",
         help="shortest: across the seam of a panorama if that is shorter; classic: difference of columns",
     )
     backward: bool = checked(flag, default=False, help="flow to the frame before, too: STEM.backward.*")
-    scene: bool = checked(
-        flag, default=False, help="scene flow, too: STEM.sceneflow.exr, metres in the world"
-    )
+    scene: bool = checked(flag, default=False, help="scene flow, too: STEM.sceneflow.exr, metres, world")
     kitti: bool = checked(flag, default=False, help="KITTI's 16-bit PNG, too, for flow below 512 px")
     tolerance: Tolerance = checked(
         nested(Tolerance), default=Tolerance(), help="by which a nearer depth occludes a point"

@@ -224,9 +224,8 @@ def _thin(cloud: Points, voxel_m: float, origin: Array) -> Points:
     limit = 1 << (_CELL_BITS - 1)
     if len(cells) and not np.abs(cells).max() < limit:
         far = np.abs(cells).max() * voxel_m
-        raise ArgumentError(
-            f"voxel: expected at least {far / (limit - 1):.3g} m for points {far:.3g} m apart"
-        )
+        wanted = f"at least {far / (limit - 1):.3g} m for points {far:.3g} m apart"
+        raise ArgumentError(f"voxel: expected {wanted}, got {voxel_m:.3g}")
     x, y, z = (cells.astype(np.int64) + limit).T
     cell = (x << 2 * _CELL_BITS) | (y << _CELL_BITS) | z
     order = np.lexsort((cloud.distances, cell))

@@ -65,9 +65,8 @@ class Truth(WithOptions):
 
     def may_capture(self, geometry: SceneGeometry, options: Mapping[str, Any]) -> bool:
         """Return whether ``derive`` may use the renderer."""
-        return (
-            self.captures(geometry, self.read_options(options)) if callable(self.captures) else self.captures
-        )
+        captures = self.captures
+        return captures(geometry, self.read_options(options)) if callable(captures) else captures
 
 
 def file_contents(records: Mapping[str, Any]) -> dict[str, Any]:

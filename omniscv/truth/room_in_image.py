@@ -21,10 +21,8 @@ Flags = NDArray[np.bool_]
 
 SPACING_PX = 0.5
 """Largest distance between neighbouring samples of a curve."""
-
 RESOLVED_M = 5e-7
 """Largest distance between a sample and the ray of its pixel."""
-
 _AIM_PX = 0.42  # spacing that is aimed at: below the limit, so that most curves need one iteration
 _COARSE_PX = 8  # spacing of the first samples at the image's middle; a shorter piece may be missed
 _COARSE = np.radians([0.01, 1.0])  # limits of that spacing
@@ -251,14 +249,8 @@ def _wall_distance(room: Room, start: Array, end: Array, o: Array, d: Array) -> 
 
 
 def seen_in_room(room: Room, pose: Pose, points_c: Array, origins_c: Array) -> Flags:
-    """Return (S,) whether no wall of a room hides points on its edges.
-
-    Args:
-        room: with the edges.
-        pose: of the camera.
-        points_c: (S, 3) metres, camera frame.
-        origins_c: (S, 3) metres, camera frame, the origins of the rays to the points.
-    """
+    """Return (S,) whether no wall of a room hides points (S, 3) on its edges from the origins (S, 3) of their
+    rays; metres, camera frame."""
     offset = points_c - origins_c
     distance = np.linalg.norm(offset, axis=-1)
     hits = first_hits(room, pose.to_world(origins_c), (offset / distance[:, None]) @ pose.R_w_c.T)

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, wrong
 from omniscv.cameras import Camera
 from omniscv.compose.image import OmniImage
 from omniscv.errors import ArgumentError
@@ -60,10 +60,7 @@ class RoomLayout:
         steps = np.roll(corners, -1, axis=0) - corners
         area = float((corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()) / 2
         if len(corners) < 3 or not np.abs(steps).max(axis=1).all() or area <= 0:
-            raise ArgumentError(
-                "room: expected at least 3 different corners, counterclockwise from above; got "
-                f"{shown(corners)}"
-            )
+            raise wrong("room", "at least 3 different corners, counterclockwise from above", corners)
         number("room.ceiling_z", self.room.ceiling_z, above=number("room.floor_z", self.room.floor_z))
 
 
@@ -85,9 +82,8 @@ def layout(
     if not isinstance(scene_or_frames, SceneGeometry):
         return _fit_room(scene_or_frames, classes)
     if scene_or_frames.room is None:
-        raise ArgumentError(
-            "layout: expected a scene whose room is known, got none; give images to fit a room to"
-        )
+        advice = "give images to fit a room to"
+        raise ArgumentError(f"layout: expected a scene whose room is known, got none; {advice}")
     return RoomLayout(scene_or_frames.room)
 
 
@@ -115,11 +111,9 @@ class Picture:
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer; ArgumentError without it."""
         if name not in self.files:
-            layers = ", ".join(self.files)
-            raise ArgumentError(
-                "layout: expected an image with depth, normals and labels to fit a room to, "
-                f"it has {layers}; render with {name}, too"
-            )
+            wanted = "expected an image with depth, normals and labels to fit a room to"
+            got = f"it has {', '.join(self.files)}; render with {name}, too"
+            raise ArgumentError(f"layout: {wanted}, {got}")
         return self.files[name]
 
 
@@ -162,11 +156,8 @@ def _fit_room(images: Sequence[Frame | Picture | OmniImage], classes: ClassTable
     room = Room(corners, floor_z, ceiling_z, tuple(wall.name for wall in walls), floor, ceiling)
     residual_m = _residual(surfaces, room)
     if residual_m > LARGEST_RESIDUAL_M:
-        room_form = "upright walls between a level floor and a level ceiling"
-        raise ArgumentError(
-            f"layout: expected {room_form} within {LARGEST_RESIDUAL_M} m, got points that are "
-            f"{residual_m:.3f} m off (rms)"
-        )
+        wanted = f"upright walls between a level floor and a level ceiling within {LARGEST_RESIDUAL_M} m"
+        raise ArgumentError(f"layout: expected {wanted}, got points that are {residual_m:.3f} m off (rms)")
     return RoomLayout(room, "fitted", residual_m)
 
 
@@ -191,9 +182,8 @@ def _surfaces(image: Frame | Picture, classes: ClassTable | None) -> _Surfaces:
 def is_room(name: str, classes: ClassTable | None = None) -> bool:
     """Return whether an object is a surface of the room, by its class or its name."""
     of_class = None if classes is None else classes.of(name)
-    if of_class is not None and of_class.name.lower() in _CLASSES:
-        return True
-    return name.lower().startswith(_PREFIX)
+    is_surface = of_class is not None and of_class.name.lower() in _CLASSES
+    return is_surface or name.lower().startswith(_PREFIX)
 
 
 def _level(surfaces: _Surfaces, use: NDArray[np.bool_], what: str) -> tuple[float, str]:
@@ -292,10 +282,8 @@ def _ring(walls: list[_Wall]) -> list[_Wall]:
     widest = max((gaps[i][follower[i]] for i in ring), default=largest)
     if len(ring) < len(walls) or len(ring) < 3 or widest > 2 * WIDEST_GAP_M:
         names = ", ".join(sorted({wall.name for wall in walls})) or "none"
-        raise ArgumentError(
-            "layout: expected images that show every wall of one room, nearly from corner to corner; "
-            f"got walls that do not close: {names[:120]}"
-        )
+        wanted = "expected images that show every wall of one room, nearly from corner to corner"
+        raise ArgumentError(f"layout: {wanted}; got walls that do not close: {names[:120]}")
     return _merge_collinear([walls[i] for i in ring])
 
 

@@ -19,8 +19,7 @@ from omniscv.geometry import Array
 
 Kind = Literal["perspective", "lonlat"]
 _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-_FLAT = 1e-12
-"""Rounding error of products of unit vectors."""
+_FLAT = 1e-12  # rounding error of products of unit vectors
 
 
 @dataclass(frozen=True)

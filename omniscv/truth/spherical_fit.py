@@ -24,17 +24,12 @@ Labels = NDArray[np.uint16]
 DirectionsAt = Callable[[NDArray[np.intp], NDArray[np.intp]], Array]
 """Return (N, 3) unit directions of the centres of pixels by rows and columns (N,); NaN where not valid."""
 
-_STEPS = 10
-"""Iterations that move a box's centre to the middle of the directions as the box's frame sees them."""
-_FRONT = np.cos(np.radians(85))
-"""Directions more than 85 degrees from the centre are too wide for a perspective box."""
-_SPREADS_DEG = (3.0, 0.4, 0.06)
-"""Half ranges of the search for the rotation, around the best one so far; 15 rotations are tried in each."""
-_LEAST_Z = 1e-6
-"""Bound on z of directions beside or behind a frame, while its centre is moved."""
+_STEPS = 10  # iterations that move a box's centre to the middle of the directions as its frame sees them
+_FRONT = np.cos(np.radians(85))  # of the angle to the centre from which on a perspective box is too wide
+_SPREADS_DEG = (3.0, 0.4, 0.06)  # half ranges of the search for the rotation, of 15 rotations each
+_LEAST_Z = 1e-6  # bound on z of directions beside or behind a frame, while its centre is moved
 _BINS = 7200  # of longitude
-_NEIGHBOURS = 3.0
-"""Two columns are neighbours if they are less than this many times as far apart as the first two."""
+_NEIGHBOURS = 3.0  # columns are neighbours if they are less than so many times as far apart as the first two
 
 
 def bfov(mask: NDArray[np.bool_], rays: Rays, *, rotated: bool = False) -> dict[str, Any]:
@@ -237,16 +232,12 @@ def _derive(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
         return camera.unproject(np.stack([columns + 0.5, rows + 0.5], axis=-1)).directions
 
     boxes = bfovs(frame.layer("labels"), directions, camera.wraps)
-    return [
-        {
-            "instance_id": instance,
-            "name": name_of[instance],
-            "bfov": upright.to_dict(),
-            "rbfov": rotated.to_dict(),
-        }
-        for instance, (upright, rotated) in boxes.items()
-        if instance in name_of
-    ]
+    records = []
+    for instance, (upright, rotated) in boxes.items():
+        if instance in name_of:
+            both = {"bfov": upright.to_dict(), "rbfov": rotated.to_dict()}
+            records.append({"instance_id": instance, "name": name_of[instance], **both})
+    return records
 
 
 register(Truth("bfov", _derive, needs=("object_mask",), options=NoOptions))

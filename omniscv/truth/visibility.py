@@ -9,26 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import one_of
 from omniscv.compose.renderer import Renderer
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Array
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.records import checked, record
+from omniscv.records import record, word
 from omniscv.sources.base import Source
 from omniscv.truth.object_boxes import Labels, boxes, visible_ids
 from omniscv.truth.registry import Truth, register
 
 Mask = NDArray[np.bool_]
 
-_GROUPS = 7
-"""Groups of five bits: enough for differences of counts below 2^31."""
+_GROUPS = 7  # of five bits: enough for differences of counts below 2^31
 
 
 def run_lengths(mask: Mask) -> dict[str, Any]:
@@ -165,7 +163,7 @@ def centers_ball(centers_w: NDArray[np.float64]) -> tuple[Array, float]:
 class AmodalOptions:
     """Options of the truth ``amodal``."""
 
-    kind: Kind = checked(one_of, words=get_args(Kind), default="boxes", help="boxes, or masks too")
+    kind: Kind = word(Kind, default="boxes", help="boxes, or masks too")
 
 
 def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:

@@ -67,14 +67,7 @@ _QUICK = Extent(384, (0.6, 1.0, 1.4), 1)
 
 
 def evaluate(settings: Settings) -> Report:
-    """Calibrate, and compare with the truth.
-
-    Args:
-        settings: with a source, all images show it from the same viewpoints.
-
-    Raises:
-        OmniscvError: of the source.
-    """
+    """Calibrate, and compare with the truth; all images show a source that is given."""
     extent = _QUICK if settings.quick else _FULL
     cases = [(model, value) for model in models(extent.unit_px).values() for value in extent.values]
     steps = chain(_from_points(cases, extent), _from_images(cases, extent, settings.source))
@@ -164,13 +157,8 @@ def _from_images(
 
 
 def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
-    """Return the pose in which the image's middle sees in a direction, which of mirrors is backwards.
-
-    Args:
-        camera: any.
-        position: metres.
-        angles: yaw, pitch, roll of the direction, degrees.
-    """
+    """Return the pose in which the image's middle sees in a direction of yaw, pitch and roll, degrees: that
+    of mirrors is backwards."""
     yaw, pitch, roll = angles
     if camera.unproject(camera.center + 0.5).directions[2] < 0:
         yaw, pitch, roll = yaw + 180, -pitch, -roll
@@ -178,14 +166,9 @@ def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
 
 
 def _row(source: str, model: LineImages, value: float, image: int, estimate: float, extent: Extent) -> Row:
-    return {
-        "input": source,
-        "model": model.name,
-        "r_vl": value,
-        "image": image,
-        "estimate": estimate / extent.unit_px,
-        "error_percent": 100 * (estimate / extent.unit_px / value - 1),
-    }
+    units = estimate / extent.unit_px
+    row = {"input": source, "model": model.name, "r_vl": value, "image": image}
+    return row | {"estimate": units, "error_percent": 100 * (units / value - 1)}
 
 
 def draw(rows: Sequence[Row], path: Path) -> Path:
@@ -218,10 +201,8 @@ def draw(rows: Sequence[Row], path: Path) -> Path:
         axes.legend(fontsize=8)
         for panel in (axes, errors):
             panel.grid(True, lw=0.4, alpha=0.5)
-        finding = (
-            f"Lines in rendered rooms give r_vl within {worst:.1f} % for {len(names)} camera models"
-            if np.isfinite(worst)
-            else "Lines in rendered images do not give r_vl everywhere"
-        )
+        finding = f"Lines in rendered rooms give r_vl within {worst:.1f} % for {len(names)} camera models"
+        if not np.isfinite(worst):
+            finding = "Lines in rendered images do not give r_vl everywhere"
         drawing.suptitle(f"{finding}\n({images} image{'s' * (images > 1)} a value)", size=11)
     return path

@@ -6,19 +6,7 @@ centre span a plane with the normal n = (nx, ny, nz), where z is the axis that t
 ``alpha(r) = -r cot phi(r)`` the line's image is ``nx x + ny y - nz alpha(r) = 0``, where (x, y) is relative
 to the image's middle. ``r_vl`` is the radius at phi = 90 degrees, of the vanishing points of lines parallel
 to the image plane. It alone determines alpha; for hyper-catadioptric systems together with the camera's
-focal length f. With ``s = r / r_vl``, ``q = f / r_vl``, and 2p and d the mirror's latus rectum and distance
-of foci:
-
-==================  ==============================  ============  ===================================
-model               definition                      r_vl          alpha / r_vl
-==================  ==============================  ============  ===================================
-equi-angular        r = f phi                       f pi / 2      -s cot(s pi / 2)
-stereographic       r = 2 f tan(phi / 2)            2 f           (s^2 - 1) / 2
-orthogonal          r = f sin phi                   f             -sqrt(1 - s^2)
-equi-solid          r = f sin(phi / 2)              f / sqrt 2    (s^2 - 1) / sqrt(2 - s^2)
-para-catadioptric   paraboloid, telecentric camera  f 2p          (s^2 - 1) / 2
-hyper-catadioptric  hyperboloid                     f 2p / d      q (sqrt(s^2 + q^2) - sqrt(1 + q^2))
-==================  ==============================  ============  ===================================
+focal length. :func:`models` has alpha / r_vl by ``s = r / r_vl``.
 
 For a candidate, each line's plane normal follows linearly from its points. The distances of the points from
 the line image of this normal measure the fit.
@@ -243,9 +231,8 @@ def _refine(lines: PointsOnLines, model: LineImages, r_vl: float, low: float, hi
     def distances(x: Array) -> Array:
         return lines.fit(model, float(x[0]))[1]
 
-    solution = least_squares(
-        distances, [r_vl], bounds=([low], [high]), loss="soft_l1", f_scale=_ROBUST_PX, xtol=1e-14, ftol=1e-14
-    )
+    options: Any = {"loss": "soft_l1", "f_scale": _ROBUST_PX, "xtol": 1e-14, "ftol": 1e-14}
+    solution = least_squares(distances, [r_vl], bounds=([low], [high]), **options)
     return float(solution.x[0])
 
 

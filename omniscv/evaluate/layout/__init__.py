@@ -30,7 +30,7 @@ from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.sources import Source
 from omniscv.storage.local import write_text
 from omniscv.truth import layout, project_layout
-from omniscv.truth.layout_labels import Map, cor_id, original_maps
+from omniscv.truth.layout_labels import Map, cor_id, lines_of, original_maps
 from omniscv.truth.metrics import LayoutScores, layout_scores, map_scores
 from omniscv.truth.room_in_image import inside
 
@@ -84,9 +84,8 @@ def render(settings: Settings) -> Iterator[Panorama]:
             name = "room" if settings.source else address.partition("://")[2]
             renderer, geometry = omniscv.Renderer(source), source.geometry()
             positions = _positions(source, geometry, viewpoints)
-            if geometry.room is not None:
-                room = layout(geometry).room
-            else:  # fitted to images
+            room = geometry.room
+            if room is None:  # fitted to images
                 small = omniscv.cameras.create("equirectangular", _QUICK_WIDTH, _QUICK_WIDTH // 2)
                 poses = [Pose.from_angles(tuple(position)) for position in positions]
                 room = layout([renderer.render(small, pose, _FITTED) for pose in poses]).room
@@ -112,8 +111,7 @@ def write(panorama: Panorama, folder: Path) -> None:
     write_pixels(folder / "img" / f"{name}.png", panorama.lit)
     for suffix, pixels in zip(("EM", "CM"), panorama.maps, strict=True):
         write_pixels(folder / f"{suffix}_gt" / f"{name}_{suffix}.png", pixels)
-    lines = (f"{x:.3f} {y:.3f}\n" for x, y in panorama.corners.tolist())
-    write_text(folder / "label_cor" / f"{name}.txt", "".join(lines))
+    write_text(folder / "label_cor" / f"{name}.txt", lines_of(panorama.corners))
 
 
 def _extent(settings: Settings) -> tuple[int, int]:
@@ -245,12 +243,8 @@ def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None
 
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
-    """Return the means of each method for each kind of room.
-
-    Args:
-        rows: one per panorama and method: ``group``, ``method``, ``edges_iou`` to ``corners_f1``, and the
-            keys of the layout scores; None where a measure is not known.
-    """
+    """Return the means of each method for each kind of room, by the rows of panoramas and methods, in which
+    None is a measure that is not known."""
     means = []
     for group in dict.fromkeys(row["group"] for row in rows):
         for method in _METHODS:
@@ -261,9 +255,8 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
                 for (key, label), theirs in zip(MAP_SCORES.items(), paper, strict=True):
                     means.append(_mean(mine, f"{map_name}_{key}", f"{name}{map_name} {label}", "", theirs))
             if method != "perfect":  # its corners are exact
-                means += [
-                    _mean(mine, key, name + label, unit) for key, (label, unit) in _LAYOUT_SCORES.items()
-                ]
+                for key, (label, unit) in _LAYOUT_SCORES.items():
+                    means.append(_mean(mine, key, name + label, unit))
     return [mean for mean in means if mean.n]
 
 
@@ -273,13 +266,7 @@ def _mean(rows: Sequence[Row], key: str, name: str, unit: str, paper: float | No
 
 
 def draw(panoramas: Sequence[Panorama], predicted: Mapping[str, Prediction], path: Path) -> Path:
-    """Draw the layouts in the first panorama of each kind of room; return the path.
-
-    Args:
-        panoramas: with their true layouts.
-        predicted: by name of the panorama.
-        path: of the picture.
-    """
+    """Draw the true and predicted layouts in the first panorama of each kind of room; return the path."""
     first = {panorama.group: panorama for panorama in reversed(panoramas)}
     with chart(path, 900, 270) as drawing:
         panels = drawing.subplots(1, len(first), squeeze=False)[0]

@@ -28,10 +28,8 @@ from omniscv.truth.layout_labels import Map, exact_maps, room_seen
 from omniscv.truth.layout_record import project_layout
 
 _SUFFIXES = {
-    "edges": ("_EM.png", "_EM.jpg"),
-    "corner_map": ("_CM.png", "_CM.jpg"),
-    "corners": (".json", ".txt"),
-}
+    "edges": ("_EM.png", "_EM.jpg"), "corner_map": ("_CM.png", "_CM.jpg"), "corners": (".json", ".txt"),
+}  # fmt: skip
 _MOST_BYTES = 32 << 20
 _MOST_PIXELS = 1 << 24
 
@@ -67,15 +65,8 @@ def read(folder: Path, names: Sequence[str], width: int) -> dict[str, Prediction
 
 
 def draw_maps(corners: Array, width: int) -> tuple[Map, Map]:
-    """Return the maps of edges and of corners of a room in an upright panorama, drawn as the exact truth is.
-
-    Args:
-        corners: (2N, 2) px; see :mod:`omniscv.truth.layout_labels`.
-        width: of the panorama, px.
-
-    Raises:
-        ArgumentError: the corners describe no room.
-    """
+    """Return the maps of edges and of corners of a room, drawn as the exact truth is, by its corners (2N, 2),
+    px, in an upright panorama of a width, px; ArgumentError for corners of no room."""
     return exact_maps(_record(corners, width), create("equirectangular", width, width // 2))
 
 

@@ -36,11 +36,9 @@ _EXACT_POINTS = 60
 _DOWN_W = np.array([0.0, 0.0, -1.0])
 _AXIS = {"noncentral-panorama": np.array([0.0, 1.0, 0.0]), "noncentral-conical-mirror": np.array([0, 0, 1.0])}
 _BASELINES_M = {
-    ("panorama", "vertical"): 0.05,
-    ("panorama", "horizontal"): 0.4,
-    ("cone", "vertical"): 0.05,
-    ("cone", "horizontal"): 0.1,
-}
+    ("panorama", "vertical"): 0.05, ("panorama", "horizontal"): 0.4,
+    ("cone", "vertical"): 0.05, ("cone", "horizontal"): 0.1,
+}  # fmt: skip
 """Effective baselines from which on a room's edge counts in the figures."""
 _LEAST_POINTS = 40  # of an edge in an image
 _LEAST_BASELINE_M = 0.05  # effective baseline of edges from exact points and in the picture
@@ -153,14 +151,8 @@ def room_edges(room: Room) -> Iterator[Edge]:
 
 
 def seen_edges(room: Room, camera: Camera, labels: NDArray[np.uint16], names: Sequence[str]) -> Seen:
-    """Return the edges that an image shows, and the pixels where it does.
-
-    Args:
-        room: of the scene.
-        camera: of the image.
-        labels: (H, W) of the image.
-        names: of the labels from 1 on.
-    """
+    """Return the edges that an image shows by its labels (H, W), and the pixels where it does; ``names`` are
+    of the labels from 1 on."""
     label, seen = {name: i for i, name in enumerate(names, start=1)}, list[tuple[Edge, ObservedLine]]()
     for edge in room_edges(room):
         if {*edge.surfaces} <= label.keys():
@@ -224,9 +216,8 @@ def exact_errors(room: Room, setup: Setup) -> list[tuple[float, float]]:
         pixels, valid = setup.camera.project(points)
         rays = setup.camera.unproject(pixels[valid])
         if valid.sum() >= _EXACT_POINTS // 2 and rays.valid.all():
-            line = reconstruction.free_line(
-                reconstruction.incidence(rays.origins, rays.directions), setup.axis
-            )
+            rows = reconstruction.incidence(rays.origins, rays.directions)
+            line = reconstruction.free_line(rows, setup.axis)
             baseline = reconstruction.effective_baseline(rays.origins, rays.directions)
             errors.append((baseline, float(reconstruction.distance_to(line, points[valid]).max())))
     return errors
@@ -305,8 +296,7 @@ def draw_errors(rows: Sequence[Row], path: Path) -> None:
         panels[0].scatter([], [], s=28, fc="none", ec=INK, label="outlined: conical mirror", lw=0.9)
         panels[0].legend(fontsize=8)
         panels[1].set_title("what is beyond an axis is drawn at its end", size=9)
-        finding = "Lines from one non-central image need baseline; gravity makes up for much of it"
-        drawing.suptitle(finding, size=11)
+        drawing.suptitle("Lines from one non-central image need baseline; gravity makes up for much", size=11)
 
 
 def draw_cloud(image: OmniImage, segments: Sequence[Segment], path: Path) -> None:

@@ -18,6 +18,7 @@ single non-central view; Gasparini and Caglioti 2011, Line localization from sin
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -185,14 +186,8 @@ class ObservedLine:
         def residuals(x: Array) -> Array:
             return self.distances_px(moved(x))
 
-        solution = least_squares(
-            residuals,
-            np.zeros(2 + len(turns)),
-            loss="soft_l1",
-            f_scale=_ROBUST_PX,
-            x_scale="jac",
-            xtol=1e-12,
-        )
+        options: Any = {"loss": "soft_l1", "f_scale": _ROBUST_PX, "x_scale": "jac", "xtol": 1e-12}
+        solution = least_squares(residuals, np.zeros(2 + len(turns)), **options)
         return moved(solution.x)
 
 

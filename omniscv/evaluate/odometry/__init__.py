@@ -42,10 +42,8 @@ from omniscv.storage.local import write_text
 OPTIONS = frozenset({"trajectory"})
 
 SOURCE = "scene://four-wall"
-
 SECONDS = 28.0
 """Of the flight, as in the paper."""
-
 PAPER_DEG = 8.0
 """Bound of both errors of the paper, over the whole flight."""
 
@@ -119,19 +117,12 @@ def flight(count: int) -> Trajectory:
 
 
 def rig_of(width: int, edge: int) -> Rig:
-    """Return a panorama and a fisheye that look ahead, and a camera below a hyperbolic mirror that looks up.
-
-    Args:
-        width: of the panorama, px.
-        edge: of the square images of the two others, px.
-    """
-    return Rig(
-        {
-            "panorama": RigCamera(create("equirectangular", width, width // 2)),
-            "fisheye": RigCamera(create("fisheye-equidistant", edge, edge, fov_deg=170.0)),
-            "mirror": RigCamera.turned(create("catadioptric-hyperbolic", edge, edge), pitch_deg=90),
-        }
-    )
+    """Return a panorama ``width`` px wide and a fisheye that look ahead, and a camera below a hyperbolic
+    mirror that looks up; these two are ``edge`` px wide and high."""
+    panorama = create("equirectangular", width, width // 2)
+    fisheye = create("fisheye-equidistant", edge, edge, fov_deg=170.0)
+    mirror = RigCamera.turned(create("catadioptric-hyperbolic", edge, edge), pitch_deg=90)
+    return Rig({"panorama": RigCamera(panorama), "fisheye": RigCamera(fisheye), "mirror": mirror})
 
 
 def render(
@@ -197,14 +188,7 @@ def _rows(name: str, times: Sequence[float], errors: TrajectoryErrors) -> Iterat
 def draw(
     runs: Mapping[str, TrajectoryErrors], truth: Sequence[Pose], times: Sequence[float], path: Path
 ) -> Path:
-    """Draw both errors of each frame, and the trajectories from above; return the path.
-
-    Args:
-        runs: errors by camera.
-        truth: the true poses.
-        times: of these, seconds.
-        path: of the picture.
-    """
+    """Draw both errors of each frame at its time, s, and the trajectories from above; return the path."""
     with chart(path, 1200, 460) as drawing:
         position, orientation, above = drawing.subplots(1, 3, width_ratios=(1.15, 1.15, 1))
         above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
@@ -230,13 +214,8 @@ def _from_above(poses: Sequence[Pose]) -> Array:
 def _label(axes: Axes, title: str) -> None:
     axes.axhline(PAPER_DEG, color="#9aa3b2", ls=":", lw=2)
     axes.annotate(
-        f"the paper's errors are below {PAPER_DEG:g} degrees",
-        (0.02, PAPER_DEG),
-        xycoords=("axes fraction", "data"),
-        xytext=(0, -5),
-        textcoords="offset points",
-        va="top",
-        size=9,
-    )
+        f"the paper's errors are below {PAPER_DEG:g} degrees", (0.02, PAPER_DEG), (0, -5),
+        xycoords=("axes fraction", "data"), textcoords="offset points", va="top", size=9,
+    )  # fmt: skip
     axes.set(yscale="log", xlabel="time (s)", title=title, ylim=(None, 1.4 * PAPER_DEG))
     axes.grid(lw=0.4, alpha=0.5, which="both")

@@ -41,7 +41,6 @@ from omniscv.planning import densities
 
 SEED = 0
 """Of COLMAP's random numbers."""
-
 _FATAL_ONLY = 3  # of glog's levels: a missing model is a result, and no error
 _RIM_PX = 6  # SIFT finds the rim of the image circle; features this near to it are left out
 
@@ -89,14 +88,13 @@ def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
     with TemporaryDirectory() as scratch:
         pycolmap.set_random_seed(SEED)
         database = Path(scratch) / "database.db"
+        mask = write_pixels(Path(scratch) / "mask.png", inner_mask(camera))
         pycolmap.extract_features(
             database,
             folder,
             image_names=names,
             camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=pycolmap.ImageReaderOptions(
-                camera_mask_path=write_pixels(Path(scratch) / "mask.png", inner_mask(camera)),
-            ),
+            reader_options=pycolmap.ImageReaderOptions(camera_mask_path=mask),
             extraction_options=pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1),
         )
         _move_to_panorama(database, camera)
@@ -141,7 +139,6 @@ def _move_to_panorama(database: Path, camera: Camera) -> None:
 
 FEWEST = 3
 """Positions, not on one line, that a similarity needs."""
-
 _ON_A_LINE = 1e-9  # relative to the spread along the line
 
 
@@ -208,10 +205,8 @@ def trajectory_errors(
     # By the arc tangent, which is exact for small angles; the arc cosine is not.
     across, ahead = np.linalg.norm(np.cross(*seen), axis=1), (seen[0] * seen[1]).sum(axis=1)
     successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
-    steps = [
-        (true[i].inverse() @ true[i + 1]).inverse() @ (aligned[i].inverse() @ aligned[i + 1])
-        for i in successive
-    ]
+    ours, theirs = ([poses[i].inverse() @ poses[i + 1] for i in successive] for poses in (aligned, true))
+    steps = [true_step.inverse() @ step for step, true_step in zip(ours, theirs, strict=True)]
     return TrajectoryErrors(
         frames=frames,
         aligned=aligned,
