@@ -30,11 +30,7 @@ def lock(folder: Folder) -> AbstractContextManager[None]:
 
 
 def check_new(folder: Folder, resume: bool = False) -> None:
-    """Refuse a folder that holds images of ``render``, or a dataset that is not resumed.
-
-    Raises:
-        ArgumentError: it does.
-    """
+    """Refuse a folder that holds images of ``render``, or a dataset that is not resumed."""
     content = ""
     if not resume and _has_dataset(folder):
         content = "a dataset; --resume completes it, --overwrite replaces it, or"
@@ -46,12 +42,9 @@ def check_new(folder: Folder, resume: bool = False) -> None:
 
 def make_room(folder: Folder, overwrite: bool = False) -> None:
     """Remove a dataset that has no frames yet, as a job leaves it that failed at once; ``overwrite``: any.
-
-    Raises:
-        ArgumentError: as :func:`check_new`.
-    """
-    if _has_dataset(folder) and (overwrite or not _frame_names(folder)):
-        stems = {name.partition(".")[0] for name in _frame_names(folder)}
+    Then refuse the folder as :func:`check_new`."""
+    stems = {name.partition(".")[0] for name in _frame_names(folder)}
+    if _has_dataset(folder) and (overwrite or not stems):
         for name in sorted(folder.names(), key=lambda name: name == DATASET):  # the manifest last
             top = name.partition("/")[0]
             if top in _OWN or (top == name and name.partition(".")[0] in stems):
@@ -61,10 +54,8 @@ def make_room(folder: Folder, overwrite: bool = False) -> None:
 
 def _frame_names(folder: Folder) -> list[str]:
     """Return the names of the files that are the last of a frame."""
-    others = (DATASET, OBJECTS)
-    return [
-        name for name in folder.names() if name.endswith(".json") and "/" not in name and name not in others
-    ]
+    names = (name for name in folder.names() if name.endswith(".json") and "/" not in name)
+    return [name for name in names if name not in (DATASET, OBJECTS)]
 
 
 def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
@@ -102,9 +93,8 @@ def _extended(current: Manifest, wanted: Manifest, folder: Folder) -> Manifest:
     begun = {**current.settings, **{key: settings[key] for key in ("exports",) if key in settings}}
     if differ := _difference(begun, settings):
         raise _differs(folder, f"its {differ}")
-    names = with_names(current.names, [name for name in wanted.names if name not in current.names])
-    cameras = {**current.cameras, **wanted.cameras}
-    return replace(current, names=names, cameras=cameras, settings=begun)
+    names = with_names(current.names, wanted.names.keys() - current.names)
+    return replace(current, names=names, cameras={**current.cameras, **wanted.cameras}, settings=begun)
 
 
 def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any], start: str = "") -> str:
@@ -125,10 +115,8 @@ def _has_dataset(folder: Folder) -> bool:
 
 
 def _differs(folder: Folder, difference: str) -> ArgumentError:
-    wanted = "expected a job with the settings of the dataset"
-    return ArgumentError(
-        f"{folder}: {wanted}; {difference}; --overwrite replaces the dataset, or write elsewhere"
-    )
+    wanted, advice = "expected a job with the settings of the dataset", "--overwrite replaces the dataset"
+    return ArgumentError(f"{folder}: {wanted}; {difference}; {advice}, or write elsewhere")
 
 
 def tidy(folder: Folder) -> None:

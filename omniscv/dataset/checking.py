@@ -19,10 +19,10 @@ from omniscv.arguments import shown
 from omniscv.dataset import exporting, manifest
 from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
-from omniscv.errors import ArgumentError, DatasetError, MissingFileError, OmniscvError
+from omniscv.errors import DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import IMAGE, Frame
 from omniscv.storage import Folder
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 
 _UNIT = 1e-3  # how far the length of a normal may be off 1, or off 0
 
@@ -82,14 +82,9 @@ def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
     failed = {line["key"] for line in manifest.read_failed(folder)}
     for key in sorted(failed & known):
         yield f"{manifest.FAILED}: expected frames that are not in {manifest.FRAMES}, got {key}"
+    expected = {manifest.DATASET, *(f"{key}.json" for key in known | failed)}
     for name in folder.names():
-        stem, dot, suffix = name.partition(".")
-        if (
-            dot + suffix == ".json"
-            and "/" not in name
-            and stem not in known | failed
-            and name != manifest.DATASET
-        ):
+        if "/" not in name and name.partition(".")[2] == "json" and name not in expected:
             yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
@@ -130,10 +125,7 @@ def _check_own_file(whole: Manifest, frame: Frame) -> None:
     name = f"{frame.key}.json"
     if IMAGE in frame.files:
         path = frame.files[IMAGE]
-        try:
-            content = read_bytes(path, MOST_JSON_BYTES)
-        except ArgumentError as fault:
-            raise DatasetError(f"{name}: {fault.message}") from fault
+        content = path.read_bytes()  # whose size has been checked
         if whole.frame_of_file(name, content, storage.folder(path.parent)).to_dict() == frame.to_dict():
             return
     raise DatasetError(f"{name}: expected what {manifest.FRAMES} says of it, got something else")
@@ -209,12 +201,8 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
 
 @contextmanager
 def _local(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
-    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a store's.
-
-    Args:
-        folder: of the dataset.
-        sizes: by the name of each file, the bytes that it may have; None for what the store says.
-    """
+    """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a store's;
+    ``sizes`` are the bytes that each may have, None for what the store says."""
     if folder.local is not None:
         yield folder.local
         return
@@ -246,26 +234,19 @@ def _differences(expected: Path, got: Path) -> Iterator[str]:
 
 
 def info(out: str | Path | Folder) -> dict[str, Any]:
-    """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind of file.
-
-    Raises:
-        ArgumentError: no dataset exists there.
-        DatasetError: its manifest is damaged.
-    """
+    """Return counts of a dataset: frames, cameras, splits, places, objects, classes, bytes by kind."""
     folder = storage.folder(out)
     whole = manifest.read(folder)
     there = set(folder.names())
     complete = manifest.FRAMES in there
     frames = manifest.read_frames(folder, whole) if complete else []
-    sizes: Counter[str] = Counter()
-    missing: Counter[str] = Counter()
+    sizes, missing = Counter[str](), Counter[str]()
     for frame in frames:
         for kind, file in frame.entries.items():
             sizes[kind] += file.bytes
             missing[kind] += file.path not in there
-    classes = whole.classes
-    failed = manifest.read_failed(folder)
-    objects = Counter() if classes is None else Counter(classes.of_object.values())
+    classes, failed = whole.classes, manifest.read_failed(folder)
+    objects = Counter(classes.of_object.values() if classes else ())
     return {
         "complete": complete,
         "frames": len(frames),

@@ -105,14 +105,7 @@ _FORMATS: dict[str, Format] = {}
 
 
 def register(format: T) -> T:
-    """Add a format, or replace the one of its name; return it, as a decorator of its class does.
-
-    Args:
-        format: a :class:`Format`, or its class.
-
-    Raises:
-        ArgumentError: it is none.
-    """
+    """Add a :class:`Format`, or its class, or replace the one of its name; return it, as decorators do."""
     made = format() if isinstance(format, type) else format
     if not isinstance(made, Format):
         raise ArgumentError(f"format: expected a dataset.Format, got {shown(format)}")
@@ -127,11 +120,7 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Format:
-    """Return a format by its name; ``-`` and ``_`` are alike.
-
-    Raises:
-        ArgumentError: no format has that name.
-    """
+    """Return a format by its name; ``-`` and ``_`` are alike. ArgumentError: no format has that name."""
     known = {format.replace("-", "_"): format for format in names()}
     if (instead := _GONE.get(name)) and name not in known:
         raise ArgumentError(f"format: expected a format that is written, got {name}; use {instead}")
@@ -181,9 +170,6 @@ class Export:
         Args:
             cameras: of the frames, by name.
             kinds: of the files that every exported frame has.
-
-        Raises:
-            ArgumentError: the first that is refused, and why; or an unknown name of a camera.
         """
         format, start = get(self.format), f"export: {self.format}"
         for name in self.cameras:
@@ -204,10 +190,9 @@ class Export:
     def write_into(self, frames: Sequence[Frame], folder: Path) -> list[Path]:
         """Write frames as the format does, file by file."""
         format = get(self.format)
+        shown = [frame for frame in frames if self.shows(frame.camera_name)]
         with within(self.format):
-            return format.export(
-                [frame for frame in frames if self.shows(frame.camera_name)], folder, self.options
-            )
+            return format.export(shown, folder, self.options)
 
 
 def export(
@@ -253,11 +238,7 @@ def export(
 def replace_export(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
     """Write an export into its folder of a dataset; the complete new one replaces an existing one.
 
-    In a store, files are put one by one, those that list others last; then files of an earlier one are
-    removed.
-
-    Raises:
-        ArgumentError: as the format.
+    In a store, files are put one by one, those that list others last; then those of an earlier one are gone.
     """
     target = out.below(f"{EXPORTS}/{wanted.out}")
     written = _place(wanted, frames, target, within_dataset=True)
@@ -267,16 +248,9 @@ def replace_export(wanted: Export, frames: Sequence[Frame], out: Folder) -> list
 
 
 def _place(wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool) -> list[str | Path]:
-    """Place an export: write it beside a local folder, or for a store into a temporary one, and move it when
-    it is complete; return its files, as paths or URLs.
-
-    Args:
-        wanted: the export.
-        frames: of the dataset.
-        target: of the files.
-        within_dataset: whether a local folder is replaced, and files of frames in a store are named as seen
-            from there; else other local files stay.
-    """
+    """Write an export beside a local folder, or for a store into a temporary one, and move it when it is
+    complete; return its files, as paths or URLs. Within a dataset a local folder is replaced, and files of
+    frames in a store are named as seen from there; else other local files stay."""
     if target.local is not None:
         place = Path(os.path.abspath(target.local))
         with folder_beside(place) as part:  # relative paths out of it stay true
@@ -301,9 +275,6 @@ def _place(wanted: Export, frames: Sequence[Frame], target: Folder, within_datas
 
 def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
     """Return frames whose files have a local folder as stand-in for that of a store."""
-    return [
-        replace(frame, files=replace(frame.files, stand_in=root))
-        if isinstance(frame.files, FrameFiles)
-        else frame
-        for frame in frames
-    ]
+    stored = (frame.files for frame in frames)
+    files = [replace(of, stand_in=root) if isinstance(of, FrameFiles) else of for of in stored]
+    return [replace(frame, files=of) for frame, of in zip(frames, files, strict=True)]

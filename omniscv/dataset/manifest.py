@@ -94,15 +94,7 @@ class Manifest:
         return file_endings(truths.kinds())
 
     def frame(self, line: Any, folder: Folder) -> Frame:
-        """Return the frame of a line of ``frames.jsonl``.
-
-        Args:
-            line: plain values.
-            folder: of the dataset.
-
-        Raises:
-            ArgumentError: no such line, a camera that the dataset does not have, or an unknown kind of file.
-        """
+        """Return the frame of a line of ``frames.jsonl``, plain values; ArgumentError for anything else."""
         try:
             key, camera_name = stem("key", line["key"]), stem("camera", line["camera"])
             if camera_name not in self.cameras:
@@ -110,13 +102,14 @@ class Manifest:
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
             camera = with_path(self.cameras[camera_name], line.get("path"))
             size = camera.width, camera.height
+            marks = [row.name for row in modalities.layers() if row.mark]
             return Frame(
                 key=key,
                 camera_name=camera_name,
                 camera=camera,
                 pose=Pose.from_dict(line["pose"]),
                 files=FrameFiles(read_entries(key, size, line["files"], self._endings), size, folder),
-                blank=tuple(one_of("blank", name, _marks()) for name in line.get("blank", ())),
+                blank=tuple(one_of("blank", name, marks) for name in line.get("blank", ())),
                 instances=self.names,
                 classes=self.classes,
                 imu=self.imu,
@@ -134,11 +127,7 @@ class Manifest:
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
 
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
-        """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files.
-
-        Raises:
-            DatasetError: the file is no such description.
-        """
+        """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files."""
         with _damage(name):
             frame = self.frame(parse_json(content)["frame"], folder)
             if name != f"{frame.key}.json":
@@ -179,10 +168,8 @@ class Manifest:
             rules, table = None, None
             if classes is not None:
                 stored = {key: value for key, value in classes.items() if key not in ("classes", "of_object")}
-                rules = class_rules(stored)
-                of_object = {
-                    name: classes["of_object"][name] for name in names if name in classes["of_object"]
-                }
+                rules, given = class_rules(stored), classes["of_object"]
+                of_object = {name: given[name] for name in names if name in given}
                 for name, class_name in of_object.items():
                     one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)
                 table = ClassTable(rules.classes, of_object, rules.taxonomy)
@@ -223,16 +210,8 @@ def any_text(name: str, value: object) -> str:
     return value
 
 
-def _marks() -> list[str]:
-    return [row.name for row in modalities.layers() if row.mark]
-
-
 def find(folder: Folder) -> Manifest | None:
-    """Return what ``dataset.json`` holds; None where there is none.
-
-    Raises:
-        DatasetError: the file is damaged.
-    """
+    """Return what ``dataset.json`` holds; None where there is none. DatasetError: it is damaged."""
     try:
         content = folder.read(DATASET, MOST_JSON_BYTES)
     except MissingFileError:
@@ -244,9 +223,7 @@ def find(folder: Folder) -> Manifest | None:
 def read(out: str | Path | Folder) -> Manifest:
     """Return what ``dataset.json`` holds.
 
-    Raises:
-        ArgumentError: no dataset is there.
-        DatasetError: the file is damaged, or missing beside frames.
+    ArgumentError: no dataset is there. DatasetError: the file is damaged, or missing beside frames.
     """
     folder = storage.folder(out)
     if (manifest := find(folder)) is not None:
@@ -257,40 +234,26 @@ def read(out: str | Path | Folder) -> Manifest:
 
 
 def write(out: Folder, manifest: Manifest, first: bool = False) -> bool:
-    """Write ``dataset.json``, whole or not at all; with ``first``, only where there is none.
-
-    Returns:
-        Whether it was written.
-
-    Raises:
-        UnmatchedNamesError: no rule of the classes matches some names.
-    """
+    """Write ``dataset.json``, with ``first`` only where there is none; return whether it was written."""
     text = json.dumps(manifest.to_dict(), indent=2, allow_nan=False)
     return out.put(DATASET, f"{text}\n".encode(), first)
 
 
 def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list[Frame]:
-    """Return the frames of ``frames.jsonl``, in its order.
+    """Return the frames of ``frames.jsonl``, in its order; ``whole`` is the manifest, read if not given.
 
-    Args:
-        out: the dataset.
-        whole: its manifest; read if not given.
-
-    Raises:
-        DatasetError: the file is damaged, or missing: the dataset is not complete.
+    DatasetError: the file is damaged, or missing: the dataset is not complete.
     """
     folder = storage.folder(out)
     manifest = read(folder) if whole is None else whole
     try:
         content = folder.read(FRAMES, _MOST_FRAMES_BYTES)
     except MissingFileError:
+        wanted = f"expected a complete dataset, got no {FRAMES} in it"
         advice = "finish it by 'omniscv dataset make JOB --resume'"
-        raise DatasetError(
-            f"{folder}: expected a complete dataset, got no {FRAMES} in it; {advice}"
-        ) from None
+        raise DatasetError(f"{folder}: {wanted}; {advice}") from None
     with _damage(f"{folder}/{FRAMES}"):
-        lines = content.splitlines()
-        frames = [manifest.frame(parse_json(line), folder) for line in lines]
+        frames = [manifest.frame(parse_json(line), folder) for line in content.splitlines()]
     keys = [frame.key for frame in frames]
     if keys != sorted(set(keys)):
         raise DatasetError(f"{folder}/{FRAMES}: expected every key once, in their order")
@@ -299,9 +262,13 @@ def read_frames(out: str | Path | Folder, whole: Manifest | None = None) -> list
 
 def write_frames(out: str | Path | Folder, frames: Iterable[Frame]) -> None:
     """Write ``frames.jsonl`` in the order of keys, whole or not at all."""
-    ordered = sorted(frames, key=lambda frame: frame.key)
-    lines = [json.dumps(frame.to_dict(), allow_nan=False) for frame in ordered]
-    storage.folder(out).put(FRAMES, "".join(f"{line}\n" for line in lines).encode())
+    _put_lines(storage.folder(out), FRAMES, [frame.to_dict() for frame in frames])
+
+
+def _put_lines(folder: Folder, name: str, lines: Iterable[Mapping[str, Any]]) -> None:
+    """Write lines of JSON in the order of their keys."""
+    ordered = sorted(lines, key=lambda line: str(line["key"]))
+    folder.put(name, "".join(f"{json.dumps(line, allow_nan=False)}\n" for line in ordered).encode())
 
 
 def read_failed(out: str | Path | Folder) -> list[dict[str, Any]]:
@@ -316,10 +283,9 @@ def read_failed(out: str | Path | Folder) -> list[dict[str, Any]]:
 
 def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
     """Write ``failed.jsonl`` in the order of keys; remove it if nothing has failed."""
-    ordered = sorted(lines, key=lambda line: str(line["key"]))
-    if ordered:
-        folder.put(FAILED, "".join(f"{json.dumps(line)}\n" for line in ordered).encode())
-    elif folder.exists(FAILED):
+    if failed := list(lines):
+        _put_lines(folder, FAILED, failed)
+    else:
         folder.remove(FAILED)
 
 
@@ -339,11 +305,7 @@ def open(out: str | Path | Folder) -> tuple[Frame, ...]:
 
 
 def with_names(names: Mapping[str, int], new: Iterable[str]) -> dict[str, int]:
-    """Return names with ids; new ones follow in sorted order.
-
-    Raises:
-        ArgumentError: more than labels can tell apart.
-    """
+    """Return names with ids; new ones follow in sorted order."""
     extended = {**names, **{name: i for i, name in enumerate(sorted(new), start=len(names) + 1)}}
     if len(extended) > MOST_IDS:
         raise ArgumentError(f"names: expected at most {MOST_IDS} objects in a dataset, got {len(extended)}")

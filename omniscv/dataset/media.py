@@ -1,9 +1,7 @@
 """Videos of a dataset's frames, to look at, and metadata that makes viewers show panoramas as spheres.
 
-Pictures get Photo Sphere metadata in the namespace GPano,
-https://developers.google.com/streetview/spherical-metadata: an ``iTXt`` chunk of PNG, an ``APP1`` segment of
-JPEG. Videos get the boxes ``st3d`` and ``sv3d`` of Spherical Video V2,
-https://github.com/google/spatial-media, at the end of the video's sample entry. Pixels stay as they are.
+Pictures get GPano fields, https://developers.google.com/streetview/spherical-metadata, videos the boxes of
+Spherical Video V2, https://github.com/google/spatial-media. Pixels stay as they are.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from omniscv.compose.pictures import uint8_colors
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
 from omniscv.geometry import Pose
-from omniscv.progress import Steps
+from omniscv.progress import Steps, counted
 
 PICTURE_SUFFIXES = ("png", "jpg")
 """Of the files that can hold the metadata."""
@@ -50,13 +48,8 @@ def refuses(camera: Camera) -> str | None:
 
 
 def photo_sphere_fields(camera: Camera, pose: Pose, north_deg: float = 0.0) -> dict[str, str]:
-    """Return the GPano fields of a picture.
-
-    Args:
-        camera: an equirectangular one.
-        pose: of the camera.
-        north_deg: the compass heading of the world's X axis, degrees clockwise from north.
-    """
+    """Return the GPano fields of a picture of an equirectangular camera; ``north_deg`` is the compass heading
+    of the world's X axis, degrees clockwise from north."""
     yaw, pitch, roll = pose.angles()
     width, height = str(camera.width), str(camera.height)
     return {
@@ -187,11 +180,8 @@ def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> by
         stream.width, stream.height = frames[0].camera.width, frames[0].camera.height
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": _RATE_FACTOR, "preset": "medium"}
-        for done, frame in enumerate(frames, start=1):
-            container.mux(
-                stream.encode(av.VideoFrame.from_ndarray(uint8_colors(frame.layer("lit")), format="rgb24"))
-            )
-            if progress:
-                progress(done, len(frames))
+        for frame in counted(frames, progress):
+            colors = uint8_colors(frame.layer("lit"))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(colors, format="rgb24")))
         container.mux(stream.encode())
     return file.getvalue()

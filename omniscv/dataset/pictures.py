@@ -26,11 +26,7 @@ _MASK = Modality("mask", ("bool",))
 
 
 def copy_lit(frame: Frame, folder: Path) -> Path:
-    """Write a frame's colours into a folder as ``KEY.png``, or as the JPEG they are, and return the file.
-
-    Raises:
-        ArgumentError: the frame has no colours.
-    """
+    """Write a frame's colours into a folder as ``KEY.png``, or as the JPEG they are, and return the file."""
     lit = frame.files.get("lit")
     suffix = lit.suffix if lit is not None and lit.suffix in _READABLE else ".png"
     return write_color(folder / f"{frame.key}{suffix}", frame)
@@ -40,9 +36,6 @@ def write_color(path: Path, frame: Frame) -> Path:
     """Write the colours of a frame as the file's suffix has it, and return the path.
 
     The frame's file is copied if it has that suffix; floating point 0 to 1 becomes 0 to 255.
-
-    Raises:
-        ArgumentError: the frame has no colours.
     """
     lit = frame.files.get("lit")
     if lit is None or lit.suffix != path.suffix:

@@ -48,11 +48,7 @@ def near_origin(frames: Sequence[Frame]) -> tuple[Array, list[Frame]]:
 
 
 def trajectory(frames: Sequence[Frame]) -> Trajectory:
-    """Return the poses of one camera's frames, with their times if all have one.
-
-    Raises:
-        ArgumentError: no frame, or two at one time.
-    """
+    """Return the poses of one camera's frames, with their times if all have one."""
     times = tuple(map(_time, frames)) if timed(frames) else None
     with within(frames[0].camera_name if frames else "frames"):
         return Trajectory(tuple(frame.pose for frame in frames), times)
@@ -84,9 +80,6 @@ def rigs(frames: Sequence[Frame]) -> list[RigFrames]:
 
     Frames are of one moment if their keys differ only in the camera's name, as those of a job do. With other
     keys they are of one moment if their times are the same, or, without times, their poses.
-
-    Raises:
-        ArgumentError: two frames of a camera in one moment.
     """
     moments: dict[object, Moment] = {}
     sequences = by_camera(frames)

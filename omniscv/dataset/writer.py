@@ -155,13 +155,7 @@ class Writer:
 
     def with_ids(self, frame: Frame, image: OmniImage) -> tuple[Frame, OmniImage]:
         """Return a frame with the instances and classes of the dataset, and its image with the layers that
-        show them: ``labels`` are instance ids of the dataset, ``classes`` the ids of their classes.
-
-        Raises:
-            ArgumentError: more objects than labels can tell apart.
-            DatasetError: an object that a closed dataset does not have.
-            UnmatchedNamesError: no rule of the classes matches some of its objects.
-        """
+        show them: ``labels`` are instance ids of the dataset, ``classes`` the ids of their classes."""
         names = [] if image.objects is None or image.labels is None else image.objects.names()
         whole = self._with_names(names)
         frame = replace(frame, instances=whole.names, classes=whole.classes)
@@ -180,10 +174,6 @@ class Writer:
         Args:
             frame, image: as :meth:`with_ids` returns them; the frame is without files.
             records: by kind: the content of ``STEM.KIND.json``.
-
-        Raises:
-            ArgumentError: a key that was written before, or a record that is no plain JSON.
-            OmniscvError: a file cannot be written.
         """
         with self._lock:
             if frame.key.casefold() in self._written:  # files that differ in case alone are one on Windows
@@ -231,10 +221,7 @@ class Writer:
             self._frames[frame.key] = frame
 
     def _settle(self, ahead: int = 0) -> None:
-        """Wait until at most ``ahead`` frames are on their way into a store.
-
-        What stopped one is raised when none is on its way any more.
-        """
+        """Wait until at most ``ahead`` frames are on their way into a store, then raise what stopped one."""
         while True:
             with self._lock:
                 running = [future for future in self._putting if not future.done()]
@@ -310,12 +297,11 @@ class Writer:
         with self._lock:
             if new := [name for name in names if name not in self.manifest.names]:
                 if self._closed:
+                    wanted = "expected the objects that the dataset was begun with"
                     got = f"{len(new)} others such as {shown(new[0])}"
-                    raise DatasetError(
-                        f"names: expected the objects that the dataset was begun with, got {got}"
-                    )
-                names_with_ids = manifest.with_names(self.manifest.names, new)
-                self._write_manifest(replace(self.manifest, names=names_with_ids))
+                    raise DatasetError(f"names: {wanted}, got {got}")
+                extended = manifest.with_names(self.manifest.names, new)
+                self._write_manifest(replace(self.manifest, names=extended))
             return self.manifest
 
     def _write_manifest(self, extended: Manifest) -> None:
@@ -328,10 +314,7 @@ class Writer:
 
 
 def _read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:
-    """Return a frame of a dataset; None if it is missing or damaged.
-
-    Local files are compared with their checksums. In a store the frame's last file is enough.
-    """
+    """Return a frame of a dataset; None if it is missing or damaged, of a store if its last file is."""
     name = f"{key}.json"
     try:
         frame = whole.frame_of_file(name, folder.read(name, MOST_JSON_BYTES), folder)
@@ -341,10 +324,8 @@ def _read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:
 
 
 def _damaged(frame: Frame, deep: bool) -> bool:
-    """Return whether a local file of a frame is missing, of another size, or, ``deep``, has other bytes.
-
-    Files of a store are not read: they are written whole.
-    """
+    """Return whether a local file of a frame is missing, of another size, or, ``deep``, has other bytes;
+    files of a store are written whole."""
     files = frame.files
     return isinstance(files, FrameFiles) and any(files.fault(kind, deep) for kind in files)
 

@@ -1,14 +1,8 @@
 """A frame: one image of a job or a dataset, from the plan to the loader, and the border of its files.
 
-:class:`Frame` is the only record of a frame. It is the same class at every step; each step fills in more of
-it:
-
-1. ``omniscv.make.instants`` plans it: key, camera, pose, time; for datasets place, split, scene and state.
-2. Truths are derived of it while it has its image and the world in memory: ``image``, ``geometry``, ...
-3. ``omniscv.dataset.Writer`` writes its files: ``files`` are then :class:`FrameFiles`, with sizes and
-checksums.
-4. Its line in ``frames.jsonl`` is :meth:`Frame.to_dict`; ``omniscv.dataset.manifest.Manifest`` reads it back.
-5. Formats, checks, viewers and loaders read ``files``, ``layer(name)``, ``truth`` and ``layout``.
+:class:`Frame` is the only record of a frame. ``omniscv.make.instants`` plans it; truths are derived of it
+while its image and the world are in memory; ``omniscv.dataset.Writer`` writes its files, and its line in
+``frames.jsonl``; ``omniscv.dataset.manifest`` reads that back for all readers.
 """
 
 from __future__ import annotations
@@ -104,11 +98,8 @@ class Frame:
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer as it is, or was, in memory: dtype and shape as :mod:`omniscv.modalities` has it.
 
-        ``doubt`` is that of the frame's other layers.
-
-        Raises:
-            ArgumentError: the frame has no such layer, or the file of an image in no dataset is damaged.
-            DatasetError: the file is missing, or no such layer.
+        ``doubt`` is that of the frame's other layers. ArgumentError: the frame has no such layer, or the file
+        of an image in no dataset is damaged. DatasetError: the file is missing, or no such layer.
         """
         if self.image is not None and name in self.image.layers:
             return self.image[name]
@@ -119,9 +110,8 @@ class Frame:
             return doubt_of(marks, (self.camera.height, self.camera.width))
         if name not in self.files:
             kinds = ", ".join(self.image.layers if self.image is not None else self.files) or "none"
-            raise ArgumentError(
-                f"{self.key}: expected a frame with {name}, it has {kinds}; make it with {name}"
-            )
+            wanted = f"expected a frame with {name}, it has {kinds}"
+            raise ArgumentError(f"{self.key}: {wanted}; make it with {name}")
         path = self.files[name]
         with self._damage():
             return read(path, name)
@@ -154,11 +144,8 @@ class Frame:
         )
 
     def records(self, kind: str) -> Any:
-        """Return the content of a file of records, such as STEM.truth.json.
-
-        Raises:
-            DatasetError: the file is damaged, or a record has another form than its truth gives it.
-        """
+        """Return the content of a file of records, such as STEM.truth.json; DatasetError if it is damaged, or
+        a record has another form than its truth gives it."""
         path = self.files[kind]
         with self._damage(), within(f"{path}: expected {kind} records, got"):
             content = parse_json(read_bytes(path, MOST_JSON_BYTES))

@@ -66,11 +66,7 @@ class ClassTable:
         return None if class_name is None else self.classes[class_name]
 
     def ids(self, instances: Mapping[str, int]) -> NDArray[np.uint16]:
-        """Return (65536,) the class id of every instance id; ``BACKGROUND`` without a class.
-
-        Args:
-            instances: object name to instance id.
-        """
+        """Return (65536,) the class id of every instance id, of its name; ``BACKGROUND`` without a class."""
         class_of = np.full(_MOST + 1, BACKGROUND, np.uint16)
         for name, instance in instances.items():
             if (semantic := self.of(name)) is not None:
@@ -92,9 +88,6 @@ class Rule:
 
     The pattern is ``match``, with ``*``, ``?`` and ``[...]`` as in file names, or ``regex``. The other keys
     describe the class, and may be left out.
-
-    Raises:
-        ArgumentError: not exactly one pattern.
     """
 
     class_name: str = checked(label, key="class")
@@ -147,10 +140,6 @@ class ClassRules:
     Objects that no rule matches are an error, of the class ``other``, or of no class. A class without an id
     has that of the taxonomy, else the next free one from 1, in the order of rules. ``rules`` are completed by
     all that is known of their classes.
-
-    Raises:
-        ArgumentError: an unknown field, a pattern that is none, an id of two classes, a class that the
-            taxonomy does not have, or a class that two rules describe differently.
     """
 
     rules: tuple[Rule, ...] = checked(_rules)
@@ -210,11 +199,7 @@ class ClassRules:
 
 
 def class_rules(classes: str | Path | Mapping[str, Any] | ClassRules) -> ClassRules:
-    """Return the rules of a ``classes.yaml``, given by its path or its content.
-
-    Raises:
-        ArgumentError: the file cannot be read, or as :class:`ClassRules`.
-    """
+    """Return the rules of a ``classes.yaml``, given by its path or its content."""
     if isinstance(classes, ClassRules):
         return classes
     if isinstance(classes, Mapping):
@@ -253,14 +238,12 @@ def _numbered(described: Mapping[str, dict[str, Any]]) -> dict[str, SemanticClas
     """Classes by name in the order of their ids; those without an id get the next free one."""
     owners: dict[int, str] = {}
     for name, values in described.items():
-        if "id" in values and owners.setdefault(values["id"], name) != name:
-            first = owners[values["id"]]
-            raise ArgumentError(
-                f"rules: expected one class for every id, {values['id']} is {first!r}; got {name!r} too"
-            )
+        if "id" in values and (owner := owners.setdefault(values["id"], name)) != name:
+            wanted = f"expected one class for every id, {values['id']} is {owner!r}"
+            raise ArgumentError(f"rules: {wanted}; got {name!r} too")
     free = iter(number for number in range(1, _MOST + 1) if number not in owners)
     classes = [
-        SemanticClass(**{"name": name, **values, "id": values["id"] if "id" in values else next(free)})
-        for name, values in described.items()
+        SemanticClass(**{"name": name, **of, "id": of["id"] if "id" in of else next(free)})
+        for name, of in described.items()
     ]
     return {row.name: row for row in sorted(classes, key=lambda row: row.id)}

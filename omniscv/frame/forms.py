@@ -20,13 +20,9 @@ from omniscv.records import listed, mapping, named, nested, optional
 
 
 def checked(kind: str, content: Any, camera: Camera, instances: Mapping[str, int]) -> Any:
-    """Return the content of a file of records; ArgumentError if it has another form.
+    """Return the content of a file of records, plain values; ArgumentError if it has another form.
 
-    Args:
-        kind: of the file: ``truth``, with records by the names of their truths, or one that is one record.
-        content: plain values.
-        camera: of the image.
-        instances: object name to instance id.
+    ``kind`` is ``truth``, with records by the names of their truths, or that of a file that is one record.
     """
     if kind == "layout":
         _LAYOUT("layout", content)

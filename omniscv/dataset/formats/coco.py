@@ -1,15 +1,9 @@
-"""COCO.
+"""COCO: ``annotations.json`` with run-length encoded masks, and one such file for each split.
 
-``coco`` writes ``annotations.json`` with run-length encoded masks, and one such file for each split.
-
-An annotation is an object in an image. Its ``bbox`` and ``area`` equal those that pycocotools computes from
-its mask. Further keys, which readers of COCO ignore, are ``instance_id``, ``name``; of a panorama
-``bbox_wrap`` and ``crosses_seam``; from the frame's truth ``bfov``, ``rbfov``, ``distance``, ``truncated``,
-``visib_fract``, ``area_amodal``, ``bbox_amodal``; of an image ``camera``, ``pose``, ``split``, ``place`` and
-``time``.
-
-Categories are the classes that are not stuff; without classes every object's name is a category, with its
-instance id. Objects without a class, and stuff, have no annotation.
+An annotation is an object in an image; ``bbox`` and ``area`` are those that pycocotools computes from its
+mask. Readers ignore further keys: ``instance_id``, ``name``, those of ``_FROM_TRUTH``, and of a panorama
+``bbox_wrap`` and ``crosses_seam``. Categories are the classes that are not stuff; without classes every
+object's name is one, with its instance id. Objects without a class, and stuff, have no annotation.
 """
 
 from __future__ import annotations
@@ -28,7 +22,7 @@ from omniscv.dataset.pictures import reference, write_pixels
 from omniscv.frame import Frame
 from omniscv.frame.classes import SemanticClass
 from omniscv.records import checked, record
-from omniscv.storage.local import whole_file
+from omniscv.storage.local import write_text
 from omniscv.truth.object_boxes import boxes
 from omniscv.truth.visibility import run_lengths
 
@@ -61,18 +55,13 @@ def category_entries(frames: Sequence[Frame], stuff: bool) -> list[dict[str, Any
     categories: dict[int, SemanticClass] = {}
     for frame in frames:
         if frame.classes is not None:
-            classes = frame.classes.classes.values()
-            categories |= {category.id: category for category in classes if stuff or not category.stuff}
+            listed = [*frame.classes.classes.values()]
         else:
-            categories |= {number: SemanticClass(number, name) for name, number in frame.instances.items()}
+            listed = [SemanticClass(number, name) for name, number in frame.instances.items()]
+        categories |= {each.id: each for each in listed if stuff or not each.stuff}
     return [
-        {
-            "id": number,
-            "name": category.name,
-            "supercategory": category.supercategory,
-            "isthing": int(not category.stuff),
-        }
-        for number, category in sorted(categories.items())
+        {"id": number, "name": of.name, "supercategory": of.supercategory, "isthing": int(not of.stuff)}
+        for number, of in sorted(categories.items())
     ]
 
 
@@ -84,11 +73,8 @@ def class_of(frame: Frame, object_name: str) -> SemanticClass | None:
 
 
 def object_entries(frame: Frame, split: bool) -> Iterator[dict[str, Any]]:
-    """Yield the entries of ``annotations`` of a frame, without ids.
-
-    Objects without a class, and stuff, have none. With ``split``, objects that cross the seam have one on
-    either side.
-    """
+    """Yield the entries of ``annotations`` of a frame, without ids; with ``split``, objects that cross the
+    seam have one on either side."""
     labels = frame.layer("labels")
     from_truth = _fields_from_truth(frame)
     for box in boxes(labels, frame.instances, frame.classes, wrap=frame.camera.wraps):
@@ -97,8 +83,7 @@ def object_entries(frame: Frame, split: bool) -> Iterator[dict[str, Any]]:
             continue
         instance = box["instance_id"]
         shared: dict[str, Any] = {"category_id": category.id, "iscrowd": 0, "instance_id": instance}
-        shared["name"] = box["name"]
-        shared |= {key: box[key] for key in ("bbox_wrap", "crosses_seam") if key in box}
+        shared |= {key: box[key] for key in ("name", "bbox_wrap", "crosses_seam") if key in box}
         shared |= from_truth.get(instance, {})
         for mask in _parts_of(labels == instance, box, split):
             yield {**_mask_fields(mask), **shared}
@@ -133,12 +118,8 @@ def _fields_from_truth(frame: Frame) -> dict[int, dict[str, Any]]:
 
 
 def write_compact(path: Path, data: Mapping[str, Any]) -> Path:
-    """Write JSON without spaces, as masks are long, whole or not at all; return the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as part:
-        text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-        part.write_text(text + "\n", encoding="utf-8")
-    return path
+    """Write JSON without spaces, as masks are long; return the path."""
+    return write_text(path, json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n")
 
 
 @record
@@ -171,12 +152,7 @@ class Coco(Format):
             images.append(image_entry(frame, number, out))
             for entry in object_entries(frame, split=options.seam == "split"):
                 annotations.append({"id": len(annotations) + 1, "image_id": number, **entry})
-        content = {
-            "info": {},
-            "licenses": [],
-            "images": images,
-            "categories": category_entries(ordered, stuff=False),
-        }
+        content = _content(images, ordered, stuff=False)
         written = [write_compact(out / "annotations.json", {**content, "annotations": annotations})]
         for split in sorted({frame.split for frame in ordered} - {""}):
             of_split = [image for image in images if image["split"] == split]
@@ -201,6 +177,10 @@ def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out:
         written.append(write_pixels(out / "panoptic" / f"{frame.key}.png", colors))
         entry = {"image_id": image["id"], "file_name": f"{frame.key}.png", "segments_info": segments}
         annotations.append(entry)
-    content = {"info": {}, "licenses": [], "images": list(images)}
-    content |= {"categories": category_entries(frames, stuff=True), "annotations": annotations}
+    content = {**_content(images, frames, stuff=True), "annotations": annotations}
     return [*written, write_compact(out / "panoptic.json", content)]
+
+
+def _content(images: Sequence[Mapping[str, Any]], frames: Sequence[Frame], stuff: bool) -> dict[str, Any]:
+    """Return what a file holds beside annotations."""
+    return {"info": {}, "licenses": [], "images": images, "categories": category_entries(frames, stuff)}

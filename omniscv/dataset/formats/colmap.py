@@ -1,13 +1,10 @@
 """COLMAP's text model: ``sparse/0/*.txt``, ``images/CAMERA/KEY.png``, and ``masks/CAMERA.png``.
 
-``cameras.txt``, ``rigs.txt``, ``frames.txt``, ``images.txt`` and ``points3D.txt`` are as COLMAP 4 reads them.
-COLMAP before 3.12 has no rigs and does not open their two files. Cameras with a constant pose relative to
-each other are a rig; see :mod:`omniscv.dataset.sequences`. Poses are from the world to the camera, in metres,
-in our world frame: Z up. Coordinates of the real world, such as UTM's, are relative to the origin that
-``sparse/0/origin.txt`` holds, x y z in metres, since trainers read float32. Ids count from 1 in the order of
-the names. A mask, black outside the field of view, is written for cameras that have such pixels; it is
-COLMAP's ``ImageReader.camera_mask_path``. Images with pixels that no recorded view shows have masks of their
-own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
+Files are as COLMAP 4 reads them; before 3.12 it has no rigs and does not open their two files. Cameras with a
+constant pose relative to each other are a rig (:mod:`omniscv.dataset.sequences`). Poses are from the world to
+the camera, in metres, in our world frame: Z up; of the real world relative to ``sparse/0/origin.txt``, since
+trainers read float32. Masks, black outside the field of view, are COLMAP's ``ImageReader.camera_mask_path``;
+images with pixels that no recorded view shows have their own, ``masks/CAMERA/KEY.png.png``: ``mask_path``.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

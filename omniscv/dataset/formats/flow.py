@@ -1,19 +1,12 @@
 """The truth ``flow`` as files, between the frames of each camera: ``flow/STEM.flo`` and ``flow/STEM.exr``.
 
-Frames are in the order of their times, or of their keys if a frame has no time. Frames of different scenes,
-or of different states of a world that moves, have flow only if both have poses of objects.
+``.flo`` (Middlebury) has float32, px, 1e10 where the flow is unknown; ``.exr`` has ``flow.X``, ``flow.Y`` in
+px (NaN where unknown), and ``mask``: 0 unknown, 1 known, 2 at infinity (the sky, which only turns), 3
+occluded in the other frame; ``flow.json`` the options, and the frame that each frame's flow leads to.
 
-``.flo`` (Middlebury)
-    float32, px; 1e10 where the flow is unknown.
-``.exr``
-    ``flow.X``, ``flow.Y`` in px (NaN where unknown), and ``mask``: 0 unknown, 1 known, 2 at infinity (the
-    sky, which only turns), 3 occluded in the other frame.
-``flow.json``
-    the options, and the frame that the flow of each frame leads to.
-
-Objects move if both frames have their poses: ``poses`` in STEM.truth.json, by name, each with position and
-rotation. An object with a pose in only one of them has no flow. Neither has an object that moves in images of
-a rolling-shutter camera, whose lines show it at other times than that of its pose.
+Frames of different scenes, or of different states of a world that moves, have flow only if both have poses of
+objects. An object with a pose in only one of them has none. Neither has an object that moves in images of a
+rolling-shutter camera, whose lines show it at other times than that of its pose.
 """
 
 import struct
@@ -110,14 +103,9 @@ def _sure_depth(frame: Frame) -> NDArray[np.float32]:
 
 
 def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
-    """By instance id, the motion of objects with poses.
-
-    It is None if one of the poses is missing, or if the object moves while lines are read at other times than
-    those of the poses.
-    """
+    """By instance id, the motion of objects with poses; None without flow: see the module."""
     before, after = _object_poses(first), _object_poses(second)
-    cameras = (first.camera, second.camera)
-    at_once = not any(map(readout_of, cameras))
+    at_once = not (readout_of(first.camera) or readout_of(second.camera))
     motions: dict[int, Pose | None] = {}
     for name in sorted((before.keys() | after.keys()) & first.instances.keys()):
         known = name in before and name in after

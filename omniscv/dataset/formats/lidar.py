@@ -48,10 +48,10 @@ class LidarOptions(PointOptions):
     )
 
 
-def write_bytes(path: Path, *parts: bytes) -> Path:
+def write_bytes(path: Path, content: bytes) -> Path:
     """Write a file, whole or not at all, and return its path."""
     with whole_file(path) as part:
-        part.write_bytes(b"".join(parts))
+        part.write_bytes(content)
     return path
 
 
@@ -69,9 +69,8 @@ class KittiLidar(Format):
     def check_options(self, options: LidarOptions, cameras: Mapping[str, Camera]) -> None:
         """Refuse several sensors: their files would have the same names."""
         if len(cameras) > 1:
-            raise ArgumentError(
-                f"expected one lidar, got {', '.join(cameras)}; export each into its own 'out'"
-            )
+            got = f"got {', '.join(cameras)}; export each into its own 'out'"
+            raise ArgumentError(f"expected one lidar, {got}")
 
     def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
         written: list[Path] = []
@@ -94,12 +93,9 @@ class KittiLidar(Format):
                     written.append(write_bytes(out / name / f"{i:06d}.{suffix}", array.tobytes()))
             axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
             rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
-            lines = (
-                f"{name}: {' '.join(f'{value:.12e}' for value in row.ravel())}\n"
-                for name, row in rows.items()
-            )
-            poses = trajectory(mine)
-            contents = {"poses": write_kitti(poses), "calib": "".join(lines)}
+            numbers = {name: " ".join(f"{value:.12e}" for value in row.ravel()) for name, row in rows.items()}
+            poses, calib = trajectory(mine), "".join(f"{name}: {row}\n" for name, row in numbers.items())
+            contents = {"poses": write_kitti(poses), "calib": calib}
             if timed(mine):
                 contents["times"] = write_kitti_times(poses)
             written += [write_text(out / f"{name}.txt", text) for name, text in contents.items()]
@@ -136,6 +132,6 @@ class Pcd(Format):
                 "DATA": ["binary"],
             }
             text = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in header.items())
-            content = (comment + text).encode(), points.tobytes()
-            written.append(write_bytes(out / f"{frame.key}.pcd", *content))
+            content = (comment + text).encode() + points.tobytes()
+            written.append(write_bytes(out / f"{frame.key}.pcd", content))
         return written

@@ -2,19 +2,12 @@
 
 One file holds one camera model: a dataset of several cameras gets a folder for each, as ``CAMERA/images``.
 Poses are from the camera to the world, which stays ours (metres, Z up), in OpenGL's axes: x right, y up,
-z back. nerfstudio rotates, centres and scales them unless it runs with ``--center-method none
---auto-scale-poses False``; ``orientation_override`` is already none. Frames are in the order of their file
-names, as nerfstudio sorts them. Coordinates of the real world, such as UTM's, are relative to an origin:
-``applied_transform`` has it, negative. Splits become ``train_filenames``, ``val_filenames`` and
-``test_filenames``.
+z back; of the real world relative to an origin, which ``applied_transform`` has, negative. nerfstudio turns,
+centres and scales them unless it runs with ``--center-method none --auto-scale-poses False``.
 
 Depth, if all frames have it, is 16-bit PNG in millimetres, 0 for none and where it is inexact: planar for
-``pinhole`` cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. The
-mask, if pixels lie outside the field of view, is black there; images with pixels that no recorded view shows
-have one of their own.
-
-Cameras: ``pinhole``, with radial and tangential distortion; ``kannala-brandt`` and ``fisheye-equidistant`` as
-OPENCV_FISHEYE; ``equirectangular``.
+``pinhole`` cameras, else along the ray, for which depth-nerfacto's ``is_euclidean_depth`` must be set. Masks
+are black outside the field of view, and where no recorded view shows a pixel.
 """
 
 from collections.abc import Sequence
@@ -68,11 +61,7 @@ class Nerfstudio(Format):
 
 
 def intrinsics(camera: Camera) -> dict[str, Any]:
-    """Return the fields of ``transforms.json`` that describe a camera.
-
-    Raises:
-        ArgumentError: nerfstudio has no such camera.
-    """
+    """Return the fields of ``transforms.json`` of a camera; ArgumentError if nerfstudio has no such."""
     values = NERFSTUDIO.values_of(without_limit(camera))
     return {key: value for key, value in values.items() if key != "frames"}
 
@@ -113,7 +102,6 @@ def _write_camera(
     content: dict[str, Any] = {**intrinsics(camera), "orientation_override": "none", **more}
     if any(frame.split in _SPLITS for frame in frames):  # nerfstudio needs all three lists if there is one
         files = [(frame.split, entry["file_path"]) for frame, entry in zip(frames, entries, strict=True)]
-        content |= {
-            f"{split}_filenames": [file for mine, file in files if mine == split] for split in _SPLITS
-        }
+        for split in _SPLITS:
+            content[f"{split}_filenames"] = [file for mine, file in files if mine == split]
     return [*written, write_json(folder / "transforms.json", {**content, "frames": entries})]

@@ -1,11 +1,7 @@
-"""Depth as PNG of whole numbers.
+"""Depth as PNG of whole numbers: ``depth/STEM.png``, and ``depth/depth.json``, which describes the numbers.
 
-``depth_png`` writes ``depth/STEM.png``, and ``depth/depth.json``, which describes the numbers.
-
-The option ``scale`` names one of ``PRESETS``; ``mm`` is that of nerfstudio, too.
-Planar depth is measured along the camera's axis, and exists for pinhole cameras only. Depth that the numbers
-cannot hold becomes the preset's none; nothing is clamped. ``depth.json`` counts by frame what became none:
-``beyond`` the numbers, ``infinite``, and ``outside`` the field of view. Half a step is rounded to even.
+The option ``scale`` names one of ``PRESETS``; ``mm`` is that of nerfstudio, too. Planar depth is measured
+along the camera's axis, and exists for pinhole cameras only. ``depth.json`` counts by frame what became none.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,11 +43,7 @@ class Preset:
     bits: int = 16
 
     def kind_of(self, camera: Camera) -> Kind:
-        """Return the kind of depth for a camera.
-
-        Raises:
-            ArgumentError: planar depth of a camera that is no pinhole.
-        """
+        """Return the kind of depth for a camera; ArgumentError for planar depth of one that is no pinhole."""
         pinhole = isinstance(camera, Pinhole)
         if self.kind == "planar" and not pinhole:
             raise ArgumentError(
@@ -73,20 +65,13 @@ PRESETS = {
 
 
 def encode(depth: NDArray[np.float32], camera: Camera, preset: Preset) -> tuple[NDArray[Any], dict[str, int]]:
-    """Return depth as a preset's numbers, and how many pixels became none, by reason.
+    """Return depth (H, W), metres along the rays, as a preset's numbers, and how many became none, by reason.
 
     Half a step is rounded to even. Nothing is clamped: a depth that the numbers cannot hold becomes none.
 
-    Args:
-        depth: (H, W) metres along the rays.
-        camera: of the image.
-        preset: of the numbers.
-
     Returns:
-        pixels, (H, W) uint16 or (H, W, 3) uint8; counts of ``beyond``, ``infinite``, ``outside``.
-
-    Raises:
-        ArgumentError: planar depth of a camera that is no pinhole.
+        pixels, (H, W) uint16 or (H, W, 3) uint8; counts of ``beyond`` the numbers, ``infinite``, and
+        ``outside`` the field of view.
     """
     metres = depth.astype(np.float64)
     if preset.kind_of(camera) == "planar":

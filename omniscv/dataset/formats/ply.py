@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from omniscv.arguments import flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.dataset.exporting import Format, PointOptions, register
+from omniscv.dataset.formats.lidar import write_bytes
 from omniscv.dataset.sequences import FAR_M
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
 from omniscv.records import checked, record
-from omniscv.storage.local import whole_file
 from omniscv.truth.point_cloud import Points, merged, points_of
 
 _COLUMNS = {
@@ -90,9 +90,7 @@ def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
     for layer, (names, dtype, written_type) in _COLUMNS.items():
         if layer in cloud.values:
             values = cloud.values[layer].reshape(len(cloud), len(names)).T
-            columns += [
-                (name, dtype, written_type, column) for name, column in zip(names, values, strict=True)
-            ]
+            columns += [(name, dtype, written_type, of) for name, of in zip(names, values, strict=True)]
     rows = np.empty(len(cloud), [(name, dtype) for name, dtype, _, _ in columns])
     for name, _, _, column in columns:
         rows[name] = column
@@ -105,10 +103,7 @@ def write_ply(path: Path, cloud: Points, comments: Sequence[str] = ()) -> Path:
         *(f"property {written_type} {name}" for name, _, written_type, _ in columns),
         "end_header",
     ]
-    with whole_file(path) as part, part.open("wb") as file:
-        file.write(("\n".join(header) + "\n").encode())
-        file.write(rows.tobytes())
-    return path
+    return write_bytes(path, "".join(f"{line}\n" for line in header).encode() + rows.tobytes())
 
 
 def _comments(frames: Sequence[Frame]) -> list[str]:

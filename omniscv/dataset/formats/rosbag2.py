@@ -1,25 +1,7 @@
-"""A bag of ROS 2, ``bag/``: MCAP, or SQLite with ``storage: sqlite3``; the extra ``ros`` writes it.
+"""A bag of ROS 2 Humble, ``bag/``: MCAP, or SQLite with ``storage: sqlite3``; the extra ``ros`` writes it.
 
-``/CAMERA/image/compressed``
-    ``CompressedImage`` of each frame with colours.
-``/CAMERA/camera_info``
-    ``CameraInfo``, where ROS has the model: plumb_bob, rational_polynomial, equidistant.
-``/CAMERA/points``
-    ``PointCloud2`` of each frame of a ``lidar``, its returns only.
-``/CAMERA/depth/image``, ``/CAMERA/range/image``
-    With ``depth: 32FC1`` (metres, +inf without a surface) or ``16UC1`` (millimetres, 0 without): along z of
-    cameras that look ahead from one centre; of others along the rays.
-``/CAMERA/labels/image``
-    With ``labels: true``: ``16UC1``, the instances' ids.
-``/imu``
-    ``Imu`` in the frame ``body``: no orientation, covariances of its noise.
-``/ground_truth/odometry``
-    ``Odometry``, the true state of ``body`` in ``world``.
-``/tf_static``
-    Where the sensors are on the body.
-
-The frame of a camera is ``CAMERA`` (x right, y down, z forward), that of a LiDAR X ahead, Y left, Z up. Types
-are those of ROS 2 Humble. Messages are in the order of their times.
+docs/slam.md has its topics. Messages are in the order of their times. Depth without a surface is +inf in
+``32FC1``, 0 in ``16UC1``; clouds have returns only.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -70,13 +52,12 @@ class Rosbag2(Format):
 
     def needs_of(self, cameras: Mapping[str, Camera], options: Any) -> Sequence[str]:
         scans = [lidar_of(camera) is not None for camera in cameras.values()]
-        depth = any(scans) or options.depth != "none"
-        return [
-            "imu",
-            *(["depth"] if depth else []),
-            *([] if all(scans) else ["lit"]),
-            *(["labels"] if options.labels else []),
-        ]
+        needs = {
+            "depth": any(scans) or options.depth != "none",
+            "lit": not all(scans),
+            "labels": options.labels,
+        }
+        return ["imu", *(kind for kind, is_needed in needs.items() if is_needed)]
 
     def refuses(self, camera: Camera) -> str | None:
         _rosbags()
@@ -231,10 +212,5 @@ def _of_imu(track: ImuTrack) -> Iterator[Message]:
         yield stamp, "/imu", "sensor_msgs/Imu", {"header": _header(stamp, "body"), **measured, **covariances}
         pose = {"pose": {"position": _xyz(position), "orientation": _turn(R)}}
         moves = {"linear": _xyz(R.T @ samples.velocities_w[i]), "angular": _xyz(rates[i])}  # of the child
-        state = {"child_frame_id": "body", "pose": pose, "twist": {"twist": moves}}
-        yield (
-            stamp,
-            "/ground_truth/odometry",
-            "nav_msgs/Odometry",
-            {"header": _header(stamp, "world"), **state},
-        )
+        state = {"header": _header(stamp, "world"), "child_frame_id": "body", "pose": pose}
+        yield stamp, "/ground_truth/odometry", "nav_msgs/Odometry", {**state, "twist": {"twist": moves}}

@@ -69,12 +69,11 @@ _SAMPLES = 33
 class Kalibr(Format):
     """Kalibr's ``camchain.yaml``: the cameras of a rig, each with its pose relative to the one before it.
 
-    Cameras with a constant pose relative to each other are a rig (:mod:`omniscv.dataset.sequences`). Each of
-    several rigs has a file, ``camchain-CAMERA.yaml`` by its first camera. The cameras are ``cam0``, ``cam1``,
-    ... in the order of their names, which ``rostopic`` holds. ``cam_overlaps`` lists the cameras that see
-    some of the same directions. :mod:`omniscv.calibration.kalibr` describes the other keys. A dataset with an
-    IMU has one chain, with each camera's pose on the IMU, ``T_cam_imu``; images are stamped with the time
-    that they show, so ``timeshift_cam_imu`` is 0. Rolling shutters have their line delay.
+    Each of several rigs (:mod:`omniscv.dataset.sequences`) has a file, ``camchain-CAMERA.yaml`` by its first
+    camera. The cameras are ``cam0``, ``cam1``, ... in the order of their names, which ``rostopic`` holds.
+    ``cam_overlaps`` lists the cameras that see some of the same directions. A dataset with an IMU has one
+    chain, with each camera's pose on the IMU, ``T_cam_imu``; images are stamped with the time that they show,
+    so ``timeshift_cam_imu`` is 0.
     """
 
     name = "kalibr"
@@ -231,8 +230,6 @@ class TumMono(Format):
         CAMERA/pcalib.txt             light, 0 to 255, of each code: the inverse of sRGB
         CAMERA/vignette.png           16 bits: the sensor's shading, or white
         CAMERA/camera.txt             the lens, where DSO has its model
-
-    :mod:`omniscv.sensor.optics` reads and writes these files.
     """
 
     name = "tum_mono"
@@ -243,10 +240,8 @@ class TumMono(Format):
     def check_options(self, options: TumMonoOptions, cameras: Mapping[str, Camera]) -> None:
         """Refuse shading of a file, which is a vignette already."""
         if isinstance((options.sensor or {}).get("shading"), Mapping):
-            wanted = "expected natural shading or a table"
-            raise ArgumentError(
-                f"tum_mono: {wanted}, got a file, which is the vignette; leave the format out"
-            )
+            wanted = "expected natural shading or a table, got a file, which is the vignette"
+            raise ArgumentError(f"tum_mono: {wanted}; leave the format out")
 
     def write(self, frames: Sequence[Frame], out: Path, options: TumMonoOptions) -> list[Path]:
         sensor, written = Sensor(**(options.sensor or {})), []

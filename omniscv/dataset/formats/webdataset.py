@@ -78,8 +78,7 @@ class WebDataset(Format):
 
 
 def _shards(frames: Sequence[Frame], limits: WebDatasetOptions) -> Iterator[list[Frame]]:
-    shard: list[Frame] = []
-    size = 0
+    shard, size = list[Frame](), 0
     for frame in frames:
         added = sum(path.stat().st_size for path in frame.files.values())
         if shard and (len(shard) == limits.max_count or size + added > limits.max_bytes):
@@ -117,12 +116,7 @@ def _common(frames: Sequence[Frame]) -> dict[str, Any]:
 
 
 def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
-    """Return the cameras and names of ``shards.json``, and by shard the keys of its samples.
-
-    Raises:
-        ArgumentError: the folder has no shards.
-        DatasetError: the list is damaged.
-    """
+    """Return the cameras and names of ``shards.json``, and by shard the keys of its samples."""
     path = folder / SHARDS
     if not path.is_file():
         advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
@@ -140,16 +134,8 @@ def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]
 
 
 class Shard:
-    """An open shard.
-
-    Args:
-        folder: of the shard.
-        file: the shard, with its size.
-        manifest: cameras and names.
-
-    Raises:
-        DatasetError: it is missing, has another size, is no tar file, or holds anything but files.
-    """
+    """An open shard; DatasetError if it is missing, has another size, is no tar file, or holds anything but
+    files."""
 
     def __init__(self, folder: Path, file: FileEntry, manifest: Manifest) -> None:
         self._path, self._manifest = folder / file.path, manifest
@@ -175,15 +161,9 @@ class Shard:
         self._tar.close()
 
     def extract(self, key: str, kinds: Sequence[str], folder: Path) -> Frame:
-        """Write files of a sample into a folder, and return their frame.
+        """Write files of a sample, of the kinds that it has, into a folder, and return their frame.
 
-        Args:
-            key: of the sample.
-            kinds: of files to extract, if the sample has them.
-            folder: of the files, as long as the frame is used.
-
-        Raises:
-            DatasetError: the shard lacks the sample, or a file is damaged.
+        DatasetError: the shard lacks the sample, or a file is damaged.
         """
         name = f"{key}.json"
         if name not in self._members:
