@@ -67,11 +67,7 @@ source, its argument, are each for one worker if there are several."""
 
 
 def workers_of(place: str) -> Workers:
-    """Return the workers that a word describes: ``local:4`` or a scheduler's address.
-
-    Raises:
-        ArgumentError: another word.
-    """
+    """Return the workers that a word describes: ``local:4`` or a scheduler's address."""
     kind, _, rest = place.partition(":")
     if kind == "local" and re.fullmatch(r"[1-9][0-9]{0,3}|", rest):
         return partial(_local, int(rest) if rest else None)
@@ -83,12 +79,7 @@ def workers_of(place: str) -> Workers:
 @contextmanager
 def _local(workers: int | None, sources: Sequence[str]) -> Iterator[Client]:
     """Start processes on this machine, as many as the source has addresses if None; they end with the
-    context. Dask restarts a worker that dies. The scheduler runs in this process.
-
-    Raises:
-        ArgumentError: more workers than addresses, if there are several.
-        ClusterError: one has ended while it started.
-    """
+    context. Dask restarts a worker that dies. The scheduler runs in this process."""
     workers = workers or len(sources)
     if workers > len(sources) > 1:
         wanted = f"expected at most {len(sources)} workers, one for each address of the source"
@@ -114,18 +105,13 @@ def _started(workers: int) -> LocalCluster:
             preload=[__name__],
         )
     except (RuntimeError, OSError) as cause:
-        wanted = f"--cluster: expected {workers} workers to start, but one ended"
-        why = str(cause).rstrip(".")
-        raise ClusterError(f"{wanted}, as when memory runs out: {why}; run again, or with fewer") from cause
+        wanted = f"--cluster: expected {workers} workers to start, but one ended, as when memory runs out"
+        raise ClusterError(f"{wanted}: {str(cause).rstrip('.')}; run again, or with fewer") from cause
 
 
 @contextmanager
 def scheduler_at(address: str, sources: Sequence[str], timeout_s: float = 10.0) -> Iterator[Client]:
-    """Connect to a running scheduler, such as ``tcp://node7:8786``, with its own workers.
-
-    Raises:
-        ClusterError: that fails, or workers have no server.
-    """
+    """Connect to a running scheduler, such as ``tcp://node7:8786``, whose workers have a server each."""
     try:
         client = Client(address, timeout=timeout_s, set_as_default=False)
     except (OSError, ValueError) as cause:
@@ -224,11 +210,7 @@ def _make_parts(
 
 
 def _results(client: Client, futures: Sequence[Future]) -> Iterator[Any]:
-    """Yield the results of tasks as they complete; cancel the rest if one fails.
-
-    Raises:
-        ClusterError: a task failed at every attempt, or the scheduler is gone.
-    """
+    """Yield the results of tasks as they complete; cancel the rest if one fails."""
     try:
         for future in as_completed(futures, loop=client.loop):
             if future.status == "cancelled":
@@ -250,11 +232,7 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
     """The server of a worker: a game that it launches, one at an address, or a mock server.
 
     It is opened by the first task, not when the worker starts: a game may take minutes, and Dask takes a
-    worker that does not answer meanwhile for dead.
-
-    Args:
-        addresses: of the job's source; if there are several, a worker takes the one of its number.
-        options: of :func:`omniscv.open_source`.
+    worker that does not answer meanwhile for dead. Of several addresses it is that of the worker's number.
     """
 
     name = SERVER_PLUGIN
@@ -279,9 +257,6 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
 
         Repeated failures wait longer and longer, up to a minute: a worker without a server would otherwise
         fail tasks faster than other workers complete them.
-
-        Raises:
-            Exception: as the function, or opening the source.
         """
         try:
             if self._source is None:
@@ -324,12 +299,8 @@ class JobPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is imported w
 
 
 def make_part(part: Part) -> tuple[Made, int] | Exception:
-    """Make a part of the worker's job with its server.
-
-    Returns:
-        The counts of frames, and how many have unsure or occluded pixels; or what is wrong with the job,
-        which another attempt would not mend.
-    """
+    """Make a part of the worker's job with its server; return the counts of frames, and how many have unsure
+    or occluded pixels; or what is wrong with the job, which another attempt would not mend."""
     plugins, warnings = get_worker().plugins, list[str]()
 
     def work(source: Source) -> Made:

@@ -19,13 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omniscv.arguments import (
-    shown,
-    stem,
-    stems,
-    within,
-    wrong,
-)
+from omniscv.arguments import shown, stem, stems, within, wrong
 from omniscv.cameras import Camera
 from omniscv.cameras.lidar import PRESETS
 from omniscv.errors import ArgumentError
@@ -56,10 +50,6 @@ EPOCH_NS = 1_700_000_000 * NS
 EVERY = "*"
 """In a dotted key: every entry of a mapping or a list."""
 
-
-# -- the keys --------------------------------------------------------------------------------------------
-
-
 _RENDER, _RECIPE = ({key_of(field): field for field in fields(cls)} for cls in (RenderOptions, Recipe))
 _JOB = {key_of(field): field for field in fields(Job) if reader_of(field)}
 _FIELDS = _JOB | _RECIPE | _RENDER
@@ -78,8 +68,6 @@ _BELOW: dict[str, type[Any]] = {
     "media": Media,
     "truth.tolerance": Tolerance,
 }
-
-
 _GONE = {
     "shards": "write it into 'export', as {format: webdataset, max_count: 1000}",
     "seam": "write it into 'export', as {format: coco, seam: split}",
@@ -114,9 +102,6 @@ def keys() -> Iterator[Key]:
 
 def _key(name: str, field: Field[Any]) -> Key:
     return Key(name, field.default if field.default_factory is MISSING else None, help_of(field))
-
-
-# -- reading ---------------------------------------------------------------------------------------------
 
 
 def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Job:
@@ -201,11 +186,7 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
 
 
 def read(description: object, folder: Path) -> Job:
-    """Return the job that a mapping describes; its paths are relative to a folder.
-
-    Raises:
-        ArgumentError: a key is unknown, missing or wrong.
-    """
+    """Return the job of a mapping whose paths are relative to a folder; ArgumentError as :func:`load`."""
     values = mapping("", description)
     for path, instead in _GONE.items():
         below: Any = values
@@ -300,17 +281,8 @@ def _epoch_ns(path: Trajectory | None) -> int:
 
 
 _FILES = (
-    *(
-        "rig",
-        "record",
-        "classes",
-        "poses",
-        "poses.file",
-        "poses.frame",
-        "sensor.shading",
-        "source_options.qpos",
-    ),
-    *("cameras.*", "cameras.*.file", "cameras.*.preset", "cameras.*.base.preset", "motions.*"),
+    *("rig", "record", "classes", "poses", "poses.file", "poses.frame", "sensor.shading", "motions.*"),
+    *("source_options.qpos", "cameras.*", "cameras.*.file", "cameras.*.preset", "cameras.*.base.preset"),
     *("motions.*.spline", "rig.cameras.*.camera.preset", "rig.cameras.*.camera.base.preset"),
 )
 """Keys whose values may be names of files, relative to the job's file."""

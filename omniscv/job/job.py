@@ -50,11 +50,7 @@ class Exposure:
 
     The colours of an image are the mean of ``instants``: of light where the source's transfer is known, else
     of codes. All other layers are those of the middle, which is one of the instants. The lines of a
-    rolling-shutter camera show as many instants of its read-out, those of the first and the last line among
-    them.
-
-    Raises:
-        ArgumentError: a negative time, an even number, or another word.
+    rolling-shutter camera show as many instants of its read-out, the first and the last line among them.
     """
 
     seconds: float = checked(number, least=0, default=0.0, help="exposure time, seconds")
@@ -88,7 +84,7 @@ class Exposure:
 
 @record
 class FailureLimit:
-    """What happens to frames that fail."""
+    """How many frames may fail."""
 
     skip: float = checked(
         number, least=0, most=1, default=0.0, help="share of frames that may fail, and are left out"
@@ -343,12 +339,7 @@ def within_path(job: Job) -> Job:
 
 
 def _with_rig(rig: Rig | None, cameras: Mapping[str, Camera]) -> dict[str, Camera]:
-    """Return the cameras of a rig, then the others.
-
-    Raises:
-        ArgumentError: no camera, or a name twice. A camera that is the rig's own, as in a copy of a job, is
-            none.
-    """
+    """Return the cameras of a rig, then the others, of which a copy of a job holds the rig's own, too."""
     of_rig = {} if rig is None else {name: mounted.camera for name, mounted in rig.cameras.items()}
     others = {name: camera for name, camera in cameras.items() if of_rig.get(name) is not camera}
     if twice := sorted(of_rig.keys() & others.keys()):

@@ -33,7 +33,6 @@ from omniscv.job.sampling import SampledPoses, read_sampling
 from omniscv.records import checked, mapping, optional, read, record
 
 _STEEP = 0.7071  # of a direction's Z: 45 degrees up or down
-
 _MOST_TIMES = 1_000_000
 
 
@@ -107,6 +106,10 @@ class _Waypoint:
     roll_deg: float = checked(number, default=0.0)
     time: float | None = checked(optional(number), default=None)
 
+    @property
+    def angles(self) -> tuple[float, float, float]:
+        return self.yaw_deg, self.pitch_deg, self.roll_deg
+
 
 @record
 class _ListedPose(_Waypoint):
@@ -114,11 +117,7 @@ class _ListedPose(_Waypoint):
 
 
 def read_poses(name: str, value: object) -> Posed:
-    """Return the poses of a list, of a trajectory file, or that a mapping describes.
-
-    Raises:
-        ArgumentError: anything else, or a pose with an unknown, missing or wrong key.
-    """
+    """Return the poses of a list, of a trajectory file, or that a mapping describes."""
     if isinstance(value, str):
         return PoseFile(text(name, value)).load()
     if isinstance(value, dict) and "file" in value:
@@ -136,13 +135,9 @@ def read_poses(name: str, value: object) -> Posed:
     if times and len(times) < len(listed):
         wanted = "expected a time for every pose or for none"
         raise ArgumentError(f"{name}: {wanted}, got {len(listed) - len(times)} without")
-    angles = [(pose.yaw_deg, pose.pitch_deg, pose.roll_deg) for pose in listed]
+    poses = tuple(Pose.from_angles(pose.position, *pose.angles) for pose in listed)
     places = tuple(pose.place for pose in listed)
-    return Posed(
-        tuple(Pose.from_angles(pose.position, *turn) for pose, turn in zip(listed, angles, strict=True)),
-        times or None,
-        places if any(places) else None,
-    )
+    return Posed(poses, times or None, places if any(places) else None)
 
 
 def read_motions(name: str, value: object) -> dict[str, Motion]:
@@ -164,11 +159,7 @@ def _read_motion(name: str, value: object) -> Motion:
 
 
 def _read_waypoints(name: str, value: object) -> Trajectory:
-    """Return a trajectory of waypoints, or that of a file.
-
-    Raises:
-        ArgumentError: the file cannot be read, or several waypoints without times.
-    """
+    """Return a trajectory of waypoints, or that of a file."""
     if isinstance(value, str):
         return read_trajectory(Path(text(name, value)), frame="object")
     if not isinstance(value, list) or not value:
@@ -177,14 +168,9 @@ def _read_waypoints(name: str, value: object) -> Trajectory:
     untimed = [i for i, waypoint in enumerate(waypoints) if waypoint.time is None]
     if untimed and len(waypoints) > 1:
         raise ArgumentError(f"{name}[{untimed[0]}]: missing key 'time'; give every waypoint a time")
+    poses = tuple(object_pose(point.position, *point.angles) for point in waypoints)
     with within(name):
-        return Trajectory.timed(
-            tuple(
-                object_pose(point.position, point.yaw_deg, point.pitch_deg, point.roll_deg)
-                for point in waypoints
-            ),
-            (point.time or 0.0 for point in waypoints),
-        )
+        return Trajectory.timed(poses, (point.time or 0.0 for point in waypoints))
 
 
 @record
@@ -196,11 +182,7 @@ class TimeRange:
     start: float | None = checked(optional(number), default=None)
 
     def times_ns(self, own: tuple[int, ...] | None) -> tuple[int, ...]:
-        """Return the times; what is not said is that of the poses' own times.
-
-        Raises:
-            ArgumentError: no count, and poses without times.
-        """
+        """Return the times; what is not said is that of the poses' own times."""
         first = (own or (0,))[0] if self.start is None else nanoseconds(self.start)
         count = self.count
         if count is None and not own:
@@ -236,9 +218,6 @@ def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Pose
 
     One pose is taken at every time; poses with their own times are interpolated; otherwise there is one time
     per pose. The number of poses that are yet to be sampled is compared later, by the job.
-
-    Raises:
-        ArgumentError: another number of times, or poses without the times that are asked for.
     """
     if times is None or (times == "poses" and (posed.sampling or posed.times_ns)):
         return posed

@@ -22,8 +22,7 @@ from omniscv.records import checked, listed, mapping, read, record, word
 from omniscv.render_options import Tolerance
 from omniscv.storage import bounded
 
-_TOLERANCE = 1e-6
-"""Largest difference of the sum of shares from 1."""
+_TOLERANCE = 1e-6  # of the sum of shares
 
 
 @record
@@ -73,11 +72,7 @@ class Split:
 
 
 def read_split(name: str, value: object) -> Split:
-    """Return the split that a mapping describes: ``{train: 0.8, val: 0.2, seed: 0}``.
-
-    Raises:
-        ArgumentError: no mapping, shares whose sum is not 1, or a wrong option.
-    """
+    """Return the split that a mapping describes: ``{train: 0.8, val: 0.2, seed: 0}``."""
     if isinstance(value, Split):
         return value
     if not isinstance(value, Mapping):
@@ -137,13 +132,10 @@ def _options(name: str, value: object) -> dict[str, Any] | None:
     """Return options: none for true, ``{kind: WORD}`` for a word; None for false and off."""
     if value is None or value is False or value == "off":
         return None
-    if value is True:
-        return {}
-    if isinstance(value, str):
-        return {"kind": value}
-    if isinstance(value, Mapping):
-        return dict(value)
-    raise ArgumentError(f"{name}: expected true, false, or a mapping of options, got {shown(value)}")
+    options = {} if value is True else {"kind": value} if isinstance(value, str) else value
+    if not isinstance(options, Mapping):
+        raise ArgumentError(f"{name}: expected true, false, or a mapping of options, got {shown(value)}")
+    return dict(options)
 
 
 def read_export(name: str, value: object) -> dict[str, Any]:

@@ -99,12 +99,7 @@ class RandomPoses:
         _check_box(self)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses; the last one of 50 free ones where none shows what is to be visible.
-
-        Raises:
-            ArgumentError: the box has too little free space.
-            OmniscvError: depth cannot be captured.
-        """
+        """Return the poses; the last one of 50 free ones where none shows what is to be visible."""
         assert is_free is not None
         low, high = np.asarray(self.low), np.asarray(self.high)
         ranges = [np.broadcast_to(angle, 2) for angle in (self.yaw_deg, self.pitch_deg, self.roll_deg)]
@@ -152,12 +147,7 @@ class GridPoses:
             raise wrong("step", f"distances > 0 that give at most {_MOST} poses", self.step)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses at positions of the grid that are free.
-
-        Raises:
-            ArgumentError: none is free.
-            OmniscvError: depth cannot be captured.
-        """
+        """Return the poses at positions of the grid that are free."""
         axes = zip(np.asarray(self.low), np.asarray(self.step), self._counts(), strict=True)
         xs, ys, zs = (low + step * np.arange(count) for low, step, count in axes)
         positions = (np.array([x, y, z]) for z, y, x in product(zs, ys, xs))
@@ -176,12 +166,7 @@ class GridPoses:
 
 @record
 class PathPoses:
-    """A camera that moves along a smooth curve through waypoints at constant speed; the scene has no
-    influence.
-
-    Raises:
-        ArgumentError: a value outside its domain, or equal waypoints in a row.
-    """
+    """A camera that moves along a smooth curve through waypoints at constant speed, whatever the scene."""
 
     clearance: ClassVar[None] = None
     visible: ClassVar[None] = None
@@ -201,18 +186,13 @@ class PathPoses:
             raise wrong("waypoints", "at least two, each different from the one before", points)
 
     def poses(self, is_free: IsFree | None = None, sees: Sees | None = None) -> Trajectory:
-        """Return the poses and their times, from 0 s; the arguments are not used.
-
-        Raises:
-            ArgumentError: too many poses, or the camera would look straight up or down.
-        """
+        """Return the poses and their times, from 0 s; the arguments are not used."""
         positions, tangents, times = self._curve()
         if isinstance(self.look, str):
             targets = positions + tangents * (1, 1, self.look == "ahead")
         else:
             targets = np.broadcast_to(np.asarray(self.look), positions.shape)
-        poses = tuple(map(Pose.look_at, positions, targets))
-        return Trajectory.timed(poses, times.tolist())
+        return Trajectory.timed(tuple(map(Pose.look_at, positions, targets)), times.tolist())
 
     def _curve(self) -> tuple[Array, Array, Array]:
         """(K, 3) positions, (K, 3) tangents and (K,) times, s, at equal distances along the curve."""
@@ -262,11 +242,7 @@ KINDS: dict[str, type[Any]] = {"random": RandomPoses, "grid": GridPoses, "path":
 
 
 def read_sampling(name: str, value: object) -> SampledPoses:
-    """Return what a mapping under a job's ``poses`` describes.
-
-    Raises:
-        ArgumentError: not exactly one of ``random``, ``grid``, ``path``, or as their records raise.
-    """
+    """Return what a mapping under a job's ``poses`` describes: one of ``random``, ``grid``, ``path``."""
     descriptions = mapping(name, value, KINDS)
     if len(descriptions) != 1:
         raise ArgumentError(f"{name}: expected one of {', '.join(KINDS)}; got {shown(list(descriptions))}")

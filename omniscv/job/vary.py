@@ -201,9 +201,6 @@ class Draws:
         boxes: of objects at rest, for ``clearance``.
         pivots_w: (3,) by object, where it is turned about.
         skipped: by rule, how many objects its pattern matches that cannot be moved; known with the settings.
-
-    Raises:
-        ArgumentError: a pattern that no name matches, or a setting that the source does not have so.
     """
 
     vary: Vary
@@ -257,9 +254,7 @@ class Draws:
         self, kind: str, name: str, draw_name: str, settings: Mapping[str, Any], key: str
     ) -> dict[str, Any]:
         u = {setting: self.vary.u(self.world, f"{kind}.{setting}", draw_name, key) for setting in settings}
-        values = {
-            setting: draw(value, u[setting]) for setting, value in settings.items() if setting != "clearance"
-        }
+        values = {name: draw(value, u[name]) for name, value in settings.items() if name != "clearance"}
         if kind == "objects" and "shown" in values:
             values["shown"] = u["shown"]("") < values["shown"]
         return values

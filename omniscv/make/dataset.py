@@ -82,9 +82,6 @@ class Part:
 
     Consecutive poses at one position are in one part if a part can hold them, as they share captures in a
     recording. All cameras of a pose are in its part.
-
-    Raises:
-        ArgumentError: a count below 1, or an index that is not below it.
     """
 
     index: int = 0
@@ -205,16 +202,8 @@ def run_part(
     """Make the frames of a part of a job in its ``out``, and then the part's marker.
 
     The same job and part give the same bytes in every process. A part that has its marker is not made again;
-    of one that was interrupted, whole frames are kept.
-
-    Args:
-        job: what to make.
-        part: of its poses.
-        source: of the job, without its recording, which stays open; opened for this part if not given.
-        warn: as :func:`make`.
-
-    Raises:
-        OmniscvError: as :func:`make`.
+    of one that was interrupted, whole frames are kept. ``source`` is the job's, without its recording, and
+    stays open; one is opened for this part if it is not given. ``warn``, and errors, as :func:`make`.
     """
     return _run(job, part, _How(warn=warn), source)[0]
 
@@ -232,10 +221,7 @@ class _How(NamedTuple):
 def _run(
     job: Job, part: Part, how: _How, source: Source | None = None
 ) -> tuple[Made, list[Job], list[Frame]]:
-    """Make a part, as :func:`run_part`; return the counts, the worlds with their poses, and the frames.
-
-    Worlds are opened one after the other.
-    """
+    """Make a part, world by world; return the counts, the worlds with their poses, and the frames."""
     chosen, warn = how.chosen, how.warn or (lambda line: None)
     contents = [check_dataset(world) for world in job.each]
     check_keys(job)
@@ -258,17 +244,16 @@ def _run(
                 if how.replaces and at == 0:
                     make_room(folder, overwrite=True)
                 names = live.objects().names() if labelled else ()  # those that the source has now
+                known = ids or manifest.with_names({}, names)
                 writer = Writer(
                     job.out,
                     resume=True,
                     image_format=job.image_format,
                     store=job.store,
                     depth_format=job.depth_format,
-                    begun=Manifest(
-                        job.cameras, ids or manifest.with_names({}, names), contents[0].classes, settings
-                    ),
+                    begun=Manifest(job.cameras, known, contents[0].classes, settings),
                     closed=part.count > 1,
-                    media=job.recipe.media or {},
+                    media=job.recipe.media,
                 )
                 marked, _ = _read_marker(folder, writer.manifest, part) or ((), ())
                 writer.keep_marked(marked)
@@ -282,8 +267,8 @@ def _run(
         except (SourceError, RecordingError) as cause:
             if not job.worlds:
                 raise
-            known = {frame.key for frame in written}
-            lost = [key for key in _keys(world, part, chosen) if key not in known] or [world.world]
+            there = {frame.key for frame in written}
+            lost = [key for key in _keys(world, part, chosen) if key not in there] or [world.world]
             with of_world(world):
                 failures.add({key: {} for key in lost}, world.world, cause)
     lines = [frame.to_dict() for frame in written]
@@ -304,14 +289,10 @@ def _all_names(job: Job) -> dict[str, int]:
 
 
 def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> None:
-    """Join the markers of all parts, of so many, into ``frames.jsonl``; export; remove the markers.
+    """Join the markers of all parts, of so many, into ``frames.jsonl``; export; remove the markers, and what
+    killed processes have left. If another process has just finished the dataset, nothing is left to do.
 
-    What killed processes have left is removed too. The source is not opened. If another process has just
-    finished the dataset, nothing is left to do.
-
-    Raises:
-        DatasetError: the marker of a part is missing or damaged.
-        OmniscvError: as an export.
+    DatasetError: the marker of a part is missing or damaged. OmniscvError: as an export.
     """
     folder = storage.folder(job.out)
     with lock(folder):
@@ -332,17 +313,15 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         manifest.write_failed(folder, failed.values())
         if len(failed) > job.failures.skip * (whole_count := len(frames) + len(failed)):
             wanted = f"expected at most {job.failures.skip:.3g} of {whole_count} frames to fail"
-            raise DatasetError(
-                f"failures: {wanted}, got {len(failed)}; see {manifest.FAILED}; --resume tries them again"
-            )
+            advice = f"see {manifest.FAILED}; --resume tries them again"
+            raise DatasetError(f"failures: {wanted}, got {len(failed)}; {advice}")
         manifest.write_frames(folder, frames.values())
         if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
             fixed = {world.world for world in job.worlds if world.world_split}
-            for line in split_warnings(
-                job.recipe.split, [f for f in frames.values() if f.world not in fixed]
-            ):
+            free = [frame for frame in frames.values() if frame.world not in fixed]
+            for line in split_warnings(job.recipe.split, free):
                 warn(line)
         if exports := Contents.of(job).exports:
             written = manifest.open(job.out)
@@ -363,11 +342,12 @@ def _listed(folder: Folder) -> list[Frame]:
 # -- markers ---------------------------------------------------------------------------------------------
 
 
-def _read_marker(
-    folder: Folder, manifest: Manifest, part: Part
-) -> tuple[list[Frame], list[dict[str, Any]]] | None:
-    """Return the frames of a finished part, and the lines of those that failed; None if its marker is missing
-    or damaged."""
+Marked = tuple[list[Frame], list[dict[str, Any]]]
+"""The frames of a finished part, and the lines of those that failed."""
+
+
+def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> Marked | None:
+    """Return what a part's marker holds; None if it is missing or damaged."""
     try:
         content = parse_json(folder.read(part.marker, MOST_JSON_BYTES))
         if content["sha256"] != _checksum(content["frames"]):

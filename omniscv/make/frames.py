@@ -197,14 +197,9 @@ def left_out(seen: Frame, names: Sequence[str], look: Callable[[], OmniImage]) -
 
     An object is suspected if no pixel shows it, although a part of its box is in the image, and nothing is
     seen before that part. It may be thin, or fill its box in part. So masks and depth are captured again, and
-    only an object that is seen then, where nothing was before it at first, was left out. Where
-    the two are equally far away, what the image showed must still be there: else it hid the object, and is
-    itself left out of the second captures.
-
-    Args:
-        seen: with labels and depth in memory, and the boxes of objects.
-        names: of the labels 1, 2, 3, ... of the source.
-        look: returns the image of new captures, with labels of the source and depth.
+    only an object that is seen then, where nothing was before it at first, was left out. Where the two are
+    equally far away, what the image showed must still be there: else it hid the object, and is itself left
+    out of the second captures. ``names`` are those of the source's labels 1, 2, 3, ...
     """
     depth, labels = seen.layer("depth"), seen.layer("labels")
     shown, found = visible_ids(labels), set[str]()

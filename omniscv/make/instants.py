@@ -36,7 +36,6 @@ _OBJECT_M = 0.5  # from an object's middle to what of it is seen
 _FEWEST, _MOST = 3, 999
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
-
 Views = tuple[tuple[Camera, Pose], ...]
 InstantViews = tuple[Instant, Views, tuple[str, ...]]
 """An instant of the world, and the cameras, poses and modes that are captured at it."""
@@ -65,14 +64,10 @@ class SharedFrames:
 def frames_by_instant(
     job: Job, indices: Iterable[int] | None = None, scene: str = ""
 ) -> Iterator[SharedFrames]:
-    """Yield a job's images by pose and instant, and what is captured for them.
+    """Yield a job's images by pose, of all or of some indices, and instant, and what is captured for them.
 
-    Images of a rolling-shutter camera in a world that moves do not share captures.
-
-    Args:
-        job: with its poses.
-        indices: of poses; all if not given.
-        scene: identity of the source's scene, for the frames of a dataset.
+    Images of a rolling-shutter camera in a world that moves do not share captures. ``scene`` is the identity
+    of the source's scene, for the frames of a dataset.
     """
     path = JobPath(job)
     split = job.recipe.split or Split({"": 1.0})
@@ -89,7 +84,6 @@ def frames_by_instant(
             state = path.instant(replace(frame, varied=varied)).state
             key = frame.key if rolling else f".{state}"
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
-            frame = replace(frame, world=job.world)
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
             yield SharedFrames(tuple(frames), tuple(path.captured(i, frames)), fault)
@@ -153,7 +147,7 @@ class JobPath:
             if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
                 pose = job.path.at(time_ns, steps_beyond=1)
             camera = self._on_path(camera, mounted.pose, time_ns)
-            yield Frame(key, name, camera, pose @ mounted.pose, time_ns=time_ns)
+            yield Frame(key, name, camera, pose @ mounted.pose, time_ns=time_ns, world=job.world)
             pose = job.poses[i]
 
     def _on_path(self, camera: Camera, mounted: Pose, time_ns: int | None) -> Camera:
@@ -202,13 +196,12 @@ class JobPath:
             readout = frame.camera.readout if isinstance(frame.camera, RollingShutter) else 0.0
             start, end = (0.0, readout) if readout else (-exposure.seconds / 2, exposure.seconds / 2)
             moves = exposure.camera == "moves" and not readout
-            ends = [
-                {other.key: other.pose for other in self.frames(i, after if moves else 0.0)}[frame.key]
-                for after in (start, end)
-            ]
-            at = frame.time_ns or 0
+            at, offsets = frame.time_ns or 0, (start, end) if moves else (0.0, 0.0)
+            first, last = (
+                {other.key: other.pose for other in self.frames(i, after)}[frame.key] for after in offsets
+            )
             span = at + nanoseconds(start), at + nanoseconds(end)
-            most = max(most, motion_px(frame.camera, (ends[0], ends[1]), motions, span))
+            most = max(most, motion_px(frame.camera, (first, last), motions, span))
         return replace(exposure, instants=instants_for(most))
 
     def _lateral(self, instant: Instant, views: Views) -> Iterator[InstantViews]:
@@ -243,8 +236,7 @@ def images_of(
 
     Args:
         renderer: of the job's source.
-        shared: frames of the job.
-        job: whose options and sensor make the images.
+        shared, job: the frames, and the job whose options and sensor make the images.
         only: indices of the frames that are composed; all if not given.
         progress: called as images progress.
         look: called once, with a source of the world at the frames' instant.
@@ -351,19 +343,10 @@ def instants_for(moved_px: float) -> int:
 
 
 def motion_px(
-    camera: Camera,
-    poses: tuple[Pose, Pose],
-    motions: Sequence[Motion],
-    times_ns: tuple[int, int],
+    camera: Camera, poses: tuple[Pose, Pose], motions: Sequence[Motion], times_ns: tuple[int, int]
 ) -> float:
-    """Return how far things move in an image, px, where its pixels are as wide as in its middle.
-
-    Args:
-        camera: of the image.
-        poses: of the camera, at the start and at the end.
-        motions: of objects.
-        times_ns: start and end.
-    """
+    """Return how far the camera, and objects by their motions, move in an image from a start to an end, px,
+    where its pixels are as wide as in its middle."""
     start, end = poses
     turned = _angle(start.rotation, end.rotation)
     radians = turned + float(np.linalg.norm(end.position - start.position)) / SURFACE_M

@@ -3,7 +3,7 @@
 import time
 from collections import ChainMap
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial, reduce
 from itertools import chain
@@ -127,11 +127,8 @@ def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
         yield f"{stem}: strategy {effort.strategy} instead of {image.options.strategy}: {effort.stopped}"
     if aim is not None and image.doubtful > aim:
         defaults, given = RenderOptions(), image.options
-        knobs = [
-            f"{name}={getattr(given, name)}"
-            for name in _KNOBS
-            if getattr(given, name) != getattr(defaults, name)
-        ]
+        set_to = {name: getattr(given, name) for name in _KNOBS}
+        knobs = [f"{name}={value}" for name, value in set_to.items() if value != getattr(defaults, name)]
         fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
         yield f"{stem}: {missed}: {effort.stopped}{fixed}"
@@ -187,10 +184,8 @@ def capture(
             for done, (instant, views, shown) in enumerate(shared.captured, start=1):
                 report = meter.part() if done == len(shared.captured) else without_images(meter.part())
                 with renderer_at(renderer, instant) as renderer_then:
-                    plans = [
-                        renderer_then.plan(camera, pose, job.options, border_px=border_px)
-                        for camera, pose in views
-                    ]
+                    plan = partial(renderer_then.plan, options=job.options, border_px=border_px)
+                    plans = [plan(camera, pose) for camera, pose in views]
                     if job.options.checks == "light" or any(plan.aim is not None for plan in plans):
                         asked = HeldCaptures(renderer_then.source, {})
                         list(renderer.of(asked).render_together(views, shown, job.options))
@@ -199,10 +194,8 @@ def capture(
                         continue
                     modes = job.options.sampled(shown)
                     plans = planning.share_captures(plans, modes)
-                    capture_plans = partial(
-                        _capture_plans, plans=plans, modes=modes, before=needed, report=report
-                    )
-                    needed |= verify_still(renderer_then.source, modes, capture_plans)
+                    take = partial(_capture_plans, plans=plans, modes=modes, before=needed, report=report)
+                    needed |= verify_still(renderer_then.source, modes, take)
     made = [one for each in needed for one in (exposures_of(each, job.brackets) if job.brackets else [each])]
     return Captured(len(made), len({key_of(request) for request in made} - {row.key for row in held}))
 
@@ -228,15 +221,8 @@ def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | 
 def _capture_plans(
     source: Source, plans: Sequence[Plan], modes: tuple[str, ...], before: dict[Request, None], report: Report
 ) -> dict[Request, None]:
-    """Capture what plans of one instant need; return the new requests in their order.
-
-    Args:
-        source: of captures.
-        plans: of one instant.
-        modes: of their images.
-        before: requests that are not captured again.
-        report: called after each viewpoint and plan.
-    """
+    """Capture what plans of one instant need, but for requests before; return the new ones in their order.
+    ``report`` is called after each viewpoint and plan."""
     new: dict[Request, None] = {}
     known, progress = ChainMap(new, before), Progress()
 
@@ -272,19 +258,13 @@ def costs(job: Job) -> list[Cost]:
         **{name: {"strategy": name, "accuracy": None} for name in planning.names() if name != "auto"},
     }
     found = []
-    with _plans(job) as planned:
+    check(job)
+    with opened(replace(job, record=None)) as (job, source):
+        planned = _planned(job, partial(Renderer(source).plan, options=job.options))
         for way, changes in ways.items():
             with suppress(ArgumentError):
                 found.append(reduce(add, (cost(way, plans, modes, **changes) for modes, plans in planned)))
     return found
-
-
-@contextmanager
-def _plans(job: Job) -> Iterator[_Planned]:
-    """Yield the modes and plans of a job, while its source is open."""
-    check(job)
-    with opened(replace(job, record=None)) as (job, source):
-        yield _planned(job, partial(Renderer(source).plan, options=job.options))
 
 
 def measured_price(job: Job) -> Price:
@@ -298,10 +278,9 @@ def measured_price(job: Job) -> Price:
 def _planned(job: Job, plan_of: Callable[[Camera, Pose], Plan]) -> _Planned:
     """Return the modes and plans of each state of the world, whose captures are shared."""
     plans_of: dict[tuple[str, tuple[str, ...]], list[list[Plan]]] = {}
-    for shared in frames_by_instant(job):
-        for instant, views, modes in shared.captured:
-            plans = [plan_of(camera, pose) for camera, pose in views]
-            plans_of.setdefault((instant.state, modes), []).append(plans)
+    for instant, views, modes in (each for shared in frames_by_instant(job) for each in shared.captured):
+        plans = [plan_of(camera, pose) for camera, pose in views]
+        plans_of.setdefault((instant.state, modes), []).append(plans)
     planned = [(job.options.sampled(modes), plans) for (_, modes), plans in plans_of.items()]
     exposures = [(("lit",), plans) for modes, plans in planned if "lit" in modes]
     return planned + exposures * max(0, len(job.brackets) - 1)

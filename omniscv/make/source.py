@@ -49,12 +49,7 @@ def source_options(job: Job) -> SourceOptions:
 
 
 def open_source(job: Job, live: Source | None = None) -> Source:
-    """Open a job's source, recorded if the job has a recording. The caller closes it.
-
-    Args:
-        job: whose source.
-        live: the job's source without its recording, which stays open; opened if not given.
-    """
+    """Open a job's source, recorded if the job has a recording; ``live`` is the source without it."""
     source = open_sources(job.sources, **source_options(job)) if live is None else SourceView(live)
     try:
         if job.brackets:
@@ -97,11 +92,7 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
 
 
 def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
-    """Return the motions of objects that move by themselves, at the beginning, middle and end of each image.
-
-    Raises:
-        ArgumentError: the source cannot tell them, and nothing else moves.
-    """
+    """Return the motions of objects that move by themselves, at the start, middle and end of each image."""
     longest = max(job.exposure.seconds, *map(readout_of, job.cameras.values()))
     poses: dict[str, dict[int, Pose]] = {}
     for time_ns in job.times_ns or ():
@@ -119,22 +110,16 @@ def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
 
 
 def draws_of(job: Job, source: Source) -> Draws:
-    """Return the draws of a job in its open source.
-
-    Raises:
-        ArgumentError: the source cannot vary what the job varies, or has nothing of a name.
-    """
+    """Return the draws of a job in its open source."""
     vary, can = job.vary, source.capabilities
     assert vary is not None
     for kind, rules in vary.rules.items():
         for name, settings in rules.items():
             need = "commands" if COMMAND in settings else kind
             if need not in can.varies:
-                known = " and ".join(sorted(can.varies)) or "nothing"
-                got = (
-                    f"expected a source that varies {need}, got {can.dialect or 'one'}, which varies {known}"
-                )
-                raise ArgumentError(f"vary.{kind}.{name}: {got}")
+                wanted, known = f"expected a source that varies {need}", " and ".join(sorted(can.varies))
+                got = f"got {can.dialect or 'one'}, which varies {known or 'nothing'}"
+                raise ArgumentError(f"vary.{kind}.{name}: {wanted}, {got}")
     near = [name for name, settings in vary.objects.items() if settings.get("clearance")]
     boxes = source.geometry().boxes if near else {}
     at_rest = source.poses(list(boxes)) if near else {}
@@ -146,11 +131,7 @@ def draws_of(job: Job, source: Source) -> Draws:
 
 
 def sample_poses(sampling: SampledPoses, source: Source) -> Trajectory:
-    """Return the poses that a description samples in a source.
-
-    Raises:
-        OmniscvError: there are no such poses, or depth cannot be captured.
-    """
+    """Return the poses that a description samples in a source."""
     if sampling.clearance is None or sampling.start is None:
         return sampling.poses()
     return sampling.poses(FreeSpace(source, sampling.start, sampling.clearance).is_free)
@@ -175,10 +156,8 @@ def _sampled(job: Job, sampling: SampledPoses, source: Source) -> tuple[Trajecto
 
     found = sampling.poses(space.is_free, lambda pose: share(pose) >= visible.share)
     wanted = f"expected a pose that shows {visible.share:g} of {visible.name}, got {{:.3g}} at the last drawn"
-    faults = {
-        i: wanted.format(got) for i, pose in enumerate(found.poses) if (got := share(pose)) < visible.share
-    }
-    return found, faults
+    shares = enumerate(map(share, found.poses))
+    return found, {i: wanted.format(got) for i, got in shares if got < visible.share}
 
 
 class _Look(NamedTuple):
@@ -225,11 +204,7 @@ class FreeSpace:
             raise ArgumentError(f"poses: {wanted}; got {got}{scene}")
 
     def is_free(self, position_w: Array) -> bool:
-        """Return whether a position (3,), metres, world frame, is free.
-
-        Raises:
-            SourceError, RecordingError: its depth cannot be captured.
-        """
+        """Return whether a position (3,), metres, world frame, is free."""
         away = [float(np.linalg.norm(position_w - look.position_w)) for look in self._looks]
         order = np.argsort(away, kind="stable")[:_NEAREST_LOOKS]
         if not any(self._sees(self._looks[i], position_w, away[i]) for i in order):
