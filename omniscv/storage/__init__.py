@@ -34,11 +34,7 @@ class StoredFile(NamedTuple):
 
 
 def folder(where: str | Path | Folder) -> Folder:
-    """Return the folder of a path or a URL; ``file://`` is a path. A Folder is returned unchanged.
-
-    Raises:
-        ArgumentError: neither a path nor a URL, or the packages of its store are missing.
-    """
+    """Return the folder of a path or a URL; ``file://`` is a path. A Folder is returned unchanged."""
     if isinstance(where, Folder):
         return where
     if not isinstance(where, str | Path) or not str(where) or "\0" in str(where):
@@ -53,11 +49,7 @@ def folder(where: str | Path | Folder) -> Folder:
 
 
 def file_at(where: str | Path) -> StoredFile:
-    """Return the file of a path or a URL.
-
-    Raises:
-        ArgumentError: neither a path nor a URL, or a URL that ends with a slash.
-    """
+    """Return the file of a path, or of a URL, which does not end with a slash."""
     if is_url(where) and scheme_of(where) != "file":
         inside, _, name = where.rpartition("/")
         if not name or (inside.endswith("/") and scheme_of(where) != "memory"):
@@ -68,12 +60,7 @@ def file_at(where: str | Path) -> StoredFile:
 
 
 def fetch_file(where: str | Path) -> Path:
-    """Return a path unchanged, and for a URL a copy in the local cache, downloaded once.
-
-    Raises:
-        MissingFileError: the URL names no file.
-        StorageError: the download fails.
-    """
+    """Return a path unchanged, and for a URL a copy in the local cache, downloaded once."""
     if not is_url(where):
         return Path(where)
     file = file_at(where)

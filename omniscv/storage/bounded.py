@@ -56,11 +56,7 @@ _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def read_bytes(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file, ``most`` at most.
-
-    Raises:
-        ArgumentError: it cannot be read, is no regular file, or is larger.
-    """
+    """Return the bytes of a regular file; ArgumentError if it cannot be read, or has more than ``most``."""
     try:
         with open_regular(path, most=most) as file:
             return file.read()

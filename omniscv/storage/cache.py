@@ -44,15 +44,10 @@ def copy_of(
 
     Args:
         key: 64 hexadecimal digits, of the file's bytes, or of its URL and version.
-        name: of the file.
+        name, shown: of the file, and in messages.
         download: see :data:`Download`.
         checksum: SHA-256 of the bytes; if it is empty, that of the first download is kept beside the copy.
         size: in the store, bytes; a copy of another size is downloaded again. None if it is not known.
-        shown: the file in messages.
-
-    Raises:
-        DamagedFileError: the store has bytes of another checksum.
-        StorageError: the cache cannot be written.
     """
     path = folder() / key[:2] / key / name.rpartition("/")[2]
     sums = path.with_name(path.name + _SUM)

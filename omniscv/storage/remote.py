@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeGuard, TypeVar
@@ -59,11 +60,9 @@ class RemoteFolder(Folder):
     def __post_init__(self) -> None:
         object.__setattr__(self, "url", self.url.rstrip("/") if "://" in self.url.rstrip("/") else self.url)
         if without_secrets(self.url) != self.url or "?" in self.url or "#" in self.url:
-            wanted = (
-                "expected a URL without user and query; set credentials and options in the store's settings"
-            )
-            shown = without_secrets(self.url).partition("?")[0].partition("#")[0]
-            raise ArgumentError(f"{shown}: {wanted}")
+            shown = re.split("[?#]", without_secrets(self.url))[0]
+            advice = "set credentials and options in the store's settings"
+            raise ArgumentError(f"{shown}: expected a URL without user and query; {advice}")
 
     def __str__(self) -> str:
         return self.url
@@ -92,9 +91,8 @@ class RemoteFolder(Folder):
             return []
         root = self._opened("")[1].rstrip("/")
         names = (path[len(root) :].lstrip("/") for path in paths)
-        return sorted(
-            name for name in names if name.startswith(prefix) and "/." not in f"/{name}" and is_name(name)
-        )
+        seen = [name for name in names if is_name(name) and "/." not in f"/{name}"]
+        return sorted(name for name in seen if name.startswith(prefix))
 
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
         with TemporaryDirectory(prefix="omniscv-") as folder:
@@ -143,9 +141,8 @@ class RemoteFolder(Folder):
         """Return a copy in the local cache, compared with its checksum at every call."""
         where = f"{self}/{checked_name(name)}"
         if checksum:
-            return cache.copy_of(
-                checksum, name, lambda path: self._download(name, path, size), checksum=checksum, shown=where
-            )
+            download = partial(self._download, name, most=size)
+            return cache.copy_of(checksum, name, download, checksum=checksum, shown=where)
         info = self._info(name)
         if info is None:
             raise MissingFileError(f"{where}: expected a file, it is missing")
@@ -199,9 +196,8 @@ class RemoteFolder(Folder):
             wanted = f"expected the packages of this store ({without_secrets(cause)})"
             raise ArgumentError(f"{self}: {wanted}; install omniscv[cloud], and gcsfs for gs://") from cause
         except ValueError as cause:
-            raise ArgumentError(
-                f"{self}: expected the URL of a store, got: {without_secrets(cause)}"
-            ) from cause
+            got = without_secrets(cause)
+            raise ArgumentError(f"{self}: expected the URL of a store, got: {got}") from cause
         return fs, str(root)
 
     def _info(self, name: str) -> dict[str, Any] | None:
@@ -233,15 +229,8 @@ class RemoteFolder(Folder):
         return not {"s3", "gs", "memory"}.isdisjoint((protocol,) if isinstance(protocol, str) else protocol)
 
     def _retry(self, name: str, action: Callable[..., T], seconds: float = _ANSWER_S) -> T:
-        """Return the result of an action; retry with exponential backoff where that may help.
-
-        FileExistsError passes unchanged.
-
-        Args:
-            name: of the file or folder, for messages.
-            action: called with the file system, the path in it, and the options that bound a request's time.
-            seconds: that one attempt may take.
-        """
+        """Return the result of an action on the file system, a path in it, and options that bound the time of
+        a request; retry with exponential backoff where that may help. FileExistsError passes unchanged."""
         where = f"{self}/{name}" if name else str(self)
         fs, path = self._opened(name)
         limits = {"timeout": seconds} if getattr(fs, "async_impl", False) else {}

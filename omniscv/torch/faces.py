@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -92,14 +92,8 @@ class Faces:
                 if classes is not None:
                     self._class_of = _class_of(class_rules(classes), objects).to(self._device)
             kind = modalities.get(mode).interpolation
-            self._tiles[mode] = (
-                views,
-                (
-                    ProcessorTiles(kind, views, faces)
-                    if self._on_processor
-                    else DeviceTiles(kind, views, faces, self._device)
-                ),
-            )
+            make = ProcessorTiles if self._on_processor else partial(DeviceTiles, device=self._device)
+            self._tiles[mode] = views, make(kind, views, faces)
 
     def render(self, camera: Camera, R_w_c: ArrayLike | Tensor) -> dict[str, Tensor]:
         """Return images of a central camera, one for each orientation.

@@ -51,9 +51,6 @@ class RandomTurns:
     Attributes:
         cameras: central ones, equally likely. Batches need images of one size.
         yaw_deg, pitch_deg, roll_deg: least and most, degrees, as of :meth:`omniscv.Pose.from_angles`.
-
-    Raises:
-        ArgumentError: no camera, one that is not central, or a wrong range.
     """
 
     cameras: Sequence[Camera] = checked(_cameras)

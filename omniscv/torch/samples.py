@@ -62,15 +62,7 @@ def sample_of(frame: Frame, layers: Mapping[str, torch.Tensor], *, directions: b
 
 
 def sample_of_frame(frame: Frame, names: Sequence[str] | None) -> Sample:
-    """Return a frame as a sample.
-
-    Args:
-        frame: with files.
-        names: of layers; None: those of ``LAYERS`` that it has. ``valid`` always comes.
-
-    Raises:
-        ArgumentError: a layer that the frame does not have, or a file that cannot be read.
-    """
+    """Return a frame with files as a sample of these layers; None: of those of ``LAYERS`` that it has."""
     names = [name for name in LAYERS if name in frame.files] if names is None else names
     layers = {name: tensor_of(frame.layer(name)) for name in names if name not in (DIRECTIONS, "valid")}
     small = replace(frame, files={}, instances={}, classes=None)  # what workers send with each sample
@@ -79,14 +71,8 @@ def sample_of_frame(frame: Frame, names: Sequence[str] | None) -> Sample:
 
 
 def tensor_of(pixels: NDArray[Any]) -> torch.Tensor:
-    """Return a layer as PyTorch has pictures: channels first, whole numbers of maps as int64.
-
-    Args:
-        pixels: (H, W) or (H, W, C).
-
-    Returns:
-        (C, H, W) of the same dtype; of (H, W) floats (1, H, W); of others (H, W), int64 or bool.
-    """
+    """Return a layer as PyTorch has pictures: of (H, W, C) pixels (C, H, W) of the same dtype; of (H, W)
+    floats (1, H, W); of others (H, W), int64 or bool."""
     if pixels.ndim == 3:
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(pixels, -1, 0)))
     if pixels.dtype.kind == "f":
@@ -117,11 +103,7 @@ class Epochs:
         return int(self._epoch)
 
     def set_epoch(self, epoch: int) -> None:
-        """Set the epoch; call it before the loader is iterated.
-
-        Raises:
-            ArgumentError: an epoch below 0.
-        """
+        """Set the epoch, >= 0; call it before the loader is iterated."""
         self._epoch.fill_(whole_number("epoch", epoch, least=0))
 
 
@@ -167,11 +149,8 @@ class FolderDataset(Dataset[Sample]):
             one_of("cameras", camera, sorted({frame.camera_name for frame in frames}))
         if split:
             one_of("split", split, sorted({frame.split for frame in frames}))
-        self.frames = tuple(
-            frame
-            for frame in frames
-            if (not cameras or frame.camera_name in cameras) and split in ("", frame.split)
-        )
+        of_split = [frame for frame in frames if split in ("", frame.split)]
+        self.frames = tuple(frame for frame in of_split if not cameras or frame.camera_name in cameras)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -224,9 +203,8 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         self.layers = None if layers is None else texts("layers", layers)
         self._rank = rank_share(rank, world_size)
         if is_url(folder):
-            raise ArgumentError(
-                f"folder: expected one on this machine, got {without_secrets(folder)}; copy it"
-            )
+            got = f"got {without_secrets(folder)}; copy it"
+            raise ArgumentError(f"folder: expected one on this machine, {got}")
         self._folder = Path(folder).absolute()
         self._manifest, shards = read_list(self._folder)
         split_of = {file: file.path.rpartition("-")[0] for file in shards}
@@ -281,11 +259,7 @@ class Share:
 
 def rank_share(rank: int | None, world_size: int | None) -> Share:
     """Return the part of a rank: as given, else of ``torch.distributed``, else of ``torchrun``'s ``RANK`` and
-    ``WORLD_SIZE``, else all.
-
-    Raises:
-        ArgumentError: one without the other, or a rank beyond the world's size.
-    """
+    ``WORLD_SIZE``, else all."""
     if (rank is None) != (world_size is None):
         raise ArgumentError(f"rank: expected both rank and world_size, got {rank} and {world_size}")
     if rank is None or world_size is None:
@@ -307,13 +281,8 @@ def worker_share(rank: Share) -> Share:
 def shuffled(
     shards: Sequence[Sequence[str]], group: int, random: np.random.Generator
 ) -> list[list[tuple[int, str]]]:
-    """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other.
-
-    Args:
-        shards: the keys of each shard.
-        group: number of shards that are shuffled together, and open at a time.
-        random: of the order.
-    """
+    """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other,
+    of so many shards."""
     order = random.permutation(len(shards)).tolist()
     groups = []
     for first in range(0, len(order), group):

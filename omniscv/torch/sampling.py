@@ -38,10 +38,8 @@ def check_central(camera: object) -> None:
     if not isinstance(camera, Camera):
         raise ArgumentError(f"camera: expected a Camera, got {shown(camera)}")
     if not camera.central:
-        raise ArgumentError(
-            f"camera: expected a camera with a single optical centre, got {camera.name}; render it with "
-            "omniscv.render"
-        )
+        wanted = f"expected a camera with a single optical centre, got {camera.name}"
+        raise ArgumentError(f"camera: {wanted}; render it with omniscv.render")
 
 
 @lru_cache(maxsize=4)

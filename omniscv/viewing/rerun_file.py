@@ -22,19 +22,14 @@ _AXIS_M = 0.25
 
 
 def check(out: Path) -> Any:
-    """Return the package of Rerun.
-
-    Raises:
-        ArgumentError: it is not installed, or the name of a file does not end in ``.rrd``.
-    """
+    """Return the package of Rerun, for a file whose name ends in ``.rrd``."""
     if out.suffix != ".rrd":
         raise ArgumentError(f"rerun: expected a file NAME.rrd, got {out.name!r}")
     try:
         import rerun
     except ImportError as cause:
-        raise ArgumentError(
-            f"rerun: expected the extra 'rerun', got: {cause}; pip install 'omniscv[rerun]'"
-        ) from cause
+        advice = "pip install 'omniscv[rerun]'"
+        raise ArgumentError(f"rerun: expected the extra 'rerun', got: {cause}; {advice}") from cause
     return rerun
 
 

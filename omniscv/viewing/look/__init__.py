@@ -90,21 +90,8 @@ _MIXES = ((0.0, 0), (0.4, 255), (0.4, 0), (0.65, 255), (0.52, 0), (0.2, 255), (0
 def write(
     gathered: Gathered, out: Path, title: str, most_pixels: int, progress: Steps | None = None
 ) -> list[Path]:
-    """Write a page, with many frames beside it.
-
-    Args:
-        gathered: the frames.
-        out: the HTML file.
-        title: of the page.
-        most_pixels: of frames in the page itself; with more, all frames are written beside it.
-        progress: called with (frames done, frames in all).
-
-    Returns:
-        The files, the page first.
-
-    Raises:
-        ArgumentError: a frame cannot be read.
-    """
+    """Write a page with this title, and with frames beside it if they have more pixels than ``most_pixels``;
+    return the files, the page first."""
     pixels = sum(frame.camera.width * frame.camera.height for frame in gathered.frames)
     if pixels <= most_pixels:
         _write(gathered, out, title, None, progress)
@@ -117,10 +104,7 @@ def write(
 
 
 def _write(gathered: Gathered, out: Path, title: str, beside: Path | None, progress: Steps | None) -> None:
-    """Write the page with its frames, or its frames into a folder.
-
-    In the page, the data follow the frames, because they contain the layers' ranges.
-    """
+    """Write the page, its frames into it or a folder; then its data, as they hold the layers' ranges."""
     ranges: dict[str, list[float]] = {}
     with whole_file(out) as part, part.open("w", encoding="utf-8") as file:
         before, *parts = _PLACEHOLDER.split(_asset("page.html"))
@@ -215,10 +199,8 @@ def _color(index: int) -> str:
     """``#rrggbb`` of an object or class, counted from 1: base colours, then paler and darker ones."""
     turn, base = divmod(index - 1, len(_BASE_COLORS))
     share, grey = _MIXES[turn % len(_MIXES)]
-    channels = (int(_BASE_COLORS[base][i : i + 2], 16) for i in (1, 3, 5))
-    return "#{:02x}{:02x}{:02x}".format(
-        *(round((1 - share) * channel + share * grey) for channel in channels)
-    )
+    channels = bytes.fromhex(_BASE_COLORS[base].removeprefix("#"))
+    return "#" + bytes(round((1 - share) * channel + share * grey) for channel in channels).hex()
 
 
 def _ramps() -> dict[str, str]:

@@ -61,17 +61,11 @@ def describe(camera: Camera) -> dict[str, Any]:
 
 
 def tables(camera: Camera, density: float | None) -> dict[str, Any] | None:
-    """Return the tables from directions to pixels.
+    """Return the tables from directions to pixels; None if directions do not determine pixels.
 
-    Args:
-        camera: any.
-        density: px per radian, for the number of cells; None for parallel rays.
-
-    Returns:
-        None if directions do not determine pixels; else
-        ``cells`` N, ``fine`` F; ``nodes`` (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as
-        whole multiples of 1 / ``perPixel``, plus 1; 0 for none; ``kinds`` (6 N, N): 0 nothing is seen,
-        1 smooth, 2 + the index of the cell's table.
+    They have ``cells`` N, by the density of px per radian, None for parallel rays; ``fine`` F; ``nodes``
+    (6 (N + 1), N + 1, 2) and ``tables`` (F T, F, 2), pixels as whole multiples of 1 / ``perPixel``, plus 1;
+    0 for none; ``kinds`` (6 N, N): 0 nothing is seen, 1 smooth, 2 + the index of the cell's table.
     """
     if density is None:
         return None

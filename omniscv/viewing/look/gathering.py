@@ -52,10 +52,7 @@ def open_frames(
     progress: Steps | None = None,
     warn: Callable[[str], None] | None = None,
 ) -> Iterator[Gathered]:
-    """Yield the frames of a dataset, folder, file or recording; those of a recording in a temporary folder.
-
-    Args: as :func:`omniscv.viewing.look.look`.
-    """
+    """Yield the frames of a dataset, folder, file or recording, which is composed in a temporary folder."""
     folder = storage.folder(what)
     if folder.exists(DATASET) or folder.exists(FRAMES):
         frames = [frame for group in by_camera(dataset.open(folder)).values() for frame in group]
@@ -75,15 +72,8 @@ def open_frames(
 
 
 def gather(path: Path) -> Gathered:
-    """Return the frames of a folder or file.
-
-    Args:
-        path: a folder of images as ``render`` writes them, the ``STEM.json`` or any layer of one, or a
-            picture.
-
-    Raises:
-        ArgumentError: nothing there, or nothing that can be shown.
-    """
+    """Return the frames of a folder of images as ``render`` writes them, of the ``STEM.json`` or any layer of
+    one, or of a picture."""
     if path.is_dir():
         if descriptions := [file for file in sorted(path.glob("*.json")) if _files(file)]:
             return _of_images(path, descriptions)
@@ -174,13 +164,8 @@ def _json(path: Path) -> Any:
 
 
 def _compose(path: Path, out: Path, size: tuple[int, int], progress: Steps | None) -> str:
-    """Save level panoramas, with all their modes, at the viewpoints that a recording shows all around.
-
-    A viewpoint is left out if the first of the recording's modes, colour where it has any, is incomplete.
-
-    Returns:
-        The number of viewpoints left out, in words; empty for none.
-    """
+    """Save level panoramas, with all their modes, at the viewpoints that a recording shows all around in the
+    first of its modes, colour where it has any; return the number of others, in words; empty for none."""
     camera = create("equirectangular", width=size[0], height=size[1])
     with open_source(str(path)) as source:
         views = Counter(tuple(view.pose.position.tolist()) for view in source.recorded_views() or ())

@@ -62,11 +62,7 @@ def form(name: str) -> str:
 
 
 def packed_layers(frame: Frame) -> dict[str, dict[str, Any]]:
-    """Return the layers of a frame by name, as plain JSON values with ``form``.
-
-    Raises:
-        ArgumentError: a file cannot be read.
-    """
+    """Return the layers of a frame by name, as plain JSON values with ``form``."""
     layers = names(frame)
     return dict(zip(layers, side_by_side(lambda name: _packed_layer(frame, name), layers), strict=True))
 
@@ -152,27 +148,18 @@ def layout(frame: Frame) -> dict[str, Any] | None:
     record = frame.layout
     if not record:
         return None
+
+    def visibility(part: Mapping[str, Any]) -> dict[str, bool]:
+        return {"room": part["visible_room"], "seen": part["visible"] is not False}
+
     edges = [
-        {
-            "kind": edge["kind"],
-            "room": piece["visible_room"],
-            "seen": piece["visible"] is not False,
-            "line": line,
-        }
+        {"kind": edge["kind"], **visibility(piece), "line": line}
         for edge in record["edges"]
         for piece in edge["pieces"]
         for line in _parts(np.array(piece["pixels"], dtype=float))
     ]
-    corners = [
-        {
-            "kind": corner["kind"],
-            "room": corner["visible_room"],
-            "seen": corner["visible"] is not False,
-            "pixel": corner["pixel"],
-        }
-        for corner in record["corners"]
-        if corner["in_image"]
-    ]
+    in_image = [corner for corner in record["corners"] if corner["in_image"]]
+    corners = [{"kind": each["kind"], **visibility(each), "pixel": each["pixel"]} for each in in_image]
     floor = [corner["world"][:2] for corner in record["corners"] if corner["kind"] == "floor"]
     return {"edges": edges, "corners": corners, "floor": floor}
 
