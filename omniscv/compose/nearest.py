@@ -13,7 +13,7 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
 from omniscv.geometry.surfaces import fitted_plane, nearest_pixel, plane_of
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import label_relief
+from omniscv.planning.relief import label_relief, packed, unlike
 from omniscv.sources.base import View
 
 _BESIDE = 1
@@ -103,18 +103,15 @@ def _at_edge(pixels: Ints, x: Floats, y: Floats, out: Mask, marks: Pixels) -> No
 
 def _boundary(face: Pixels) -> Pixels:
     """Return (h, w) what :func:`boundaries` returns of a face; where labels are relief, 1."""
-    values = face.reshape(*face.shape[:2], -1)
-    if face.dtype == np.uint8 and values.shape[2] == 3:  # as one number a pixel: five times as fast
-        values = cv2.cvtColor(values, cv2.COLOR_RGB2RGBA).view(np.uint32)
+    values = packed(face)
     marks = np.zeros(face.shape[:2], np.uint8)
 
     def differ(here: Any, there: Any, mark: int, back: int) -> Mask:
         """Mark pixels that differ from others, and these."""
-        differs = values[here] != values[there]
-        other = differs.any(axis=2) if differs.shape[2] > 1 else differs[..., 0]
+        other = unlike(values[here], values[there])
         marks[here] |= other * np.uint8(mark)
         marks[there] |= other * np.uint8(back)
-        return np.asarray(other)
+        return other
 
     first, last, every = slice(None, -1), slice(1, None), slice(None)
     across = differ((every, first), (every, last), _BESIDE, _BESIDE)

@@ -136,7 +136,7 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unre
             try:
                 with opened(opens(world)) as (known, source):
                     frames = list(frames_by_instant(known))
-                    check_source(known, contents[at] if dataset else Contents(), source, frames)
+                    check_source(known, contents[at] if dataset else Contents(), Renderer(source), frames)
                     worlds[at] = replace(known, draws=None, record=world.record)
                     planned += frames
             except (SourceError, RecordingError):
@@ -159,15 +159,15 @@ def frame_count(world: Job) -> int:
     return len(world) or len(world.cameras) * getattr(world.sampling, "count", 0)
 
 
-def check_source(job: Job, contents: Contents, source: Source, planned: Sequence[SharedFrames]) -> None:
-    """Refuse a job that its open source cannot give, before anything is captured or written.
+def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequence[SharedFrames]) -> None:
+    """Refuse a job that a renderer's open source cannot give, before anything is captured or written.
 
     Raises:
         ArgumentError: the source lacks a modality, an object that moves, or what a truth needs.
         UnmatchedNamesError: no rule of the classes matches some objects.
         MissingCaptureError: it is a recording, and lacks a view of an image.
     """
-    modes = job.options.sampled(job.modes)
+    modes, source = job.options.sampled(job.modes), renderer.source
     check_modes(source, modes)
     if job.motions:
         known_objects(job.motions, source.objects().names(), "motions")
@@ -183,9 +183,9 @@ def check_source(job: Job, contents: Contents, source: Source, planned: Sequence
                 truth.check(source, geometry, modes, truth.read_options(options))
     check_face_size(job, source)
     for camera in list(job.cameras.values())[:1] if job.poses else ():
-        _ = Renderer(source).plan(camera, job.poses[0], job.options).aim  # refuses an accuracy of no use
+        _ = renderer.plan(camera, job.poses[0], job.options).aim  # refuses an accuracy of no use
     if source.recorded_views() is not None:
-        _check_recorded(job, Renderer(source), planned)
+        _check_recorded(job, renderer, planned)
 
 
 def check_face_size(job: Job, source: Source) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
+from omniscv.compose.renderer import Renderer
 from omniscv.dataset import exporting, manifest
 from omniscv.dataset.beginning import lock, make_room, tidy
 from omniscv.dataset.manifest import Manifest
@@ -238,7 +239,8 @@ def _run(
                 planned = list(frames_by_instant(world, part.poses(world.poses), scene))
                 frames = [frame for shared in planned for frame in shared.frames]
                 frames = [frame for frame in frames if chosen is None or frame.key in chosen]
-                check_source(world, contents[at], live, planned)
+                renderer = Renderer(live)
+                check_source(world, contents[at], renderer, planned)
                 if not job.worlds:
                     check_faults(job, planned)
                 if how.replaces and at == 0:
@@ -255,11 +257,10 @@ def _run(
                     closed=part.count > 1,
                     media=job.recipe.media,
                 )
-                marked, _ = _read_marker(folder, writer.manifest, part) or ((), ())
-                writer.keep_marked(marked)
+                writer.keep_marked((_read_marker(folder, writer.manifest, part) or ((), ()))[0])
                 writer.refuse(frame.key for frame in written)  # of the worlds before
                 missing = writer.missing(frames)
-                maker = FrameMaker(world, contents[at], live, writer, how.workers, warn, failures)
+                maker = FrameMaker(world, contents[at], renderer, writer, how.workers, warn, failures)
                 maker.run(planned, missing, how.progress)
                 written += writer.frames(frame.key for frame in frames if frame.key not in failures.lines)
                 kept += len(frames) - len(missing)

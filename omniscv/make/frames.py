@@ -76,19 +76,19 @@ class FrameMaker:
         self,
         job: Job,
         contents: Contents,
-        source: Source,
+        renderer: Renderer,
         writer: Writer,
         workers: int,
         warn: Callable[[str], None],
         failures: Failures,
     ) -> None:
-        self._job, self._contents, self._writer = job, contents, writer
+        self._job, self._contents, self._renderer, self._writer = job, contents, renderer, writer
         self._workers, self._failures, self._warn = workers, failures, warn
         self._skipped = set[tuple[str, str]]()
+        source = renderer.source
         # Shapes take a game one request per object: read them for truths and recordings only.
         self._shapes = bool(contents.truth or job.recipe.watch) or job.record is not None
         self._geometry = source.geometry() if self._shapes else SceneGeometry()
-        self._renderer = Renderer(source)
         for line in job_warnings(job, source):
             self._warn(line)
         # Truths that capture may hide objects, so no image is captured meanwhile.

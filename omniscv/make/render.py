@@ -72,11 +72,11 @@ def run(
     warn = warn or (lambda line: None)
     with opened(job) as (job, source):
         planned = list(frames_by_instant(job))
-        check_source(job, Contents(), source, planned)
+        renderer, meter = Renderer(source), Meter(len(job), progress)
+        check_source(job, Contents(), renderer, planned)
         check_faults(job, planned)
         for line in job_warnings(job, source):
             warn(line)
-        renderer, meter = Renderer(source), Meter(len(job), progress)
 
         def images() -> Iterator[tuple[str, OmniImage]]:
             for shared in planned:
@@ -176,9 +176,9 @@ def capture(
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
             border_px = _overscan_px(job, source, recorded)
-        check_source(job, Contents(), source, ())  # of a recording, other views are captured, with a border
-        source.objects()
         renderer, planned = Renderer(source), list(frames_by_instant(job))
+        check_source(job, Contents(), renderer, ())  # of a recording, other views are captured, with a border
+        source.objects()
         check_faults(job, planned)
         for shared in planned:
             for done, (instant, views, shown) in enumerate(shared.captured, start=1):

@@ -101,9 +101,23 @@ def lone_labels(faces: Faces) -> Mask:
     return np.stack(side_by_side(_lone_labels, list(faces)))
 
 
+def packed(mask: Pixels) -> NDArray[Any]:
+    """Return (h, w, C) a mask whose labels compare fast: 8-bit colours as one number a pixel."""
+    values = mask.reshape(*mask.shape[:2], -1)
+    if mask.dtype == np.uint8 and values.shape[2] == 3:
+        return np.asarray(cv2.cvtColor(values, cv2.COLOR_RGB2RGBA)).view(np.uint32)
+    return values
+
+
+def unlike(here: NDArray[Any], there: NDArray[Any]) -> Mask:
+    """Return (h, w) where two parts (h, w, C) of a :func:`packed` mask differ."""
+    differs = here != there
+    return np.asarray(differs.any(axis=2) if differs.shape[2] > 1 else differs[..., 0])
+
+
 def _lone_labels(face: Pixels) -> Mask:
-    values = face.reshape(*face.shape[:2], -1)
-    across, down = ((values[a] != values[b]).any(axis=2) for a, b in _BESIDES)
+    values = packed(face)
+    across, down = (unlike(values[a], values[b]) for a, b in _BESIDES)
     lone, changes = np.zeros((2, *face.shape[:2]), np.uint8)
     lone[:, 1:-1] |= across[:, 1:] & across[:, :-1]
     lone[1:-1] |= down[1:] & down[:-1]
