@@ -20,7 +20,7 @@ from omniscv.geometry import Pose
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, ask
-from omniscv.sources.recording.lenses import Wide
+from omniscv.sources.recording.lenses import Wide, straight
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 
 _NEAR_NS = 20_000_000  # from a picture to the state of an IMU
@@ -82,8 +82,8 @@ def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:
         lit, depth = (posed[i][0].layer(mode) for mode in ("lit", "depth"))
         if panorama:
             return Shot.of(depth, lit, None, width)
-        depth, lens = wide.straight(depth, False)
-        return Shot.of(depth, wide.straight(lit, True)[0], lens, width)
+        depth, lens = straight(depth, wide, "depth")
+        return Shot.of(depth[..., 0], straight(lit, wide, "lit")[0], lens, width)
 
     R, t = (np.stack([getattr(pose, key) for _, pose in posed]) for key in ("R_w_c", "position"))
     pictures = PosedPictures.read(R, t, read, 2.0, PAIRS, WIDTH)

@@ -197,8 +197,11 @@ def test_pictures_of_a_fisheye_come_in_flat(name, lens, tmp_path):
         assert 60 < view.fov_deg <= 120.1
         got = omniscv.render(pinhole, HERE, source, modes=("depth",))
     known = np.isfinite(got.depth_error) & got.valid
-    assert known.mean() > 0.7
-    assert (np.abs(got.depth - due.depth) <= got.depth_error)[known].mean() > 0.998
+    off = np.abs(got.depth - due.depth)[known]
+    assert known.mean() > 0.5
+    assert (off <= got.depth_error[known]).mean() > 0.998
+    # On surfaces depth is interpolated: half a pixel of this lens changes it by 5 to 20 mm.
+    assert np.median(off) < 1e-3
 
 
 def test_a_lens_with_many_centres_is_refused(tmp_path):

@@ -12,6 +12,7 @@ from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.trajectory_columns import axes_of, frame_of_axes
 from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, ask
+from omniscv.sources.recording.lenses import straight
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 from omniscv.sources.recording.posed_frames import Frame, Sequence
 
@@ -76,8 +77,9 @@ def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures |
             lens = frame.lens.scaled(*depth.shape[1::-1]) if frame.lens else None
             if lens is not None and lens.is_bent:
                 if lit is not None:
-                    lit = lens.scaled(*lit.shape[1::-1]).straight(lit, True)[0]
-                depth, lens = lens.straight(depth, False)
+                    lit, _ = straight(lit, lens.scaled(*lit.shape[1::-1]), "lit")
+                depth, lens = straight(depth, lens, "depth")
+                depth = depth[..., 0]
             return Shot.of(depth, lit, lens, most)
         return None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,10 @@ _NARROWEST = 0.01  # half a flat picture that is one
 _ROWS = 64  # of a face that are looked up at a time
 _PLACES = 32  # of a pixel, that OpenCV tells apart
 _SIDE, _HALVINGS, _NEAR = 33, 40, 1e-4  # points of a side; steps of a search; tangent near the axis
+
+
+Maps = tuple[Pixels, Pixels]
+"""Columns and rows of the pixels to take."""
 
 
 class Pinhole(NamedTuple):
@@ -60,8 +64,10 @@ class Pinhole(NamedTuple):
         size = int(self.width), int(self.height)
         return View(pose, pinhole.fov_deg(self.width, self.fx), *size, None if lens == Lens() else lens)
 
-    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
-        """Return a picture without distortion, of what it shows all over, and its lens."""
+    @property
+    def flat(self) -> tuple[Maps, Pinhole]:
+        """The pixels, as OpenCV counts them, of a picture without distortion that is shown all over; its
+        lens."""
         import cv2
 
         K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
@@ -69,8 +75,7 @@ class Pinhole(NamedTuple):
         K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
         maps = cv2.initUndistortRectifyMap(K, bent, None, K_new, size, cv2.CV_32FC1)
         (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
-        straight = cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST)
-        return straight, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
+        return maps, Pinhole(fx, fy, cx + 0.5, cy + 0.5, *size)
 
 
 FACE = Pinhole(1, 1, 1, 1, 2, 2)
@@ -79,7 +84,7 @@ FACE = Pinhole(1, 1, 1, 1, 2, 2)
 
 @dataclass(frozen=True)
 class Wide:
-    """A lens of another model with one centre, such as a fisheye: ``straight`` makes its pictures flat."""
+    """A lens of another model with one centre, such as a fisheye."""
 
     camera: Any
     is_bent = True
@@ -91,16 +96,10 @@ class Wide:
             raise ArgumentError(f"expected {size[0]} x {size[1]}, as its lens, got {width} x {height}")
         return self
 
-    def straight(self, pixels: Pixels, blend: bool) -> tuple[Pixels, Pinhole]:
-        """Return the largest flat picture of at most 120 degrees that the picture shows all over."""
-        import cv2
-
-        maps, lens = self._flat
-        return cv2.remap(pixels, *maps, cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST), lens
-
     @cached_property
-    def _flat(self) -> tuple[tuple[Pixels, Pixels], Pinhole]:
-        """The pixels to take, as OpenCV counts them, and the flat picture's lens."""
+    def flat(self) -> tuple[Maps, Pinhole]:
+        """The pixels, as OpenCV counts them, of the largest flat picture of at most 120 degrees that is shown
+        all over; its lens."""
         width, height = self.camera.width, self.camera.height
         side = np.linspace(-1, 1, _SIDE)
         ends = np.ones(_SIDE)
@@ -125,6 +124,13 @@ class Wide:
         pixels, _ = self.camera.project(np.stack([x / focal, y / focal, np.ones_like(x)], axis=-1))
         u, v = np.moveaxis((pixels - 0.5).astype(np.float32), -1, 0)
         return (u, v), Pinhole(focal, focal, w / 2, h / 2, w, h)
+
+
+def straight(pixels: Pixels, lens: Pinhole | Wide, mode: str, step_m: float = 0.0) -> tuple[Pixels, Pinhole]:
+    """Return the flat picture of a bent one, sampled as by :func:`to_faces`, and its lens."""
+    maps, flat = lens.flat
+    layers = _layers(pixels, mode, step_m, 1 / flat.fx, _beyond)
+    return _of_layers([_remap(*layer, maps) for layer in layers], mode), flat
 
 
 def of_values(
@@ -224,20 +230,11 @@ def to_faces(
         of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
         step_m: of whole numbers that depth was stored in.
     """
-    import cv2
 
     height, width = picture.shape[:2]
-    edge, linear, nearest = width // 2, cv2.INTER_LINEAR, cv2.INTER_NEAREST
-    layers = [(picture, linear if mode == "lit" else nearest)]
-    if mode == "depth":
-        inverse, change, bends, known = _inverse(picture, step_m)
-        off = cv2.dilate(_around(bends + change / _PLACES), np.ones((3, 3)))[1:-1, 1:-1]
-        between = _error(inverse, off, known, step_m)
-        layers += [(each, nearest) for each in (nearest_error(picture, step_m), between)]
-        layers += [(each.astype(np.float32), linear) for each in (np.where(known, inverse, 0), ~known)]
-    layers = [(_around(layer), filter_) for layer, filter_ in layers]
+    edge, layers = width // 2, _layers(picture, mode, step_m, 2 * np.pi / width, _around)
     for _, R_w_c in cube_rotations():
-        faces: list[Pixels] = [np.empty((edge, edge, *each.shape[2:]), each.dtype) for each, _ in layers]
+        faces = [np.empty((edge, edge, *each.shape[2:]), each.dtype) for each, _ in layers]
         for first in range(0, edge, _ROWS):
             rows = slice(first, min(first + _ROWS, edge))
             pixels = np.stack(np.meshgrid(np.arange(edge) + 0.5, np.arange(edge)[rows] + 0.5), axis=-1)
@@ -248,27 +245,50 @@ def to_faces(
             # Columns: centres at +0.5; OpenEXR's first and last are the same meridian.
             u_px = u * (width - 1) if of_openexr else u * width - 0.5
             v_px = v * (height - 1) if of_openexr else v * height - 0.5
-            maps = (np.float32(u_px + 1), np.float32(v_px + 1))
-            for face, (layer, filter_) in zip(faces, layers, strict=True):
-                face[rows] = cv2.remap(layer, *maps, filter_)
+            for face, layer in zip(faces, layers, strict=True):
+                face[rows] = _remap(*layer, (u_px, v_px))
+        pixels = _of_layers(faces, mode)
         if mode == "depth":
-            distance, beside, error, inverse, unknown = faces
-            blended = (unknown == 0) & (inverse > 0)
-            distance = np.divide(1, inverse, out=distance, where=blended)
-            error = cv2.dilate(np.where(blended, error, beside), np.ones((3, 3)))
-            lengths = View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
-            faces = [np.stack([distance / lengths, error], axis=-1).astype(np.float32)]
-        yield faces[0], R_w_c, 90.0
+            pixels[..., 0] /= View(Pose(np.zeros(3), R_w_c), 90, edge, edge).ray_lengths()
+        yield pixels, R_w_c, 90.0
 
 
-def nearest_error(distance: Pixels, step_m: float) -> NDArray[np.float32]:
-    """Return how far (H, W) distances of a picture may be off half a pixel away, metres.
+def _layers(
+    picture: Pixels, mode: str, step_m: float, pixel_rad: float, around: Callable[[Pixels], Pixels]
+) -> list[tuple[Pixels, int]]:
+    """Return what of a picture is remapped, with a pixel more on every side, and OpenCV's filter of each; of
+    depth distances, their error and that between pixels, their inverses, and where these are not known."""
+    import cv2
 
-    Half the change to the neighbours of one surface, along both axes, and half the step of whole numbers;
-    +inf where a neighbour is on another surface, or whole numbers say that there is none.
-    """
-    inverse, change, bends, known = _inverse(distance, step_m)
-    return _error(inverse, change + 0.25 * bends, known, step_m)
+    linear, nearest = cv2.INTER_LINEAR, cv2.INTER_NEAREST
+    layers = [(picture, linear if mode == "lit" else nearest)]
+    if mode == "depth":
+        inverse, change, bends, known = _inverse(picture, step_m, pixel_rad, around)
+        off = cv2.dilate(around(bends + change / _PLACES), np.ones((3, 3)))[1:-1, 1:-1]
+        alone, between = (_error(inverse, by, known, step_m) for by in (change + 0.25 * bends, off))
+        layers += [(alone, nearest), (between, nearest)]
+        layers += [(each.astype(np.float32), linear) for each in (np.where(known, inverse, 0), ~known)]
+    return [(around(layer), filter_) for layer, filter_ in layers]
+
+
+def _remap(layer: Pixels, filter_: int, maps: tuple[Array, Array] | Maps) -> Pixels:
+    import cv2
+
+    x, y = (np.asarray(each + 1, np.float32) for each in maps)
+    return np.asarray(cv2.remap(layer, x, y, filter_))
+
+
+def _of_layers(layers: list[Pixels], mode: str) -> Pixels:
+    """Return what :func:`_layers` become when they are remapped: pixels; of depth with their error."""
+    import cv2
+
+    if mode != "depth":
+        return layers[0]
+    distance, beside, error, inverse, unknown = layers
+    blended = (unknown == 0) & (inverse > 0)
+    distance = np.divide(1, inverse, out=distance, where=blended)
+    error = cv2.dilate(np.where(blended, error, beside), np.ones((3, 3)))
+    return np.stack([distance, error], axis=-1).astype(np.float32)
 
 
 def _error(inverse: Array, change: Array, known: Mask, step_m: float) -> NDArray[np.float32]:
@@ -280,16 +300,18 @@ def _error(inverse: Array, change: Array, known: Mask, step_m: float) -> NDArray
     return np.asarray(error, np.float32)
 
 
-def _inverse(distance: Pixels, step_m: float) -> tuple[Array, Array, Array, Mask]:
-    """Return 1 / distance of (H, W) pixels of a panorama, half its change to the next pixel, and its second
+def _inverse(
+    distance: Pixels, step_m: float, pixel_rad: float, around: Callable[[Pixels], Pixels]
+) -> tuple[Array, Array, Array, Mask]:
+    """Return 1 / distance of (H, W) pixels, half its change to the next pixel, and its second
     difference, summed over both axes; and whether the neighbours are on the same surface."""
     from omniscv.geometry.surfaces import STEP  # imports numba
 
     with np.errstate(divide="ignore"):
         inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
-    rows = _around(inverse)
+    rows = around(inverse)
     here, change, bends = rows[1:-1, 1:-1], np.zeros_like(inverse), np.zeros_like(inverse)
-    curved = 2 - 2 * np.cos(2 * np.pi / inverse.shape[1])  # of a plane, between pixels of a panorama
+    curved = 2 - 2 * np.cos(pixel_rad)  # of a plane, between pixels of one angle
     known = np.ones(inverse.shape, np.bool_)
     for before, after in ((rows[1:-1, :-2], rows[1:-1, 2:]), (rows[:-2, 1:-1], rows[2:, 1:-1])):
         bend = np.abs(before - 2 * here + after)
@@ -297,6 +319,11 @@ def _inverse(distance: Pixels, step_m: float) -> tuple[Array, Array, Array, Mask
         bends += bend
         known &= bend <= (STEP + curved + 2 * step_m * here) * here
     return inverse, change, bends, known
+
+
+def _beyond(layer: Pixels) -> Pixels:
+    """Return (H, W, ...) pixels with those beyond the border, which are as at it."""
+    return np.pad(layer, ((1, 1), (1, 1), (0, 0))[: layer.ndim], mode="edge")
 
 
 def _around(layer: Pixels) -> Pixels:

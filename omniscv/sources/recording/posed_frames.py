@@ -22,7 +22,7 @@ from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
 from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.lenses import Pinhole, Wide, nearest_error, to_faces
+from omniscv.sources.recording.lenses import Pinhole, Wide, straight, to_faces
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
@@ -207,10 +207,9 @@ class Sequence:
         if isinstance(lens, Pinhole) and not lens.is_bent:
             yield lens.view(pose), picture
             return
+        pixels, flat = straight(picture.pixels, lens, mode, picture.step_m)
         if mode == "depth":
-            error = nearest_error(picture.pixels, picture.step_m)
-            picture = picture._replace(error=lens.straight(error, False)[0])
-        pixels, flat = lens.straight(picture.pixels, mode == "lit")
+            pixels, picture = pixels[..., 0], picture._replace(error=pixels[..., 1])
         yield flat.view(pose), picture.converted(pixels)
 
 
