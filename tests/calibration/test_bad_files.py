@@ -61,11 +61,8 @@ def refused(format, text, message):
 
 @pytest.mark.parametrize(
     ("format", "old", "new", "message"),
-    [
-        pytest.param(format, *row, id=f"{format}-{row[2]}")
-        for format, rows in REPLACED.items()
-        for row in rows
-    ],
+    [(format, *row) for format, rows in REPLACED.items() for row in rows],
+    ids=str,
 )
 def test_changed_text_is_refused(format, old, new, message):
     assert old in GOOD[format]
@@ -73,20 +70,14 @@ def test_changed_text_is_refused(format, old, new, message):
 
 
 F62 = [240.0, 320.5, 239.25, *[0.0] * 8]
-POSE = {"Translation": [0, 0, 0], "UnitQuaternion": [1.0, [0.0, 0.0, 0.0]]}
+TURN = {"Translation": [0, 0, 0], "UnitQuaternion": [0, [0, 0, 0]]}
 CHANGED_KEYS = {
     "aria": [
         ({"Label": "camera-front"}, "camera-front: missing key 'ImageSize'"),
         ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection.Name: expected one of"),
         ({"Projection": {"Name": "Fisheye62", "Params": [*F62, 0]}}, "Projection.Params: expected 11 finite"),
-        (
-            {"T_Device_Camera": {"Translation": [0, 0, 0]}},
-            "T_Device_Camera: missing key 'T_Device_Camera.UnitQuaternion'",
-        ),
-        (
-            {"T_Device_Camera": {**POSE, "UnitQuaternion": [0, [0, 0, 0]]}},
-            "T_Device_Camera: quaternion: expected one of length 1",
-        ),
+        ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "T_Device_Camera: missing key 'T_Device_C"),
+        ({"T_Device_Camera": TURN}, "T_Device_Camera: quaternion: expected one of length 1"),
     ],
     "ncore": [
         ({"reference_poly": "BOTH"}, "reference_poly: expected one of"),
@@ -94,30 +85,14 @@ CHANGED_KEYS = {
         ({"pixeldist_to_angle_poly": [1, 2]}, "polynomial: expected \\(0, c1"),
     ],
     "kalibr": [
-        (
-            {"camera_model": "omni", "intrinsics": [0.9, -30, -30, 29, 23]},
-            "cam0: fx: expected a finite number >= ",
-        ),
-        (
-            {"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]},
-            "cam0: fy: expected a finite number",
-        ),
+        ({"camera_model": "omni", "intrinsics": [0.9, -30, -30, 29, 23]}, "cam0: fx: expected a finite num"),
+        ({"camera_model": "omni", "intrinsics": [1.3, 30, -30, 29, 23]}, "cam0: fy: expected a finite num"),
         ({"distortion_model": "division"}, "cam0: .*pinhole-none.*pinhole-fov"),
-        (
-            {"camera_model": "omni", "distortion_model": "equidistant"},
-            "pinhole-none.*omni-equidistant",
-        ),
+        ({"camera_model": "omni", "distortion_model": "equidistant"}, "pinhole-none.*omni-equidistant"),
     ],
-}
-CHAIN = {
-    "camera_model": "pinhole",
-    "intrinsics": [30.0, 30.0, 29.5, 23.25],
-    "distortion_model": "none",
-    "distortion_coeffs": [],
-    "resolution": [61, 48],
-    "rostopic": "/cam0/image_raw",
-    "T_cam_imu": np.eye(4).tolist(),
-}
+}  # fmt: skip
+CHAIN = {"camera_model": "pinhole", "intrinsics": [30.0, 30.0, 29.5, 23.25], "resolution": [61, 48]}
+CHAIN |= {"distortion_model": "none", "distortion_coeffs": [], "T_cam_imu": np.eye(4).tolist()}
 
 
 @pytest.mark.parametrize(
@@ -125,13 +100,11 @@ CHAIN = {
     [(format, *row) for format, rows in CHANGED_KEYS.items() for row in rows],
 )
 def test_changed_keys_are_refused(format, changes, message):
-    if format == "kalibr":
-        refused(format, yaml.safe_dump({"cam0": CHAIN | changes}), message)
-        return
-    document = json.loads(TEXTS[format])
-    keys = document["CameraCalibrations"][0] if format == "aria" else document["camera_model_parameters"]
+    document = {"cam0": dict(CHAIN)} if format == "kalibr" else json.loads(TEXTS[format])
+    camera = {"kalibr": "cam0", "aria": "CameraCalibrations", "ncore": "camera_model_parameters"}[format]
+    keys = document[camera][0] if format == "aria" else document[camera]
     keys |= changes
-    refused(format, json.dumps(document), message)
+    refused(format, (yaml.safe_dump if format == "kalibr" else json.dumps)(document), message)
 
 
 ENTRY = "cam0: {{camera_model: pinhole, distortion_model: none, distortion_coeffs: [], "
@@ -163,17 +136,14 @@ def test_entities_are_refused_behind_what_looks_like_a_comment():
     refused("opencv", '<?p <!-- ?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "without <!DOCTYPE")
 
 
+OURS = "omniscv: 1, model: pinhole, width: 64, height: 48"
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (
-            '{"omniscv": 1, "model": "pinhole", "width": 64, "height": 48, "fx": 1e308, "fy": 9}',
-            "fx: expected",
-        ),
-        (
-            '{"omniscv": 1, "model": "pinhole", "width": 64, "height": 48, "focal": 9, "center": [1e9, 2]}',
-            "cx",
-        ),
+        (f"{{{OURS}, 'fx': 1e308, 'fy': 9}}", "fx: expected"),
+        (f"{{{OURS}, 'focal': 9, 'center': [1e9, 2]}}", "cx"),
         ('{"fx": 500, "fy": 500, "cx": , "cy": 24, "width": 64, "height": 48}', "a key without a value"),
         (
             "# oST version 5.0 parameters\n\n[image]\n\nwidth\n64\n\nheight\n48\n\n[a]\n\ncamera matrix\n"

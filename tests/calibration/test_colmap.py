@@ -26,13 +26,8 @@ TEXT = """# Camera list with one line of data per camera:
 
 def test_every_line_is_a_camera_named_by_its_id() -> None:
     read = calibration.loads(TEXT, "colmap")
-    assert {name: camera.name for name, camera in read.items()} == {
-        "3": "pinhole",
-        "1": "pinhole",
-        "7": "pinhole",
-        "4": "kannala-brandt",
-        "12": "equirectangular",
-    }
+    models = {"3": "pinhole", "1": "pinhole", "7": "pinhole", "4": "kannala-brandt", "12": "equirectangular"}
+    assert {name: camera.name for name, camera in read.items()} == models
     assert read["7"] == read["3"]
     again = calibration.loads(calibration.dumps(read, "colmap"), "colmap")
     assert list(again.items()) == list(read.items())  # nothing is shifted, so nothing is lost

@@ -68,22 +68,16 @@ AS_ANOTHER = {
 }
 """Special cases of other models, as which they come back, without the circle in which they end."""
 
-
+MIDDLE = {**SIZE, "cx": 19.25, "cy": 15.5}
 TRAVELLERS = [
-    cameras.create("pinhole", **SIZE, fx=31.5, fy=30.25, cx=19.25, cy=15.5),
-    cameras.create(
-        "pinhole", **SIZE, fx=31.0, fy=31.0, cx=19.25, cy=15.5, distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.003)
-    ),
-    cameras.create(
-        "kannala-brandt", **SIZE, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, -0.02, 0.01, -1e-3]
-    ),
-    cameras.create(
-        "unified", **SIZE, fx=20.0, fy=21.0, cx=19.0, cy=15.5, xi=1.1, distortion=(0.01, 0, 1e-3, 0)
-    ),
-    cameras.create("extended-unified", **SIZE, fx=15.0, fy=16.0, cx=19.0, cy=15.5, alpha=0.6, beta=1.1),
-    cameras.create("double-sphere", **SIZE, fx=15.0, fy=16.0, cx=19.0, cy=15.5, xi=-0.2, alpha=0.6),
-    cameras.create("division", **SIZE, focal=15.0, cx=19.0, cy=15.5, k=-0.2),
-    cameras.create("ftheta", **SIZE, cx=19.0, cy=15.5, polynomial=(0, 14.0, 0.5, -0.3, 0.1)),
+    cameras.create("pinhole", **MIDDLE, fx=31.5, fy=30.25),
+    cameras.create("pinhole", **MIDDLE, fx=31.0, fy=31.0, distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.003)),
+    cameras.create("kannala-brandt", **MIDDLE, fx=15.0, fy=15.5, k=[0.1, -0.02, 0.01, -1e-3]),
+    cameras.create("unified", **MIDDLE, fx=20.0, fy=21.0, xi=1.1, distortion=(0.01, 0, 1e-3, 0)),
+    cameras.create("extended-unified", **MIDDLE, fx=15.0, fy=16.0, alpha=0.6, beta=1.1),
+    cameras.create("double-sphere", **MIDDLE, fx=15.0, fy=16.0, xi=-0.2, alpha=0.6),
+    cameras.create("division", **MIDDLE, focal=15.0, k=-0.2),
+    cameras.create("ftheta", **MIDDLE, polynomial=(0, 14.0, 0.5, -0.3, 0.1)),
     cameras.create("equirectangular", width=40, height=20),
 ]
 
@@ -124,11 +118,8 @@ def test_every_model_is_carried_exactly_or_refused(format: str) -> None:
 
 
 def through_pairs(every: bool) -> int:
-    """Names are lost where a form has none; numbers and rays are not. Return the number of pairs.
-
-    Args:
-        every: all pairs, or each form once before and once after another.
-    """
+    """Names are lost where a form has none; numbers and rays are not. Return the number of pairs: of all, or
+    of each form once before and once after another."""
     pairs = 0
     for lens in TRAVELLERS:
         texts = {}

@@ -86,9 +86,8 @@ def flat(matrix: Any) -> str:
 
 def opencv_matrix(name: str, matrix: Any, rows: int) -> str:
     cols = np.size(matrix) // rows
-    return (
-        f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data:[ {flat(matrix)} ]\n"
-    )
+    head = f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n"
+    return f"{head}   data:[ {flat(matrix)} ]\n"
 
 
 def keys(prefix: str, values: dict[str, Any], join: str = ": ") -> str:
@@ -125,17 +124,10 @@ def npz() -> bytes:
 
 def depthai(coefficients: list[float], camera_type: int = 0) -> str:
     """Two sockets, each a pair of its number and its camera: the names of both are made up."""
-    camera = {
-        "cameraType": camera_type,
-        "distortionCoeff": coefficients,
-        "height": 480,
-        "intrinsicMatrix": K,
-        "width": 640,
-    }
+    camera = {"cameraType": camera_type, "distortionCoeff": coefficients, "height": 480, "width": 640}
+    both = [[socket, {**camera, "intrinsicMatrix": K}] for socket in (0, 2)]
     turned = {"rectifiedRotationLeft": [[0.9, 0.1, 0]] * 3}
-    return json.dumps(
-        {"cameraData": [[0, camera], [2, camera]], "stereoRectificationData": turned, "version": 6}
-    )
+    return json.dumps({"cameraData": both, "stereoRectificationData": turned, "version": 6})
 
 
 def metashape(projection: str, **values: float) -> str:
@@ -158,6 +150,7 @@ NEW = {"distortion_parameters": {"k1": -0.12, "k2": 0.03, "p1": 1e-3, "p2": "-2e
 GAMMA = {"gamma1": F["fx"], "gamma2": F["fy"], "u0": F["cx"], "v0": F["cy"]}
 MU = {"mu": F["fx"], "mv": F["fy"], "u0": F["cx"], "v0": F["cy"]}
 FIVE = dict(zip(("k1", "k2", "p1", "p2", "k3"), D5, strict=True))
+EIGHT = dict(zip((*FIVE, "k4", "k5", "k6"), D8, strict=True))
 K14 = dict(zip(("k1", "k2", "k3", "k4"), KB, strict=True))
 K2 = dict(zip(("k2", "k3", "k4", "k5"), KB, strict=True))
 POLY = (330.0, -20.0, 15.0, -3.0)
@@ -182,12 +175,7 @@ CASES: dict[str, tuple[str | bytes, Any]] = {
     "camodocal-kb-other-heading": (camodocal("KANNALA_BRANDT", distortion_parameters=K2, projection_parameters=MU), fisheye),
     "camodocal-pinhole": (camodocal("PINHOLE", **NEW, projection_parameters=F), four),
     "camodocal-full": (
-        camodocal(
-            "PINHOLE_FULL",
-            distortion_parameters=dict(zip(["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"], D8, strict=True)),
-            projection_parameters=F,
-        ),
-        lambda p: pinhole(p, D8),
+        camodocal("PINHOLE_FULL", distortion_parameters=EIGHT, projection_parameters=F), lambda p: pinhole(p, D8)
     ),
     "orb-slam2": (ORB + keys("Camera.", FIVE) + "Viewer.PointSize:2\n", pinhole),
     "orb-slam3-kb": ('Camera.type: "KannalaBrandt8"\n' + keys("Camera1.", F) + keys("Camera1.", K14), fisheye),
@@ -388,10 +376,8 @@ def test_poses_of_rigs() -> None:
         "middlebury": "cam0=[300 0 320; 0 300 240; 0 0 1]\ncam1=[300 0 320; 0 300 240; 0 0 1]\nbaseline=100\nwidth=640\nheight=480\n",
     }  # fmt: skip
     for name, text in texts.items():
-        first, second = loads_rig(text).cameras.values()
-        np.testing.assert_allclose(
-            second.pose.position - first.pose.position, (0.1, 0, 0), atol=1e-12, err_msg=name
-        )
+        first, second = (mounted.pose.position for mounted in loads_rig(text).cameras.values())
+        np.testing.assert_allclose(second - first, (0.1, 0, 0), atol=1e-12, err_msg=name)
     rounded = [[0.999983, 0.00445005, 0.00385861, 0.1], [-0.00443664, 0.999984, -0.00347621, 0], [-0.00387402, 0.00345903, 0.999986, 0], [0, 0, 0, 1]]  # fmt: skip
     _, second = loads_rig(orb + both + opencv_matrix("Stereo.T_c1_c2", rounded, 4)).cameras.values()
     np.testing.assert_allclose(second.pose.rotation, np.array(rounded)[:3, :3], atol=2e-6)  # as printed
@@ -446,11 +432,8 @@ def test_what_changes_the_geometry_is_refused_by_name(name: str) -> None:
 
 def test_keys_that_act() -> None:
     """A region, binning, a turned rectification, a line delay, the switch of VINS."""
-    cut = (
-        ROS.format("plumb_bob", D5)
-        + "binning_x: 2\nbinning_y: 2\nroi: {x_offset: 40, y_offset: 20, width: 400, height: 300}\n"
-    )
-    camera = calibration.loads(cut)["cam0"]
+    cut = "binning_x: 2\nbinning_y: 2\nroi: {x_offset: 40, y_offset: 20, width: 400, height: 300}\n"
+    camera = calibration.loads(ROS.format("plumb_bob", D5) + cut)["cam0"]
     assert (camera.width, camera.height) == (200, 150)
     # The middle of the image's pixel (i, j) lies at 2 i + 1 + offset of the sensor, whose pixels have centres at .5.
     whole = pinhole(POINTS)
@@ -458,10 +441,8 @@ def test_keys_that_act() -> None:
     np.testing.assert_allclose(2 * pixels[valid] + (40, 20), whole[valid] + 0.5, atol=1e-9)
     turned = cv2.Rodrigues(np.array([0.0, 0.1, 0.0]))[0]
     P = np.column_stack([[[300.0, 0, 310], [0, 300, 250], [0, 0, 1]], [0.0] * 3])
-    text = (
-        ROS.format("plumb_bob", D5).replace(flat(np.eye(3)), flat(turned)).replace("P: []", f"P: [{flat(P)}]")
-    )
-    lenses = read(text).entries
+    text = ROS.format("plumb_bob", D5).replace("P: []", f"P: [{flat(P)}]")
+    lenses = read(text.replace(flat(np.eye(3)), flat(turned))).entries
     raw, _ = lenses["cam0"].camera.project(POINTS)
     np.testing.assert_allclose(raw, whole + 0.5, atol=1e-9)
     rectified, seen = lenses["cam0-rectified"].camera.project(POINTS @ turned.T)
@@ -475,15 +456,11 @@ def test_keys_that_act() -> None:
     again = calibration.loads(calibration.dumps({"cam0": shutter}, "kalibr"), "kalibr")["cam0"]
     assert again == shutter == calibration.loads(in_seconds)["cam0"]
     vins = CASES["camodocal-pinhole"][0] + "rolling_shutter: {}\nrolling_shutter_tr: 0.03\n"
-    assert [calibration.loads(vins.format(on))["cam0"].name for on in (0, 1)] == [
-        "pinhole",
-        "rolling-shutter",
-    ]
+    names = [calibration.loads(vins.format(on))["cam0"].name for on in (0, 1)]
+    assert names == ["pinhole", "rolling-shutter"]
 
 
-def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_a_lens_of_ours_has_our_mark_and_others_are_read_as_theirs(caplog: pytest.LogCaptureFixture) -> None:
     lens = cameras.create("pinhole", 640, 480, fx=300.0, fy=301.0, cx=319.5, cy=239.5)
     text = calibration.dumps({"cam0": lens}, "json")
     assert json.loads(text)["omniscv"] == 1
@@ -497,9 +474,8 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
     assert both["left"].center.tolist() == [320.0, 240.0]
     assert caplog.text.count("another program's, whose pixel centres are at whole numbers") == 1
     stereo = {"K1": K, "D1": D5, "K2": K, "D2": D5, "R": np.eye(3).tolist(), "image_size": SIZE}
-    assert [pose for _, pose, *_ in read(json.dumps(stereo | {"T": [-120, 0, 0]})).entries.values()] == [
-        None
-    ] * 2
+    far = read(json.dumps(stereo | {"T": [-120, 0, 0]})).entries
+    assert [entry.pose for entry in far.values()] == [None, None]
     assert caplog.text.count("divide T by 1000") == 1
     with pytest.raises(ArgumentError, match=r"expected the pose of every camera \(R, T\), got none"):
         loads_rig(json.dumps(stereo))
@@ -510,10 +486,8 @@ def test_a_lens_of_ours_has_our_mark_and_others_keys_are_read_as_theirs(
 def test_files_as_people_have_them() -> None:
     """A pair of ROS in one file, whose place is not known; Metashape's size of the sensor; extra lines of DSO."""
     turned = "rectification\n0 0 1\n0 1 0\n-1 0 0\nprojection\n300 0 310 0\n0 300 250 0\n0 0 1 0\n"
-    pair = "".join(
-        CASES["ros-ini"][0].replace("# oST", "# oST version 5.0").replace("[cam]", f"[{side}]") + turned
-        for side in ("left", "right")
-    )
+    ini = CASES["ros-ini"][0].replace("# oST", "# oST version 5.0")
+    pair = "".join(ini.replace("[cam]", f"[{side}]") + turned for side in ("left", "right"))
     assert list(read(pair).entries) == ["left", "right", "left-rectified", "right-rectified"]
     with pytest.raises(ArgumentError, match="expected the pose of every camera"):
         loads_rig(pair)
@@ -521,35 +495,20 @@ def test_files_as_people_have_them() -> None:
     lens = calibration.loads(f"{sensor}<f>500</f><cx>10</cx></calibration></sensor></document>")["RGB"]
     assert (lens.width, lens.height, lens.center.tolist()) == (1000, 800, [510.0, 400.0])
     assert list(calibration.loads(CASES["dso"][0] + "0.5 0 0\n")) == ["cam0"]
-    for bare in (
-        f"{flat(K[0])}\n{flat(K[1])}\n{flat(K[2])}\n",
-        flat(K).replace(",", "") + "\n0.05\n",
-    ):  # K.txt
+    for bare in ("\n".join(map(flat, K)), flat(K).replace(",", "") + "\n0.05\n"):  # K.txt
         pixels, _ = calibration.loads(bare, size=SIZE)["cam0"].project(POINTS)
         np.testing.assert_allclose(pixels, ideal(POINTS) + 0.5, atol=1e-9)
-    pair = {
-        "K1": K,
-        "D1": D5,
-        "K2": K,
-        "D2": D5,
-        "R": np.eye(3).tolist(),
-        "T": [-0.12, 0, 0],
-        "image_size": SIZE,
-    }
-    projected = {
-        f"P{i}": np.column_stack([K, [-40.0 * i, 0, 0]]).tolist() for i in (1, 2)
-    }  # KITTI's have no K1
+    pair = {"K1": K, "D1": D5, "K2": K, "D2": D5, "R": np.eye(3).tolist(), "T": [-0.12, 0, 0], "image_size": SIZE}  # fmt: skip
+    # KITTI's have no K1.
+    projected = {f"P{i}": np.column_stack([K, [-40.0 * i, 0, 0]]).tolist() for i in (1, 2)}
     right = loads_rig(json.dumps(pair | projected)).cameras["cam2"]
     np.testing.assert_allclose(right.pose.position, [0.12, 0, 0])
     device = F | {"model": "D435", "distortion_model": "plumb_bob", "coeffs": D5}
-    for twice in (
-        device,
-        {"K": K, "mtx": np.ravel(K).tolist(), "D": D5, "dist": [D5]},
-        {"K": K, "D": D5, "xi": 0},
-    ):
+    spelled = {"K": K, "mtx": np.ravel(K).tolist(), "D": D5, "dist": [D5]}
+    for twice in (device, spelled, {"K": K, "D": D5, "xi": 0}):
         pixels, _ = calibration.loads(json.dumps(twice | {"image_size": SIZE}))["cam0"].project(POINTS)
         np.testing.assert_allclose(pixels, pinhole(POINTS) + 0.5, atol=1e-9)
-    nested = json.dumps({f"{side}": {"intrinsics": F, "width": 640, "height": 480} for side in ("a", "b")})
+    nested = json.dumps({side: {"intrinsics": F, "width": 640, "height": 480} for side in "ab"})
     assert list(calibration.loads(nested)) == ["a", "b"]
 
 

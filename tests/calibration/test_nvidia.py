@@ -40,9 +40,8 @@ def test_isaacs_f_theta_gives_the_angle_of_a_pixels_distance() -> None:
 
 @pytest.mark.parametrize("model", ["pinhole", "kannala-brandt"])
 def test_isaacs_opencv_models_are_opencvs(model: str) -> None:
-    terms: dict[str, Any] = {"distortion": (-0.05, 0.01, 1e-3, -2e-3, 0.01)} if model == "pinhole" else {
-        "k": (0.02, -0.01, 0.001, 0)
-    }  # fmt: skip
+    terms: dict[str, Any] = {"distortion": (-0.05, 0.01, 1e-3, -2e-3, 0.01)}
+    terms = terms if model == "pinhole" else {"k": (0.02, -0.01, 0.001, 0)}
     camera = cameras.create(model, **SIZE, fx=40.0, fy=41.0, cx=31.0, cy=25.0, **terms)
     given_ = {name: values[0] for name, values in attributes(camera).items()}
     K = np.array([[given_["fx"], 0, given_["cx"]], [0, given_["fy"], given_["cy"]], [0, 0, 1]])
@@ -61,10 +60,8 @@ terms = st.tuples(st.floats(20, 60), st.floats(-2, 2), st.floats(-1, 1))
 @cases(15)
 @given(terms, st.floats(0.9, 1.1), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
 def test_ncores_reference_gives_the_pixel(c: tuple[float, ...], a: float, d: float, e: float) -> None:
-    polynomial = (0.0, *c)
-    camera = cameras.create(
-        "ftheta", **SIZE, cx=31.0, cy=25.0, polynomial=polynomial, linear=(a, d, e), max_angle_deg=80
-    )
+    lens = {"polynomial": (0.0, *c), "linear": (a, d, e), "max_angle_deg": 80}
+    camera = cameras.create("ftheta", **SIZE, cx=31.0, cy=25.0, **lens)
     text = calibration.dumps({"cam0": camera}, "ncore")
     given_ = json.loads(text)["camera_model_parameters"]
     rays = camera.unproject()
@@ -91,10 +88,8 @@ def test_the_other_polynomial_is_near_the_inverse(camera: cameras.Camera) -> Non
     by_angle = polyval(angle, given_["angle_to_pixeldist_poly"])
     by_distance = polyval(distance, given_["pixeldist_to_angle_poly"])
     assert np.abs(by_angle - distance).max() < 0.1
-    assert (
-        np.abs(by_distance - angle).max()
-        < 0.1 * np.abs(np.gradient(angle[np.argsort(distance)])).max() + 5e-3
-    )
+    step = np.abs(np.gradient(angle[np.argsort(distance)])).max()
+    assert np.abs(by_distance - angle).max() < 0.1 * step + 5e-3
 
 
 def test_ncores_parameters_are_read_without_their_wrapping() -> None:

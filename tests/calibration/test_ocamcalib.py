@@ -75,11 +75,8 @@ def world2cam(model: Ocam, x: float, y: float, z: float) -> list[float]:
         for _ in range(60):
             middle = (low + high) / 2
             low, high = (low, middle) if too_far(middle) else (middle, high)
-        x_image, y_image = low * x / across, low * y / across
-        return [
-            float(model.c * x_image + model.d * y_image + model.xc),
-            float(model.e * x_image + y_image + model.yc),
-        ]
+        x_, y_ = low * x / across, low * y / across
+        return [float(model.c * x_ + model.d * y_ + model.xc), float(model.e * x_ + y_ + model.yc)]
 
 
 def assert_ocam_sees_our_pixels(model: Ocam, camera: cameras.Camera) -> None:
@@ -100,13 +97,8 @@ scaramuzzas = st.builds(
         affine=(c, d, e),
         center=(u, v),
     ),
-    st.floats(15, 300),
-    st.floats(0, 0.6),
-    st.floats(0.8, 1.25),
-    st.floats(-0.05, 0.05),
-    st.floats(-0.05, 0.05),
-    st.floats(20, 60),
-    st.floats(10, 35),
+    *(st.floats(15, 300), st.floats(0, 0.6), st.floats(0.8, 1.25), st.floats(-0.05, 0.05)),
+    *(st.floats(-0.05, 0.05), st.floats(20, 60), st.floats(10, 35)),
 )
 
 

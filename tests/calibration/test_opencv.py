@@ -30,9 +30,8 @@ def test_opencv_projects_our_rays_to_our_pixels_less_half(camera: cameras.Camera
         return
     alpha = float(K[0, 1] / K[0, 0])  # OpenCV's word for skew
     upright = np.array([[K[0, 0], 0, K[0, 2]], K[1], K[2]])
-    theirs, _ = cv2.fisheye.projectPoints(
-        directions[:, None], np.zeros(3), np.zeros(3), upright, D, alpha=alpha
-    )
+    still = np.zeros(3)
+    theirs, _ = cv2.fisheye.projectPoints(directions[:, None], still, still, upright, D, alpha=alpha)
     # The ray's angle is found to a few 1e-16, times at most 1000 px, and steep by up to 1 / cos(80 deg)^2.
     np.testing.assert_allclose(theirs[:, 0], pixels - 0.5, rtol=0, atol=1e-9)
     assert_same_rays(skewed, calibration.from_opencv_fisheye(K, D, 64, 48))
@@ -67,12 +66,9 @@ def omnidir(K: np.ndarray, xi: float, D: np.ndarray, points: np.ndarray) -> np.n
 
 
 @cases(15)
-@given(
-    st.floats(0.2, 1.5),
-    st.lists(st.integers(-20, 20).map(lambda n: n / 1000), min_size=4, max_size=4),
-    st.floats(-0.1, 0.1),
-)
-def test_omnidir_is_ccalibs(xi: float, D: list[float], skew: float) -> None:
+@given(st.floats(0.2, 1.5), terms, st.floats(-0.1, 0.1))
+def test_omnidir_is_ccalibs(xi: float, every: list[float], skew: float) -> None:
+    D = every[:4]
     K = np.array([[40, 40 * skew, 30.25], [0, 42, 22.5], [0, 0, 1]])
     camera = calibration.from_opencv_omnidir(K, xi, D, 64, 48)
     rays = camera.unproject()
@@ -107,9 +103,7 @@ def test_every_form_is_read_by_opencv_and_by_us(format: str, suffix: str, tmp_pa
 
 def test_a_tilted_sensor_and_skew_of_the_plain_model_are_refused() -> None:
     K = np.array([[30, 0, 3], [0, 30, 2], [0, 0, 1.0]])
-    assert_same_rays(
-        calibration.from_opencv(K, np.zeros(14), 8, 6), calibration.from_opencv(K, np.zeros(4), 8, 6)
-    )
+    assert calibration.from_opencv(K, np.zeros(14), 8, 6) == calibration.from_opencv(K, np.zeros(4), 8, 6)
     with pytest.raises(ArgumentError, match="distortion_coefficients: expected 0"):
         calibration.from_opencv(K, [*[0.0] * 12, 0.1, 0], 8, 6)
     K[0, 1] = 0.1

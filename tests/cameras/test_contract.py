@@ -33,7 +33,7 @@ def test_contract(camera, check):
 @every_model
 def test_example_shows_the_same_at_any_size(name):
     """Rays at fractions of the image do not depend on the size."""
-    small, large = cameras.model(name).example(64), cameras.model(name).example(512)
+    small, large = cameras.model(name).example(32), cameras.model(name).example(256)
     pixels = small.pixels()[small.valid()]
     if name != "lidar":  # whose first column fires at one angle, however many there are
         np.testing.assert_allclose(
@@ -131,13 +131,14 @@ def test_missing_parameters_are_listed(name):
 def at_the_ends_of_floats(described):
     """Yield the description with each of its numbers, and with whole lists of numbers, huge and tiny."""
     for key, value in described.items():
-        is_list = isinstance(value, list)
-        if key in ("width", "height") or not isinstance(value[0] if is_list else value, float):
+        values = value if isinstance(value, list) else [value]
+        if key in ("width", "height") or not isinstance(values[0], float):
             continue
         for end in (1e308, -1e308, 1e155, 5e-324):
-            if is_list:
-                yield from ({**described, key: [*value[:i], end, *value[i + 1 :]]} for i in range(len(value)))
-            yield {**described, key: [end] * len(value) if is_list else end}
+            every = [[end] * len(values)]
+            if end > 1e200:
+                every += [[*values[:i], end, *values[i + 1 :]] for i in range(len(values))]
+            yield from ({**described, key: ends if isinstance(value, list) else ends[0]} for ends in every)
 
 
 @every_model

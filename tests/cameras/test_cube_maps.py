@@ -114,8 +114,8 @@ def test_how_evenly_pixels_are_spread():
     """The largest pixel's solid angle over the smallest's: 3^1.5 for a fine plain cube map."""
     ratio = {}
     for name in ("cube-map", "equiangular-cube", "octahedral"):
-        angles = solid_angles(create(name, 6 * FACE, FACE, layout="strip") if "cube" in name
-                              else create(name, 256, 256))  # fmt: skip
+        size = (6 * FACE, FACE, "strip") if "cube" in name else (256, 256)
+        angles = solid_angles(create(name, *size[:2], **({"layout": size[2]} if size[2:] else {})))
         assert angles.sum() == pytest.approx(4 * np.pi, rel=1e-4)
         ratio[name] = angles.max() / angles.min()
     assert ratio["cube-map"] == pytest.approx(3**1.5, rel=0.05)
@@ -124,12 +124,10 @@ def test_how_evenly_pixels_are_spread():
 
 
 def test_equal_area_pixels_are_equal():
-    rows = create("cylindrical", 90, 60, fov_v_deg=180, profile="equal-area").unproject(
-        np.stack([np.full(61, 45.0), np.arange(61.0)], axis=-1)
-    )
-    np.testing.assert_allclose(
-        np.diff(rows.directions[:, 1]), 2 / 60, rtol=1e-12
-    )  # Archimedes: 2 pi per height
+    """Archimedes: 2 pi per height."""
+    camera = create("cylindrical", 90, 60, fov_v_deg=180, profile="equal-area")
+    rows = camera.unproject(np.stack([np.full(61, 45.0), np.arange(61.0)], axis=-1))
+    np.testing.assert_allclose(np.diff(rows.directions[:, 1]), 2 / 60, rtol=1e-12)
 
 
 def test_mercator_is_conformal_and_square_at_its_usual_limit():

@@ -1,15 +1,9 @@
 """Where calibrated lenses end: at the first turn of their curve, found here in 50 digits on the formulas.
 
-Story. A calibration fits the lens's own field of view and does as it likes beyond. A radius that grows
-with the angle stops and shrinks again, or an angle with the radius: two rays come to one pixel, or two pixels
-to one ray, and an iteration from a guess returns either. Only the first branch is the lens; pixels up to 1e-9
-px from its end still come back. With k1 = -0.1, Kannala and Brandt's d turns back at 1.826 rad (104.6 deg);
-with f = -150 + 1e-3 rho^2 - 2e-8 rho^4, rays turn away from the axis up to rho = 242.9 px, so that pixels at
-147.1 and 350 px see one point. At such a turn pixels 1e-8 of the radius apart have the same ray in float64.
-
-The limit that was published with the double sphere, ``z > -w2 d``, is another one but at xi = 0, where
-``w2 = (w1 + xi) / sqrt(2 w1 xi + xi^2 + 1)``: it refuses rays that pixels have, or, for xi > 1, accepts two
-rays of one pixel.
+A radius that grows with the angle stops and shrinks again, or an angle with the radius: two rays come to one
+pixel, or two pixels to one ray. Only the first branch is the lens; pixels up to 1e-9 px from its end still
+come back, though pixels 1e-8 of the radius apart have the same ray there. The limit that was published
+with the double sphere, ``z > -w2 d``, is another one but at xi = 0.
 """
 
 import functools

@@ -21,9 +21,8 @@ def in_sensor(vectors):
 def test_timing_of_velodyne():
     """Columns of .19907 degrees at 10 Hz, 1808.449 of which are a turn; laser 15 is .1244 degrees late."""
     camera = cameras.create("lidar", preset="vlp-16")
-    azimuth = np.degrees(
-        np.arctan2(*np.moveaxis(in_sensor(camera.unproject().directions)[..., 1::-1], -1, 0))
-    )
+    x, y, _ = np.moveaxis(in_sensor(camera.unproject().directions), -1, 0)
+    azimuth = np.degrees(np.arctan2(y, x))
     steps = (np.diff(azimuth, axis=1) + 180) % 360 - 180
     np.testing.assert_allclose(steps, -0.1990656, rtol=0, atol=1e-9)
     assert (azimuth[-1, 0] - azimuth[0, 0] + 180) % 360 - 180 == pytest.approx(0.1244, abs=1e-4)
@@ -69,26 +68,21 @@ def test_tables_of_files(tmp_path):
     camera = cameras.create("lidar", preset=str(tmp_path / "ouster.json"))
     assert (camera.width, camera.height) == (1024, 3)
     rays = camera.unproject()
-    # 1e-8: the golden direction has 8 digits
-    np.testing.assert_allclose(
-        in_sensor(rays.directions)[0, 0], [-0.92885197, 0.06935165, 0.36390159], atol=1e-8
-    )
+    golden = [-0.92885197, 0.06935165, 0.36390159]  # 8 digits
+    np.testing.assert_allclose(in_sensor(rays.directions)[0, 0], golden, atol=1e-8)
     np.testing.assert_allclose(in_sensor(rays.origins)[0, 0], [-0.015806, 0, 0.03618], atol=1e-15)
     assert len(camera.viewpoints().centers) == 1024
     check_round_trip(camera)
 
-    lasers = [
-        dict(zip(VELODYNE, row, strict=True))
-        for row in [(0.05, -0.1, 0.026, 0.2), (-0.3, 0.08, -0.026, 0.15)]
-    ]
+    rows = (0.05, -0.1, 0.026, 0.2), (-0.3, 0.08, -0.026, 0.15)
+    lasers = [dict(zip(VELODYNE, row, strict=True)) for row in rows]
     (tmp_path / "velodyne.yaml").write_text(yaml.safe_dump({"lasers": lasers, "num_lasers": 2}))
     with pytest.raises(ArgumentError, match="width: expected the firings in a turn"):
         cameras.create("lidar", preset=str(tmp_path / "velodyne.yaml"))
     camera = cameras.create("lidar", width=40, preset=str(tmp_path / "velodyne.yaml"))
     rays, azimuth = camera.unproject(), np.pi + np.arange(40) * 2 * np.pi / 40  # clockwise, from behind
-    np.testing.assert_allclose(
-        in_sensor(rays.origins + 7 * rays.directions), velodyne_points(lasers, azimuth, 7.0), atol=1e-14
-    )
+    points = in_sensor(rays.origins + 7 * rays.directions)
+    np.testing.assert_allclose(points, velodyne_points(lasers, azimuth, 7.0), atol=1e-14)
 
     elevation, offsets = [0.3, 0.1, -0.2], [0.01, 0.0, -0.01]
     columns = np.linspace(1.0, 1.0 - 2 * np.pi, 60, endpoint=False)
@@ -121,9 +115,7 @@ def test_a_turn_while_moving():
     points = (rays.origins + 5 * rays.directions)[some]
     pixels, seen = moving.project(points)
     assert seen.all()
-    first = moving.unproject(
-        pixels
-    )  # near the seam a point is seen by two columns: the first one is returned
+    first = moving.unproject(pixels)  # of two columns near the seam, the first one
     aside = np.cross(points - first.origins, first.directions)
     assert np.abs(aside).max() < 1e-7
     assert (pixels[..., 0] < moving.pixels()[some][..., 0] + 1e-6).all()

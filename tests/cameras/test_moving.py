@@ -141,24 +141,15 @@ def test_no_readout_or_no_motion_is_the_base(still):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        (
-            {"base": {"model": "ods", "interpupillary": 0.1}},
-            "base: expected a central camera or a lidar, got ods",
-        ),
-        (
-            {"base": {"model": "rolling-shutter"}},
-            "base: expected a central camera or a lidar, got rolling-shutter",
-        ),
+        ({"base": {"model": "ods", "interpupillary": 0.1}}, "base: expected a central camera .*, got ods"),
+        ({"base": {"model": "rolling-shutter"}}, "base: expected a central camera .*, got rolling-shutter"),
         ({"base": create("pinhole", 64, 36)}, "base: expected an image of 48 x 36 px, got 64 x 36"),
         ({"base": "pinhole"}, "base: expected a camera or a mapping with 'model' in it, got 'pinhole'"),
         ({"base": {"model": "pinhole", "focal": -1}}, "base: focal: expected a finite number > 0, got -1"),
         ({"base": {"model": ["pinhole"]}}, "base: camera: expected one of"),
         ({"scan": "sideways"}, "scan: expected one of top-to-bottom"),
         ({"velocity": (1, 2)}, "velocity: expected 3 finite numbers"),
-        (
-            {"angular_velocity_deg": (0, 1000, 0)},
-            "angular_velocity_deg: the turn in degrees .* <= 90, got 100",
-        ),
+        ({"angular_velocity_deg": (0, 1000, 0)}, "angular_velocity_deg: the turn in .* <= 90, got 100"),
         ({"path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected 4, 7, 10, ... rows, got 1"),
         ({"velocity": (1, 0, 0), "path": [[0, 0, 0, 0, 0, 0, 0, 1]]}, "path: expected it or velocities"),
     ],

@@ -1,8 +1,4 @@
-"""Poles and seam: where maps of the sphere are cut or squeezed.
-
-Straight up every column of a panorama sees the same point, and atan2(0, 0) picks one; at +-180 deg left and
-right border are one place, and -0.0 decides.
-"""
+"""Poles and seam: where maps of the sphere are cut or squeezed."""
 
 import numpy as np
 import pytest
@@ -38,9 +34,8 @@ def test_the_seam(name, parameters, exponent, side, elevation):
     camera = cameras.create(name, width=64, height=32, **parameters)
     aside = side * 10**exponent
     level = np.cos(elevation)
-    pixel, seen = camera.project(
-        np.array([level * np.sin(aside), -np.sin(elevation), -level * np.cos(aside)])
-    )
+    point = [level * np.sin(aside), -np.sin(elevation), -level * np.cos(aside)]
+    pixel, seen = camera.project(point)
     assert seen
     expected = aside / (2 * np.pi) * 64
     assert pixel[0] == pytest.approx(64 - expected if side > 0 else -expected, abs=1e-12)

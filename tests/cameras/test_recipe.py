@@ -37,10 +37,7 @@ def test_other_classes_are_refused():
 
     for cls, message in (
         (Nameless, "Nameless.name: expected the model's name, got ''"),
-        (
-            Twin,
-            "Twin.name: expected a name that no other model has, got 'pinhole' of omniscv.cameras.pinhole",
-        ),
+        (Twin, "Twin.name: expected a name that no other model has, got 'pinhole' of omniscv.cameras."),
         (Half, "Half: expected a class that implements _directions, _project"),
         (Path, "camera model: expected a subclass of omniscv.cameras.Camera, got <class 'pathlib.Path'>"),
         ("pinhole", "camera model: expected a subclass of omniscv.cameras.Camera, got 'pinhole'"),

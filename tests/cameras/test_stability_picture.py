@@ -15,9 +15,7 @@ def test_every_model_keeps_its_promise_up_to_its_limits(name, every):
     steps = stability.STEPS[::-every]  # the last among them
     for way in approaches(name):
         errors = np.array([way.error_px(left) for left in steps])
-        allowed = np.maximum(
-            stability.BOUND_PX, way.known_px(steps) if way.known_px else np.zeros(len(steps))
-        )
+        allowed = np.maximum(stability.BOUND_PX, way.known_px(steps) if way.known_px else 0 * steps)
         drawn = np.isfinite(errors)
         assert drawn.any(), way.limit
         assert (errors[drawn] <= allowed[drawn]).all(), (way.limit, errors.tolist())

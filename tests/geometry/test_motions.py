@@ -69,9 +69,8 @@ def test_velocities_of_splines_do_not_jump():
     for time in TIMES[1:-1]:
         before, at, after = (moving.at(nanoseconds(time + i * step)) for i in (-1, 0, 1))
         for kind in ("position", "rotation"):
-            first, second = (
-                (getattr(b, kind) - getattr(a, kind)) / step for a, b in ((before, at), (at, after))
-            )
+            steps = (before, at), (at, after)
+            first, second = ((getattr(b, kind) - getattr(a, kind)) / step for a, b in steps)
             assert np.abs(first).max() > 0.1
             assert np.abs(first - second).max() < 1e-3 * np.abs(first).max() + 1e-3
 

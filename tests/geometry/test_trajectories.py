@@ -9,17 +9,13 @@ from scipy.spatial.transform import Rotation
 from omniscv.cli import run
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.geometry import trajectory_files as files
 from omniscv.geometry.instant import object_pose
 from omniscv.geometry.trajectory import Trajectory, nanoseconds
-from omniscv.geometry.trajectory_files import (
-    read_trajectory,
-    write_euroc,
-    write_kitti,
-    write_kitti_times,
-    write_tum,
-)
+from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job import load
 
+JOB = "source: scene://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8, fov_deg: 60}}\nposes: "
 STEPS = Trajectory.timed((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
 
 
@@ -36,20 +32,18 @@ def matrices(poses):
 
 
 @pytest.mark.parametrize("kind", ["tum", "euroc", "kitti"])
-def test_evo_reads_what_was_written(kind, tmp_path):
+def test_evo_reads_what_was_written_and_so_do_we(kind, tmp_path):
     """Its own absolute pose error, of positions and of angles, against poses that no file has held."""
     poses = wandering()
-    write = {"tum": write_tum, "euroc": write_euroc, "kitti": write_kitti}[kind]
     path = tmp_path / f"path.{kind}"
-    path.write_text(write(poses))
+    path.write_text(getattr(files, f"write_{kind}")(poses))
     expected = matrices(poses)
     if kind == "kitti":
         read = file_interface.read_kitti_poses_file(path)
         reference = trajectory.PosePath3D(poses_se3=[np.linalg.inv(expected[0]) @ each for each in expected])
     else:
-        read = getattr(
-            file_interface, {"tum": "read_tum_trajectory_file", "euroc": "read_euroc_csv_trajectory"}[kind]
-        )(path)
+        readers = {"tum": "read_tum_trajectory_file", "euroc": "read_euroc_csv_trajectory"}
+        read = getattr(file_interface, readers[kind])(path)
         reference = trajectory.PoseTrajectory3D(poses_se3=expected, timestamps=np.array(poses.seconds))
         np.testing.assert_allclose(read.timestamps, poses.seconds, atol=1e-9)
     for relation in (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_rad):
@@ -57,14 +51,7 @@ def test_evo_reads_what_was_written(kind, tmp_path):
         error.process_data((reference, read))
         assert error.get_statistic(metrics.StatisticsType.max) < 1e-7  # arccos near 0 has no more digits
     np.testing.assert_allclose(read.poses_se3, reference.poses_se3, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["tum", "euroc", "kitti"])
-def test_what_was_written_is_read(kind, tmp_path):
-    poses = wandering()
-    path = tmp_path / f"path.{kind}"
-    path.write_text({"tum": write_tum, "euroc": write_euroc, "kitti": write_kitti}[kind](poses))
-    (tmp_path / "path.times").write_text(write_kitti_times(poses))
+    (tmp_path / "path.times").write_text(files.write_kitti_times(poses))
     read = read_trajectory(path, first=poses[0])
     np.testing.assert_allclose(matrices(read), matrices(poses), atol=1e-12)
     assert read.seconds == pytest.approx(poses.seconds, abs=5e-10)  # EuRoC counts nanoseconds
@@ -81,8 +68,8 @@ def test_kitti_without_times_has_none(tmp_path):
 
 def test_poses_without_times_are_numbered():
     poses = Trajectory(STEPS.poses)
-    assert [line.split()[0] for line in write_tum(poses).splitlines()[1:]] == ["0", "1"]
-    assert write_euroc(poses).splitlines()[2].startswith("1000000000,")
+    assert [line.split()[0] for line in files.write_tum(poses).splitlines()[1:]] == ["0", "1"]
+    assert files.write_euroc(poses).splitlines()[2].startswith("1000000000,")
 
 
 def test_between_poses_positions_are_linear_and_turns_steady():
@@ -120,9 +107,7 @@ def test_wrong_trajectories(poses, times, says):
 def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0.5 -0.5 0.5 -0.5\n1 2 0 1.5 0.5 -0.5 0.5 -0.5\n")
     job = tmp_path / "job.yaml"
-    job.write_text(
-        "source: mock://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8}}\nposes: path.txt\n"
-    )
+    job.write_text(f"{JOB}path.txt")
     assert [pose.t_w_c.tolist() for pose in load(job).poses] == [[1, 0, 1.5], [2, 0, 1.5]]
     assert load(job).times_ns == (0, 10**9)
 
@@ -132,19 +117,14 @@ def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
     [
         ("{file: path.txt, frame: body}", (1, 0, 0), ""),
         ("{file: path.txt, frame: camera}", (0, 0, 1), ""),
-        (
-            "path.txt",
-            (0, 0, 1),
-            "poses: path.txt: taken as poses of a camera, z forward, which mostly",
-        ),
+        ("path.txt", (0, 0, 1), "poses: path.txt: taken as poses of a camera, z forward, which mostly"),
     ],
 )
 def test_the_frame_of_a_file_is_stated_or_said(poses, looks, says, tmp_path, capsys):
     """Without a rotation a body looks along X, and a camera at the ceiling."""
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0 0 0 1\n1 1 1 1.5 0 0 0 1\n")
     job = tmp_path / "job.yaml"
-    camera = "{p: {model: pinhole, width: 8, height: 8, fov_deg: 60}}"
-    job.write_text(f"source: scene://four-wall\ncameras: {camera}\nposes: {poses}\nout: {tmp_path}/out\n")
+    job.write_text(f"{JOB}{poses}\nout: {tmp_path}/out\n")
     for pose in load(job).poses:
         np.testing.assert_allclose(pose.R_w_c @ (0, 0, 1), looks, atol=1e-12)
     assert run(["render", str(job)]) == 0
@@ -220,10 +200,7 @@ def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
         ("1 0 0 0 0 1 0 0 0 0 -1 0\n", "line 1: expected the numbers of a rigid"),
         ("#t\n100,0,0,0,1,0,0,0\n1.5,0,0,0,1,0,0,0\n", "line 3: expected 'time x y z qw qx qy qz'"),
         ("9" * 400 + ",0,0,0,1,0,0,0\n", "line 1: expected 'time x y z qw qx qy qz'"),
-        (
-            "0 0 0 0 0 0 0 1\n# rest\n1 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n",
-            "line 4: expected one pose at a time",
-        ),
+        ("0 0 0 0 0 0 0 1\n# rest\n1 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n", "line 4: expected one pose at a"),
     ],
 )
 def test_a_wrong_line_is_named(text, says, tmp_path):
@@ -301,17 +278,17 @@ def test_the_camera_on_a_body(tmp_path):
     (tmp_path / "data.csv").write_text(f"1403636579763555584,4.6,-1.7,0.8,{w},{x},{y},{z}\n")
     T_WB = np.eye(4)
     T_WB[:3, :3], T_WB[:3, 3] = q.as_matrix(), (4.6, -1.7, 0.8)
-    job = "source: scene://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8}}\nposes: "
+    job = tmp_path / "job.yaml"
     for poses in ("{file: data.csv, frame: sensor.yaml}", "{file: data.csv, frame: chain.yaml}"):
-        (tmp_path / "job.yaml").write_text(job + poses)
-        read = load(tmp_path / "job.yaml")
+        job.write_text(JOB + poses)
+        read = load(job)
         np.testing.assert_allclose(matrices(read.poses)[0], T_WB @ T_BS, atol=1e-9)
         assert not read.assumed
-    (tmp_path / "job.yaml").write_text(f"{job}data.csv")
-    assert "the rotation is that of EuRoC's body, an IMU" in load(tmp_path / "job.yaml").assumed
-    (tmp_path / "job.yaml").write_text(f"{job}{{file: data.csv, frame: imu}}")
+    job.write_text(f"{JOB}data.csv")
+    assert "the rotation is that of EuRoC's body, an IMU" in load(job).assumed
+    job.write_text(f"{JOB}{{file: data.csv, frame: imu}}")
     with pytest.raises(ArgumentError, match=r"poses.frame: .*imu: expected a readable file"):
-        load(tmp_path / "job.yaml")
+        load(job)
 
 
 def test_a_file_that_cannot_be_read(tmp_path):
