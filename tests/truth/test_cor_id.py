@@ -68,9 +68,8 @@ def test_scores_of_another_room_are_those_of_hand_calculation():
     scores = layout_scores(found, truth, 256, 128)
     assert scores.iou_2d == pytest.approx(20 / 24)
     assert scores.iou_3d == pytest.approx(20 * 2.3 / (24 * 2.8))
-    assert scores.corner_error == pytest.approx(
-        100 * np.linalg.norm(found - truth, axis=1).mean() / np.hypot(256, 128)
-    )
+    error = 100 * np.linalg.norm(found - truth, axis=1).mean() / np.hypot(256, 128)
+    assert scores.corner_error == pytest.approx(error)
     depths, kinds = zip(*(by_columns(corners, 256, 128) for corners in (found, truth)), strict=True)
     ratio = depths[0] / depths[1]
     assert scores.rmse_m == pytest.approx(np.sqrt(((depths[0] - depths[1]) ** 2).mean()), rel=1e-9)
@@ -85,9 +84,8 @@ def by_columns(corners, width, height):
     wall = shapely.Polygon(plan_of(corners, width, height, 1.6)).exterior
     columns, rows = np.arange(width), np.arange(height)
     theta, v = ((columns + 0.5) / width - 0.5) * 2 * np.pi, ((rows + 0.5) / height - 0.5) * np.pi
-    away = np.array(
-        [wall.intersection(shapely.LineString([(0, 0), (99 * np.sin(t), 99 * np.cos(t))])) for t in theta]
-    )
+    rays = [shapely.LineString([(0, 0), (99 * np.sin(t), 99 * np.cos(t))]) for t in theta]
+    away = np.array([wall.intersection(ray) for ray in rays])
     away = shapely.length(shapely.shortest_line(away, shapely.Point(0, 0)))
     up = np.tan(((corners[0::2, 1] + 0.5) / height - 0.5) * np.pi)
     down = np.tan(((corners[1::2, 1] + 0.5) / height - 0.5) * np.pi)

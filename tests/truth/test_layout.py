@@ -15,6 +15,7 @@ from support.rooms import (
     room_of_scene,
     scene_of_plan,
 )
+from support.traced_frames import traced
 
 import mock_server
 from omniscv import Pose, cameras
@@ -56,12 +57,6 @@ def traced_visible(scene, origins, points, hidden=()):
     return scene.trace(origins, offset, hidden=hidden).distance >= distance - 1e-6
 
 
-def traced_depth(scene, camera, pose):
-    rays = camera.unproject()
-    hits = scene.trace(pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T)
-    return np.where(rays.valid, hits.distance, 0).astype(np.float32)
-
-
 def checked_pieces(record, scene, camera, pose):
     """The pieces, whose pixels see their edges, lie close, and have the flags of tracing."""
     for edge, pixels, piece in pieces_of(record):
@@ -74,14 +69,14 @@ def checked_pieces(record, scene, camera, pose):
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
-    camera = example(name, 64)
+    camera = example(name, 24 if name == "rolling-shutter" else 64)
     record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
     pieces = checked_pieces(record, scene_of_plan(L_SHAPE), camera, POSE)
     assert pieces
     assert {piece["visible"] for piece in pieces} == {None}
     for edge in record["edges"]:  # the curves hold all that the camera sees of the edges
         a, b = (np.array(record["corners"][k]["camera"]) for k in edge["corners"])
-        pixels, valid = camera.project(a + np.linspace(0, 1, 400)[:, None] * (b - a))
+        pixels, valid = camera.project(a + np.linspace(0, 1, 150)[:, None] * (b - a))
         found = [np.array(piece["pixels"]) for piece in edge["pieces"]]
         if not valid.any():
             assert not found
@@ -93,10 +88,7 @@ def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
 def test_a_long_lens_misses_no_edge():
     """Half a degree of the room: between samples a degree apart, its whole view would be missed."""
     camera = cameras.create("pinhole", 200, 150, fov_deg=0.5)
-    target = np.array([4, -1.234, 0.0])
-    away = target - [0.2, -0.3, 1.5]
-    yaw_deg, pitch_deg = np.degrees([np.arctan2(away[1], away[0]), np.arctan2(away[2], np.hypot(*away[:2]))])
-    pose = Pose.from_angles((0.2, -0.3, 1.5), yaw_deg=yaw_deg, pitch_deg=pitch_deg)
+    pose = Pose.look_at((0.2, -0.3, 1.5), (4, -1.234, 0.0))
     record = project_layout(room_of_plan(L_SHAPE), camera, pose)
     ((edge, pixels, piece),) = pieces_of(record)
     assert (edge["id"], piece["visible_room"]) == (1, True)
@@ -105,14 +97,11 @@ def test_a_long_lens_misses_no_edge():
     assert pixels[:, 0].max() > 199.99
 
 
-MODELS = (("equirectangular", 1024), ("noncentral-spherical-mirror", 700))
-
-
-@pytest.mark.parametrize(("name", "width"), MODELS)
+@pytest.mark.parametrize(("name", "width"), [("equirectangular", 512), ("noncentral-spherical-mirror", 350)])
 def test_flags_behind_furniture_are_those_of_tracing(name, width):
     """Depth has one answer a pixel: a silhouette between two of them is known to half a pixel."""
     scene, camera = mock_server.load_scene("six-wall"), example(name, width)
-    record = project_layout(room_of_scene("six-wall"), camera, POSE, traced_depth(scene, camera, POSE))
+    record = project_layout(room_of_scene("six-wall"), camera, POSE, traced(scene, camera, POSE)["depth"])
     wrong = clear = wrong_clear = total = 0
     for edge, pixels, piece in pieces_of(record):
         origins, points, _ = on_edge(record, edge, camera, POSE, pixels)
@@ -121,7 +110,7 @@ def test_flags_behind_furniture_are_those_of_tracing(name, width):
         total, wrong = total + len(pixels), wrong + (expected != piece["visible"]).sum()
         clear, wrong_clear = clear + near.sum(), wrong_clear + (near & (expected != piece["visible"])).sum()
     assert wrong_clear == 0
-    assert wrong <= 0.004 * total  # about one sample at each silhouette
+    assert wrong <= 0.008 * total  # about one sample at each silhouette
     assert clear >= 0.9 * total
 
 
@@ -138,15 +127,11 @@ def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
 
 
 @pytest.mark.parametrize(
-    ("plan", "position"),
-    [
-        (T_SHAPE, (3.1, 0.7, 1.2)),
-        (U_SHAPE, (0.2, -1.2, 1.7)),
-    ],
+    ("plan", "position"), [(T_SHAPE, (3.1, 0.7, 1.2)), (U_SHAPE, (0.2, -1.2, 1.7))], ids="TU"
 )
 def test_rooms_hide_parts_of_themselves(plan, position):
     pose, camera, scene = Pose.from_angles(position), example("equirectangular", 256), scene_of_plan(plan)
-    record = project_layout(room_of_plan(plan), camera, pose, traced_depth(scene, camera, pose))
+    record = project_layout(room_of_plan(plan), camera, pose, traced(scene, camera, pose)["depth"])
     pieces = checked_pieces(record, scene, camera, pose)
     assert {piece["visible_room"] for piece in pieces} == {True, False}
     for corner in record["corners"]:
@@ -176,14 +161,10 @@ def test_a_record_is_plain_and_holds_its_room():
     record = project_layout(layout(SceneGeometry(room=room)), example("pinhole"), POSE)
     assert (record["version"], record["source"], record["residual_m"]) == (1, "scene", 0.0)
     assert (record["floor"], record["ceiling"], record["camera_height"]) == (0.0, 2.6, 1.5)
-    assert [edge["planes"] for edge in record["edges"][12:14]] == [
-        ["Layout_Wall_6", "Layout_Wall_1"],
-        ["Layout_Wall_1", "Layout_Wall_2"],
-    ]
+    planes = [edge["planes"] for edge in record["edges"][12:14]]
+    assert planes == [["Layout_Wall_6", "Layout_Wall_1"], ["Layout_Wall_1", "Layout_Wall_2"]]
     back = room_of(record)
-    assert np.array_equal(back.corners_w, room.corners_w)
-    assert (back.floor_z, back.ceiling_z, back.walls) == (room.floor_z, room.ceiling_z, room.walls)
-    assert (back.floor, back.ceiling) == (room.floor, room.ceiling)
+    assert back.to_dict() == room.to_dict()
     for corner in record["corners"]:
         assert (corner["pixel"] is None) is not corner["in_image"]
         assert not (corner["visible_room"] and not corner["in_image"])
@@ -197,11 +178,8 @@ def test_walls_hide_edges_from_a_camera_outside_the_room():
 def test_wrong_arguments_are_one_line():
     room, camera = room_of_plan(PLAIN), example("pinhole")
     flat = Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c")
-    for plan, words in (
-        (PLAIN[::-1], "counterclockwise"),
-        (PLAIN[:2], "at least 3 corners"),
-        ([PLAIN[0], *PLAIN], "different corners"),
-    ):
+    wrong = (PLAIN[::-1], "counterclockwise"), (PLAIN[:2], "at least 3"), ([PLAIN[0], *PLAIN], "different")
+    for plan, words in wrong:
         with pytest.raises(ArgumentError, match=words):
             project_layout(room_of_plan(plan), camera, POSE)
     with pytest.raises(ArgumentError, match=r"room\.ceiling_z: expected a finite number > 3"):

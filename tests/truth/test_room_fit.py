@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.rooms import L_SHAPE, T_SHAPE, U_SHAPE, room_of_scene, scene_of_plan
+from support.traced_frames import traced
 
 import mock_server
 from omniscv import Pose, Renderer, cameras, open_source
@@ -19,19 +20,22 @@ from omniscv.truth import layout, room_of
 from omniscv.truth.room_layout import Picture
 
 PANORAMA = cameras.create("equirectangular", 256, 128)
+SHOWN = ("object_mask", "depth", "normals")
 
 
-def traced(scene, position, **changes):
+def picture_of(scene, position, **changes):
     """What a perfect image of a scene shows, with labels of its objects."""
-    pose, rays = Pose.from_angles(position, yaw_deg=33), PANORAMA.unproject()
-    hits = scene.trace(pose.position, rays.directions @ pose.R_w_c.T)
-    layers = {
-        "depth": hits.distance.astype(np.float32),
-        "normals": (hits.normal @ pose.R_w_c).astype(np.float32),
-        "labels": hits.label,
-    }
+    pose = Pose.from_angles(position, yaw_deg=33)
     names = {name: scene.label(name) for name in scene.objects}
-    return Picture(PANORAMA, pose, {**layers, **changes}, names)
+    return Picture(PANORAMA, pose, {**traced(scene, PANORAMA, pose), **changes}, names)
+
+
+def rendered(source, camera=PANORAMA, **known):
+    """A frame of an image, and its renderer."""
+    renderer = Renderer(source)
+    image = renderer.render(camera, Pose.from_angles((0.1, 0.2, 1.5)), SHOWN)
+    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
+    return Frame("a", "lens", image.camera, image.pose, instances=instances, image=image, **known), renderer
 
 
 def same_room(found, corners, names, within_m):
@@ -46,10 +50,8 @@ def same_room(found, corners, names, within_m):
 @pytest.mark.parametrize("scene", ["four-wall", "six-wall"])
 def test_an_image_of_a_furnished_room_gives_its_walls(scene):
     """Rendered as users render: walls behind furniture are seen above it, and labels may be blurred."""
-    image = Renderer(open_source(f"scene://{scene}")).render(
-        PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
-    )
-    found, expected = layout([image]), room_of_scene(scene)
+    shown, _ = rendered(open_source(f"scene://{scene}"))
+    found, expected = layout([shown.image]), room_of_scene(scene)
     assert found.source == "fitted"
     assert found.residual_m < 0.002
     same_room(found.room, expected.corners_w, expected.walls, 0.002)
@@ -68,12 +70,12 @@ def test_an_image_of_a_furnished_room_gives_its_walls(scene):
 )
 def test_several_images_are_fitted_together(plan, places):
     scene = scene_of_plan(plan)
-    fitted = layout([traced(scene, place) for place in places])
+    fitted = layout([picture_of(scene, place) for place in places])
     assert fitted.residual_m < 1e-4
     same_room(fitted.room, np.array(plan), [f"Layout_Wall_{i + 1}" for i in range(len(plan))], 1e-3)
     if len(places) > 1:
         with pytest.raises(ArgumentError, match="walls that do not close"):
-            layout([traced(scene, places[0])])
+            layout([picture_of(scene, places[0])])
 
 
 @pytest.mark.parametrize("turn_deg", [17, 45])
@@ -85,7 +87,7 @@ def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
     spin = turn.R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
     pictures = []
     for place in ((2, 2, 1.2), (-2, 2, 1.4), (0, -1, 1)):
-        seen = traced(scene, place)
+        seen = picture_of(scene, place)
         labels = np.array([0, *(label[name] for name in scene.objects)], np.uint16)[seen.files["labels"]]
         pose = Pose(spin @ seen.pose.position + turn.position, spin @ seen.pose.R_w_c)
         names = {"Layout_Walls": 99, **{name: label[name] for name in label if "Wall" not in name}}
@@ -97,7 +99,7 @@ def test_one_object_may_be_all_walls_and_stand_at_any_angle(turn_deg):
 
 def test_classes_name_the_surfaces_of_the_room():
     scene = scene_of_plan(L_SHAPE)
-    seen = traced(scene, (0.5, -0.5, 1.5))
+    seen = picture_of(scene, (0.5, -0.5, 1.5))
     names = {name.replace("Layout_", "SM_"): label for name, label in seen.instances.items()}
     renamed = Picture(seen.camera, seen.pose, seen.files, names)
     with pytest.raises(ArgumentError, match=r"objects named Layout\*, or of the classes"):
@@ -110,18 +112,18 @@ def test_classes_name_the_surfaces_of_the_room():
 
 def test_a_room_that_is_no_prism_is_refused_with_its_residual():
     scene = scene_of_plan(L_SHAPE)
-    seen = traced(scene, (0.5, -0.5, 1.5))
+    seen = picture_of(scene, (0.5, -0.5, 1.5))
     ceiling = seen.files["labels"] == seen.instances["Layout_Ceiling"]
     columns = np.sin(np.arange(PANORAMA.width) / 10)
     depth = np.where(ceiling, seen.files["depth"] * (1 + 0.1 * columns), seen.files["depth"])
-    picture = traced(scene, (0.5, -0.5, 1.5), depth=depth)
+    picture = picture_of(scene, (0.5, -0.5, 1.5), depth=depth)
     with pytest.raises(ArgumentError, match=r"within 0\.02 m, got points that are 0\.\d+ m off"):
         layout([picture])
 
 
 def test_images_that_do_not_show_enough_are_refused():
     scene = scene_of_plan(L_SHAPE)
-    seen = traced(scene, (0.5, -0.5, 1.5))
+    seen = picture_of(scene, (0.5, -0.5, 1.5))
     only_walls = {name: label for name, label in seen.instances.items() if "Wall" in name}
     with pytest.raises(ArgumentError, match="images that show the floor"):
         layout([Picture(seen.camera, seen.pose, seen.files, only_walls)])
@@ -133,13 +135,7 @@ def test_images_that_do_not_show_enough_are_refused():
 
 
 def test_the_room_of_a_source_without_one_is_fitted():
-    source = SceneSource(mock_server.load_scene("four-wall"))
-    image = Renderer(source).render(
-        PANORAMA, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals")
-    )
-    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
-    planned = Frame("a", "pano", image.camera, image.pose, instances=instances)
-    observed = replace(planned, image=image)
+    observed, _ = rendered(SceneSource(mock_server.load_scene("four-wall")))
     truth = truths.get("layout")
     record = truth.apply(observed, {})
     assert record["source"] == "fitted"
@@ -148,7 +144,7 @@ def test_the_room_of_a_source_without_one_is_fitted():
     known = SceneGeometry(room=room_of_scene("four-wall"))
     assert not truth.may_capture(known, {})
     assert truth.may_capture(known, {"source": "fitted"})
-    observed = replace(planned, image=image, geometry=known)
+    observed = replace(observed, geometry=known)
     assert truth.apply(observed, {"tolerance": {"abs_m": 0.01}, "source": "scene"})["source"] == "scene"
 
 
@@ -170,12 +166,8 @@ class Hides(SourceWrapper):
 def test_a_room_that_an_image_does_not_show_whole_is_fitted_without_furniture():
     furnished = mock_server.load_scene("six-wall")
     source = Hides(SceneSource(furnished), scene_of_plan(L_SHAPE))
-    lens = cameras.create("fisheye-equidistant", 128, 128, fov_deg=120)
-    renderer = Renderer(source)
-    image = renderer.render(lens, Pose.from_angles((0.1, 0.2, 1.5)), ("object_mask", "depth", "normals"))
-    instances = {name: i for i, name in enumerate(image.objects.names(), 1)}
-    planned = Frame("a", "lens", image.camera, image.pose, instances=instances)
-    known = replace(planned, image=image)
+    lens = cameras.create("fisheye-equidistant", 96, 96, fov_deg=120)
+    known, renderer = rendered(source, lens)
     with pytest.raises(ArgumentError, match="walls that do not close"):
         truths.get("layout").apply(known, {})
     record = truths.get("layout").apply(replace(known, renderer=renderer), {})
