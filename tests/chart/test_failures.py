@@ -9,8 +9,6 @@ from omniscv.chart import failures
 from omniscv.chart.failures import Cause, Row
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
 COLUMNS = ("panorama", "8 viewpoints")
 
 
@@ -42,10 +40,8 @@ def test_weak_faults_hold():
 
 def table(rows):
     """A Markdown table of the strengths at which each strategy breaks, and of the answers there."""
-    lines = [
-        "| cause | strengths | " + " | ".join(failures.COLUMNS) + " | the doctor |",
-        "|---" * (len(failures.COLUMNS) + 3) + "|",
-    ]
+    columns = failures.COLUMNS
+    lines = [f"| cause | strengths | {' | '.join(columns)} | the doctor |", "|---" * (len(columns) + 3) + "|"]
     for cause in dict.fromkeys(row.cause for row in rows):
         mine = [row for row in rows if row.cause == cause]
         strengths = ", ".join(dict.fromkeys(str(row.strength) for row in mine))
@@ -55,10 +51,8 @@ def table(rows):
             answers = [row for i, row in enumerate(broken) if i == 0 or broken[i - 1].said != row.said]
             cells.append("; ".join(f"{row.strength}: {row.said}" for row in answers) or "holds")
         findings = next((row.findings for row in mine if row.findings), ())
-        lines.append(
-            f"| {cause} | {strengths} {mine[0].unit}".rstrip()
-            + f" | {' | '.join(cells)} | {'; '.join(findings[:3])} |"
-        )
+        start = f"| {cause} | {strengths} {mine[0].unit}".rstrip()
+        lines.append(f"{start} | {' | '.join(cells)} | {'; '.join(findings[:3])} |")
     return "\n".join(lines) + "\n"
 
 

@@ -75,18 +75,18 @@ def test_the_true_layout_has_the_best_scores():
 
 def test_maps_by_the_papers_recipe_are_where_the_exact_ones_are():
     """Drawn as wide, they agree. Every corner has a blob of the recipe, within a pixel."""
-    camera, pose = cameras.create("equirectangular", 1024, 512), Pose.from_angles((0.3, 0.2, 1.5), 25.0)
-    record = project_layout(room_of_plan(PLAIN), camera, pose)
-    edges, corners = original_maps(record, camera, pose)
-    exact, _ = exact_maps(record, camera, edge_sigma=0.0065, corner_sigma=0.009)
+    pose = Pose.from_angles((0.3, 0.2, 1.5), 25.0)
+    record = project_layout(room_of_plan(PLAIN), PANORAMA, pose)
+    edges, corners = original_maps(record, PANORAMA, pose)
+    exact, _ = exact_maps(record, PANORAMA, edge_sigma=0.0065, corner_sigma=0.009)
     both, either = (exact >= 3) & (edges >= 3), (exact >= 3) | (edges >= 3)
-    assert both.sum() / either.sum() > 0.9
+    assert both.sum() / either.sum() > 0.85
     for corner in record["corners"]:
         if corner["visible_room"]:
             column, row = np.array(corner["pixel"], int)
-            around = corners[row - 30 : row + 31, column - 30 : column + 31]
-            assert around[26:35, 26:35].max() > 100
-            middle = np.array([column, row]) - 29.5 + ndimage.center_of_mass(around)[::-1]
+            around = corners[row - 15 : row + 16, column - 15 : column + 16]
+            assert around[12:19, 12:19].max() > 100
+            middle = np.array([column, row]) - 14.5 + ndimage.center_of_mass(around)[::-1]
             assert np.abs(middle - corner["pixel"]).max() <= 1
 
 
@@ -95,9 +95,8 @@ def test_maps_alone_have_no_scores_of_corners():
     measured = scores(Prediction(maps=tuple(pixels / 255 for pixels in draw_maps(shot.corners, 512))), shot)
     rows = [{"group": "4-wall", "method": "predictions", **measured}]
     by_name = {figure.name.partition(": ")[2]: figure for figure in figures(rows)}
-    assert set(by_name) == {
-        f"{kind} {key}" for kind in ("edges", "corners") for key in ("IoU", "Acc", "P", "R", "F1")
-    }
+    keys = itertools.product(("edges", "corners"), ("IoU", "Acc", "P", "R", "F1"))
+    assert set(by_name) == set(map(" ".join, keys))
     assert by_name["edges F1"].value == measured["edges_f1"]
     assert by_name["edges F1"].paper == PAPER["edges", "4-wall"][-1] == 0.642
 
@@ -137,7 +136,7 @@ def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, mon
 
 def test_sources_without_a_room_and_missing_folders_are_refused(tmp_path):
     with pytest.raises(
-        ArgumentError, match="scene://direction: expected a recording, or a scene with a known room"
+        ArgumentError, match="scene://direction: expected a recording, or a scene with a known"
     ):
         run("layout", Settings(tmp_path, quick=True, source="scene://direction"))
     options = {"predictions": tmp_path / "none"}

@@ -18,10 +18,8 @@ from omniscv.truth.layout_labels import cor_id
 WIDTH = 256
 PANORAMA = cameras.create("equirectangular", WIDTH, WIDTH // 2)
 POSE = Pose.from_angles((0.3, -0.2, 1.5), yaw_deg=20)
-CORNERS = {
-    "one": cor_id(room_of_plan(PLAIN), PANORAMA, POSE),
-    "two": cor_id(room_of_plan(L_SHAPE), PANORAMA, POSE),
-}
+PLANS = {"one": PLAIN, "two": L_SHAPE}
+CORNERS = {name: cor_id(room_of_plan(plan), PANORAMA, POSE) for name, plan in PLANS.items()}
 
 
 def as_json(corners, path):
@@ -58,10 +56,9 @@ def test_maps_come_back_as_they_were_written(tmp_path, suffix, off, mean_off):
     predictions = read(tmp_path, list(CORNERS), WIDTH)
     for name, corners in CORNERS.items():
         assert predictions[name].corners is None
-        for read_back, drawn in zip(predictions[name].maps, draw_maps(corners, WIDTH), strict=True):
-            change = np.abs(255 * read_back - drawn)
-            assert change.max() <= off + 1e-9
-            assert change.mean() <= mean_off + 1e-9
+        change = np.abs(255 * np.array(predictions[name].maps) - draw_maps(corners, WIDTH))
+        assert change.max() <= off + 1e-9
+        assert change.mean() <= mean_off + 1e-9
 
 
 def test_deep_and_coloured_maps_are_read_too(tmp_path):
@@ -102,12 +99,12 @@ HOSTILE = {
     "alone": ({"one_EM.png": MAP}, r"expected one_CM.png or one_CM.jpg, missing"),
     "twice": (
         {"one.txt": lines(ONE), "one.json": b"{}"},
-        r"expected one file of the corners of one, got one.json and one.txt",
+        r"expected one file of .* got one.json and one.txt",
     ),
     "half": ({"one_EM.png": MAP[:60], "one_CM.png": MAP}, r"one_EM.png: expected a PNG or JPEG picture"),
     "bomb": (
         {"one_EM.png": png(8000, 4000, mode="1"), "one_CM.png": MAP},
-        r"one_EM.png: expected a map twice as wide as high, of at most \d+ pixels, got 8000 x 4000",
+        r"of at most \d+ pixels, got 8000 x",
     ),
     "square": ({"one_EM.png": MAP, "one_CM.png": png(64, 64)}, r"one_CM.png: .* got 64 x 64"),
     "text": ({"one.txt": b"1 2\n3 four\n"}, r"one.txt: lines: expected .*finite numbers"),

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from support.rooms import room_of_scene
+from support.traced_frames import traced
 
 import mock_server
 import omniscv
@@ -18,13 +20,6 @@ def test_boundaries_lie_between_the_pixels_of_two_labels():
     assert len(boundary(labels, 1, 4)) == 0
 
 
-def traced(camera, pose, scene):
-    """The labels of an image, by tracing its own rays."""
-    rays = camera.unproject()
-    origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
-    return scene.trace(origins, directions).label
-
-
 @pytest.fixture(scope="module")
 def shot():
     """The paper's panorama, half as fine."""
@@ -35,10 +30,10 @@ def shot():
 @pytest.fixture(scope="module")
 def seen(shot):
     """The edges that its exact labels show."""
-    scene = mock_server.load_scene("four-wall")
     with omniscv.open_source("scene://four-wall") as source:
         room, names = source.geometry().room, source.objects().names()
-    return seen_edges(room, shot.camera, traced(shot.camera, shot.pose, scene), names)
+    labels = traced(mock_server.load_scene("four-wall"), shot.camera, shot.pose)["labels"]
+    return seen_edges(room, shot.camera, labels, names)
 
 
 @pytest.fixture(scope="module")
@@ -80,12 +75,9 @@ def test_every_edge_is_seen_and_priors_reduce_the_errors(rows):
 
 @pytest.mark.parametrize("scene", ["four-wall", "six-wall"])
 def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
-    with omniscv.open_source(f"scene://{scene}") as source:
-        room = source.geometry().room
-    panorama = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
-    cone = omniscv.cameras.create(
-        "noncentral-conical-mirror", width=1024, height=1024, half_angle_deg=55, distance=0.5
-    )
+    room = room_of_scene(scene)
+    panorama = omniscv.cameras.create("noncentral-panorama", 2048, 1024, radius=1.0)
+    cone = omniscv.cameras.create("noncentral-conical-mirror", 1024, 1024, half_angle_deg=55, distance=0.5)
     for camera, *angles in ((panorama, 20, 10, 0), (panorama, 130, 8, -6), (cone, 20, 80, 0)):
         shot = lines.Setup("", camera, omniscv.Pose.from_angles((0, 0, 1.2), *angles))
         distances = [off for baseline, off in lines.exact_errors(room, shot) if baseline >= 0.05]
@@ -94,9 +86,7 @@ def test_exact_points_of_the_rooms_edges_give_them_exactly(scene):
 
 
 def test_edges_of_an_l_shaped_room_go_once_around():
-    with omniscv.open_source("scene://six-wall") as source:
-        room = source.geometry().room
-    edges = list(room_edges(room))
+    edges = list(room_edges(room_of_scene("six-wall")))
     assert [edge.kind for edge in edges].count("vertical") == 6
     assert len({edge.surfaces for edge in edges}) == len(edges) == 18
     ends = np.array([edge.ends_w for edge in edges]).reshape(-1, 3)

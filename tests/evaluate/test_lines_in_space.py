@@ -8,13 +8,7 @@ from scipy.optimize import minimize
 
 import omniscv
 from omniscv.evaluate.lines import reconstruction
-from omniscv.evaluate.lines.reconstruction import (
-    ObservedLine,
-    effective_baseline,
-    free_line,
-    level_line,
-    line_along,
-)
+from omniscv.evaluate.lines.reconstruction import ObservedLine, effective_baseline, free_line
 
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
 MIRROR = {"width": 1024, "height": 1024, "distance": 0.5}
@@ -61,11 +55,11 @@ def test_exact_rays_give_the_exact_line(name):
         assert reconstruction.angle_deg(free[:3], line[:3]) <= 1e-7
         assert off(observed.refine(free, np.linalg.svd(free[None, :3])[2][1:]), points) <= 1e-9
     for line, points, observed in seen_lines(name, 2):
-        assert off(line_along(observed.rows, line[:3]), points) <= 1e-9
+        assert off(reconstruction.line_along(observed.rows, line[:3]), points) <= 1e-9
     for i, (line, points, observed) in enumerate(seen_lines(name, 40)):
         gravity = np.cross(line[:3], np.random.default_rng(i).normal(size=3))
         gravity /= np.linalg.norm(gravity)
-        level = level_line(observed.rows, gravity)
+        level = reconstruction.level_line(observed.rows, gravity)
         assert off(level, points) <= 1e-9
         assert abs(level[:3] @ gravity) <= 1e-9
 

@@ -15,13 +15,8 @@ from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.evaluate import Settings, odometry
-from omniscv.evaluate.odometry.pose_estimation import (
-    inner_mask,
-    path_length,
-    reconstruct,
-    rms,
-    trajectory_errors,
-)
+from omniscv.evaluate.odometry import pose_estimation
+from omniscv.evaluate.odometry.pose_estimation import path_length, reconstruct, rms, trajectory_errors
 from omniscv.geometry.trajectory import Trajectory
 from omniscv.geometry.trajectory_files import read_trajectory, write_tum
 from omniscv.job import load
@@ -29,12 +24,8 @@ from omniscv.make import make
 from omniscv.sources.registry import open_source
 
 ARC = odometry.flight(60)[:15:3]
-RIG = Rig(
-    {
-        "panorama": RigCamera(create("equirectangular", 512, 256)),
-        "mirror": RigCamera.turned(create("catadioptric-hyperbolic", 320, 320), pitch_deg=90),
-    }
-)
+MIRROR = RigCamera.turned(create("catadioptric-hyperbolic", 320, 320), pitch_deg=90)
+RIG = Rig({"panorama": RigCamera(create("equirectangular", 512, 256)), "mirror": MIRROR})
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +55,11 @@ def test_the_same_images_give_the_same_poses(images):
 
 def test_the_rim_of_the_image_circle_has_no_features():
     camera = create("fisheye-equidistant", 200, 200, fov_deg=170)
-    inner = inner_mask(camera) > 0
+    inner = pose_estimation.inner_mask(camera) > 0
     radius = np.hypot(*np.moveaxis(camera.pixels() - 100, -1, 0))
     assert inner[radius < 90].all()
     assert not inner[8:-8, 8:-8][radius[8:-8, 8:-8] > 96].any()
-    assert inner_mask(create("equirectangular", 64, 32)).all()
+    assert pose_estimation.inner_mask(create("equirectangular", 64, 32)).all()
 
 
 def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
@@ -77,10 +68,8 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     path = tmp_path / "two.tum"
     path.write_text(write_tum(Trajectory.timed(ARC.poses[:2], (5.0, 6.5))))
     done = []
-    settings = Settings(
-        tmp_path, quick=True, options={"trajectory": path}, progress=lambda *at: done.append(at)
-    )
-    report = evaluate.run("odometry", settings)
+    options = {"options": {"trajectory": path}, "progress": lambda *at: done.append(at)}
+    report = evaluate.run("odometry", Settings(tmp_path, quick=True, **options))
     assert done == [(1, 8), (2, 8), (4, 8), (6, 8), (8, 8)]
     values = {figure.name: figure for figure in report.figures}
     assert values["panorama: registered"].value == 0
@@ -88,9 +77,8 @@ def test_a_report_of_a_flight_too_short_to_score(tmp_path, monkeypatch):
     assert np.isnan(values["mirror: ATE, rms"].value)
     assert {figure.paper for figure in report.figures if "eps" in figure.name} == {8.0}
     written = report.write("odometry", tmp_path)
-    assert set(written) == {
-        tmp_path / name for name in ("odometry.json", "odometry.csv", "odometry.png", "odometry/truth.tum")
-    }
+    names = "odometry.json", "odometry.csv", "odometry.png", "odometry/truth.tum"
+    assert set(written) == {tmp_path / name for name in names}
     rows = list(csv.DictReader((tmp_path / "odometry.csv").read_text().splitlines()))
     assert [row["time_s"] for row in rows] == ["5.0", "6.5"] * 3
     assert {row["eps_t_deg"] for row in rows} == {""}
@@ -107,6 +95,7 @@ def test_a_missing_pycolmap_is_named(monkeypatch, tmp_path):
         evaluate.run("odometry", Settings(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
     """Importing it alone makes SIGTERM print a stack and end the process at once."""
     script = (

