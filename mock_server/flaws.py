@@ -87,9 +87,7 @@ def distorted(image: NDArray[Any], corner: float) -> NDArray[Any]:
     v, u = np.mgrid[:height, :width] + 0.5
     x, y = 2 * u / width - 1, 2 * v / height - 1
     factor = 1 + corner * (x**2 + y**2) / 2
-    across, down = (
-        ((axis * factor + 1) * size / 2 - 0.5).astype(np.float32) for axis, size in ((x, width), (y, height))
-    )
+    across, down = (np.float32((v * factor + 1) * size / 2 - 0.5) for v, size in ((x, width), (y, height)))
     return np.asarray(cv2.remap(image, across, down, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE))
 
 
@@ -178,18 +176,15 @@ class Film:
         if self._bloom is not None:
             halo = cv2.GaussianBlur(light, (0, 0), _BLOOM * color.shape[1], borderType=cv2.BORDER_REPLICATE)
             light += self._bloom.amount() * (halo - light)
-        if self._tone:
-            light = (
-                light if self._tone == "linear" else to_srgb(_film(light) if self._tone == "film" else light)
-            )
+        if self._tone in ("srgb", "film"):
+            light = to_srgb(_film(light) if self._tone == "film" else light)
         return np.clip(np.round(255 * light), 0, 255).astype(np.uint8)
 
 
 def blended(pane: ViewHits, behind: ViewHits) -> Array:
     """Return (H, W, 3) colours through a half transparent pane."""
-    return np.where(
-        (pane.label != behind.label)[..., None], mixed(pane.paint(), behind.paint()), pane.paint()
-    )
+    color = pane.paint()
+    return np.where((pane.label != behind.label)[..., None], mixed(color, behind.paint()), color)
 
 
 def mirrored(view: ViewHits, at: Any, rays: Array, center: Array, trace: Callable[..., Any]) -> Array:
@@ -227,9 +222,8 @@ def to_light(color: Array) -> Array:
 
 def to_srgb(light: Array) -> Array:
     """Return sRGB colours of light."""
-    return np.where(
-        light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
-    )
+    curve = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(light <= 0.0031308, 12.92 * light, curve)
 
 
 def _film(light: Array) -> Array:

@@ -322,9 +322,7 @@ def _rectangles(corners: Array) -> list[tuple[Array, Array]]:
 
 
 def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, where: str) -> None:
-    data = _mapping(
-        value, where, "box", "sphere", "cylinder", "at", "turn_deg", "tilt_deg", "texture", "copies"
-    )
+    data = _mapping(value, where, *_SHAPES, "at", "turn_deg", "tilt_deg", "texture", "copies")
     shapes = [shape for shape in _SHAPES if shape in data]
     if len(shapes) != 1:
         raise ValueError(f"{where}: expected one of {', '.join(_SHAPES)}; got {', '.join(shapes) or 'none'}")

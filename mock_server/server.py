@@ -257,9 +257,8 @@ def replies(
                     yield received, reply
             batch.clear()
         dialect.tick()
-        if (
-            pushed := dialect.world.faults.get("clicked")
-        ) and 0 < pushed.amount() <= time.monotonic() - clicked:
+        pushed = dialect.world.faults.get("clicked")
+        if pushed and 0 < pushed.amount() <= time.monotonic() - clicked:
             clicked = time.monotonic()
             yield clicked, b"clicked"
         while pending and pending[0][0] <= frame:

@@ -45,13 +45,8 @@ _THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
 _RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
-_GLOBE = np.array(
-    [
-        (np.cos(t) * x, np.cos(t) * y, np.sin(t))
-        for t in np.linspace(-np.pi / 2, np.pi / 2, 9)
-        for x, y in _CIRCLE
-    ]
-)
+_TILTS = np.linspace(-np.pi / 2, np.pi / 2, 9)
+_GLOBE = np.array([(np.cos(t) * x, np.cos(t) * y, np.sin(t)) for t in _TILTS for x, y in _CIRCLE])
 _MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
 
 

@@ -185,9 +185,8 @@ class World:
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
         location, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
-        camera = Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor)
-        self.cameras.append(camera)
         self._spawned += 1
+        self.cameras.append(Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor))
         return actor
 
     def destroy(self, name: str) -> bool:
@@ -205,15 +204,13 @@ class World:
         """Return (2, 3) least and greatest corner of an object's box, cm, Unreal's axes."""
         if actor is self._dome:
             return 100.0 * self._dome_radius * np.array([[-1.0] * 3, [1.0] * 3])
-        corners = self.placed().bounds(actor.key)
-        return np.sort(100.0 * np.array(corners) @ MIRROR, axis=0)
+        return np.sort(100.0 * np.array(self.placed().bounds(actor.key)) @ MIRROR, axis=0)
 
     def vertices(self, actor: SceneObject) -> Array:
         """Return (N, 3) points of an object's mesh, cm, Unreal's axes."""
         if actor is self._dome:
             return np.array(list(itertools.product(*self.bounds(actor).T)))
-        points = self.placed().vertices(actor.key)
-        return 100.0 * points @ MIRROR
+        return 100.0 * self.placed().vertices(actor.key) @ MIRROR
 
     def tick(self) -> bool:
         """End a frame; return whether the game runs."""
@@ -283,8 +280,7 @@ class World:
         """Return the objects that the fault ``vanishing`` leaves out of an image."""
         if "vanishing" not in self.faults:
             return frozenset()
-        image = mode, tuple(camera.rotation), camera.fov
-        place = tuple(camera.location)
+        image, place = (mode, tuple(camera.rotation), camera.fov), tuple(camera.location)
         if not self.vanished or self.vanished[-1][0] != place or image in self._made_here:
             names = frozenset(name for name in self.objects if self.faults.strike("vanishing"))
             self.vanished.append((place, names))

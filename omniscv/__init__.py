@@ -21,56 +21,32 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _HOMES = {
-    "Instant": "omniscv.geometry.instant:Instant",
-    "Motion": "omniscv.geometry.instant:Motion",
-    "OmniImage": "omniscv.compose.image:OmniImage",
-    "OmniscvError": "omniscv.errors:OmniscvError",
-    "Pose": "omniscv.geometry:Pose",
-    "RenderOptions": "omniscv.planning:RenderOptions",
-    "Renderer": "omniscv.compose.renderer:Renderer",
-    "Rig": "omniscv.cameras.rig:Rig",
-    "RigCamera": "omniscv.cameras.rig:RigCamera",
-    "cameras": "omniscv.cameras:",
-    "dataset": "omniscv.dataset:",
-    "modalities": "omniscv.modalities:",
-    "object_pose": "omniscv.geometry.instant:object_pose",
-    "open_source": "omniscv.sources.registry:open_source",
-    "planning": "omniscv.planning:",
-    "record": "omniscv.sources.recording:record",
-    "render": "omniscv.compose.renderer:render",
-    "render_rig": "omniscv.compose.renderer:render_rig",
-    "sources": "omniscv.sources:",
-    "truth": "omniscv.truth:",
+    "": ("cameras", "dataset", "modalities", "planning", "sources", "truth"),
+    ".cameras.rig": ("Rig", "RigCamera"),
+    ".compose.image": ("OmniImage",),
+    ".compose.renderer": ("Renderer", "render", "render_rig"),
+    ".errors": ("OmniscvError",),
+    ".geometry": ("Pose",),
+    ".geometry.instant": ("Instant", "Motion", "object_pose"),
+    ".planning": ("RenderOptions",),
+    ".sources.recording": ("record",),
+    ".sources.registry": ("open_source",),
 }
+"""By module, the names that are imported from it when they are first used."""
 
-__all__ = [
-    "Instant",
-    "Motion",
-    "OmniImage",
-    "OmniscvError",
-    "Pose",
-    "RenderOptions",
-    "Renderer",
-    "Rig",
-    "RigCamera",
-    "__version__",
-    "cameras",
-    "dataset",
-    "object_pose",
-    "open_source",
-    "record",
-    "render",
-    "render_rig",
-    "truth",
-]
+__all__ = ["Instant", "Motion", "OmniImage", "OmniscvError", "Pose", "RenderOptions", "Renderer", "Rig",
+           "RigCamera", "__version__", "cameras", "dataset", "object_pose", "open_source", "record", "render",
+           "render_rig", "truth"]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'omniscv' has no attribute {name!r}")
-    globals()[name] = resolve_name(_HOMES[name])
-    return globals()[name]
+    for module, names in _HOMES.items():
+        if name in names:
+            path = f"omniscv{module}:{name}" if module else f"omniscv.{name}"
+            globals()[name] = resolve_name(path)
+            return globals()[name]
+    raise AttributeError(f"module 'omniscv' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *sum(_HOMES.values(), ())})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from operator import add, sub
 from threading import Lock
 from typing import Self, TypeVar
@@ -30,13 +30,10 @@ class Progress:
     nbytes: int = 0
 
     def __add__(self, other: Self) -> Self:
-        return type(self)(*map(add, self._counts(), other._counts()))
+        return type(self)(*map(add, astuple(self), astuple(other)))
 
     def __sub__(self, other: Self) -> Self:
-        return type(self)(*map(sub, self._counts(), other._counts()))
-
-    def _counts(self) -> tuple[int, ...]:
-        return self.images, self.of_images, self.captures, self.of_captures, self.nbytes
+        return type(self)(*map(sub, astuple(self), astuple(other)))
 
 
 Steps = Callable[[int, int], None]

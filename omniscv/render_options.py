@@ -4,18 +4,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypedDict, get_args
 
-from omniscv.arguments import (
-    flag,
-    number,
-    numbers,
-    one_of,
-    optional_number,
-    shown,
-    text,
-    texts,
-    whole_number,
-    wrong,
-)
+from omniscv.arguments import flag, number, numbers, one_of, optional_number, text, texts, whole_number, wrong
 from omniscv.errors import ArgumentError
 from omniscv.records import checked, optional, record, word
 
@@ -57,11 +46,7 @@ class Price(NamedTuple):
 def _face_size(name: str, value: object) -> Any:
     if value == "auto" or (type(value) is int and 1 <= value <= LARGEST_FACE_PX):
         return value
-    raise ArgumentError(f"{name}: expected 'auto' or 1 to {LARGEST_FACE_PX} px, got {shown(value)}")
-
-
-def _viewpoints(name: str, value: object) -> int | None:
-    return None if value is None else whole_number(name, value, most=MOST_VIEWPOINTS)
+    raise wrong(name, f"'auto' or 1 to {LARGEST_FACE_PX} px", value)
 
 
 def _accuracy(name: str, value: object) -> float | None:
@@ -95,7 +80,9 @@ class RenderOptions:
 
     strategy: str = checked(text, default="auto", help="which views are captured: auto, exact or cube")
     viewpoints: int | None = checked(
-        _viewpoints, default=None, help="optical centres of a non-central camera; null: the strategy's choice"
+        optional(partial(whole_number, most=MOST_VIEWPOINTS)),
+        default=None,
+        help="optical centres of a non-central camera; null: the strategy's choice",
     )
     face_size: int | Literal["auto"] = checked(
         _face_size, default="auto", help="px of a 90 degree face, or auto"

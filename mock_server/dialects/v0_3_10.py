@@ -11,7 +11,6 @@ from mock_server.dialects.common import (
     THREE,
     Dialect,
     Later,
-    OutputFolder,
     Reply,
     Row,
     color,
@@ -22,7 +21,6 @@ from mock_server.dialects.common import (
     sets,
 )
 from mock_server.objects import Triple, axes
-from mock_server.settings import Settings
 from mock_server.world import Camera, World
 
 _Form = Literal["png", "npy", "exr"]
@@ -40,10 +38,7 @@ class Plugin0310(Dialect):
 
     lag = (1, 2)  # one frame is being rendered, and rotations take another
     follows_while_paused = True
-
-    def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
-        self._eyes_cm = 40.0
-        super().__init__(world, settings, port, files)
+    _eyes_cm = 40.0
 
     def begin(self, world: World) -> None:
         if self.settings.right_eye:

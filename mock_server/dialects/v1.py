@@ -10,18 +10,7 @@ from typing import Any
 
 from mock_server import cine as cine_model
 from mock_server import pixels
-from mock_server.dialects.common import (
-    THREE,
-    Dialect,
-    Reply,
-    Row,
-    color,
-    moves,
-    numbers,
-    ok,
-    paint,
-    sets,
-)
+from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, moves, numbers, ok, paint, sets
 from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
 

@@ -20,22 +20,11 @@ from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.parallel import keep_freed_memory
 
 COMMANDS = {
-    "demo": "reports",
-    "render": "images",
-    "record": "images",
-    "plan": "images",
-    "job": "images",
-    "look": "reports",
-    "serve": "servers",
-    "scenes": "servers",
-    "cameras": "cameras",
-    "recording": "recording",
-    "dataset": "dataset",
-    "chart": "reports",
-    "evaluate": "reports",
-    "doctor": "servers",
-    "send": "servers",
-}
+    "demo": "reports", "render": "images", "record": "images", "plan": "images", "job": "images",
+    "look": "reports", "serve": "servers", "scenes": "servers", "cameras": "cameras",
+    "recording": "recording", "dataset": "dataset", "chart": "reports", "evaluate": "reports",
+    "doctor": "servers", "send": "servers",
+}  # fmt: skip
 """The commands, and the modules of this package in whose ``app`` they are."""
 
 
