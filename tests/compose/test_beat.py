@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.judged import Errors
-from support.relief import MODES, Traced, judged, world
+from support.relief import MODES, Traced, judged, scene_of_bars, world
 
 import mock_server
 import omniscv
@@ -20,13 +20,7 @@ AHEAD = Pose(
     np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ Pose.from_angles((0, 0, 0), yaw_deg=0.7).R_w_c
 )
 PANORAMA = create("equirectangular", 128, 64)
-RING = create("noncentral-panorama", 64, 32, radius=0.3)
-BARS = """
-room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
-  walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}]}}
-objects: {{Bars: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
-"""
-PITCH_M = 0.0521  # a pixel of the faces: they show a smooth wall
+RING = create("noncentral-panorama", 48, 24, radius=0.3)
 
 
 def test_a_beat_is_marked():
@@ -42,11 +36,8 @@ def test_a_beat_is_marked():
 
 @pytest.mark.soak
 def test_a_beat_that_is_found_is_captured_finer(tmp_path):
-    at = np.arange(-2.5, 2.5, PITCH_M)
-    bars = (f"{{box: [0.02, {0.6 * PITCH_M:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)
-    path = tmp_path / "bars.yaml"
-    path.write_text(BARS.format(", ".join(bars)))
-    scene, wrong, doubtful = mock_server.load_scene(str(path)), {}, {}
+    path = scene_of_bars(tmp_path, 0.0521)  # a pixel of the faces: they show a smooth wall
+    scene, wrong, doubtful = mock_server.load_scene(path), {}, {}
     with omniscv.open_source(f"scene://{path}?traces=0") as source:
         for checks in ("none", "beat"):
             image = omniscv.render(PANORAMA, POSE, source, MODES, face_size=96, checks=checks, accuracy=0.03)
@@ -58,7 +49,8 @@ def test_a_beat_that_is_found_is_captured_finer(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scene", "camera"), [("fence", PANORAMA), ("six-wall", PANORAMA), ("four-wall", RING)]
+    ("scene", "camera"),
+    [pytest.param("fence", PANORAMA, marks=pytest.mark.soak), ("six-wall", PANORAMA), ("four-wall", RING)],
 )
 def test_rooms_are_hardly_marked_more(scene, camera):
     with omniscv.open_source(f"scene://{scene}?traces=0") as source:
@@ -100,10 +92,7 @@ def test_a_recording_replays_what_it_was_made_with(tmp_path):
 def test_a_recording_replays_finer_captures_of_a_ring(tmp_path):
     """Views that were planned and not captured are not asked for."""
     images, path = [], tmp_path / "ring.sqlite"
-    for opened in (
-        lambda: Recording(open_scene("scene://four-wall"), path),
-        lambda: RecordedSource(path),
-    ):
+    for opened in (lambda: Recording(open_scene("scene://four-wall"), path), lambda: RecordedSource(path)):
         with opened() as source:
             images.append(omniscv.render(RING, POSE, source, MODES, accuracy=0.02, checks="beat"))
     for layer in ("depth_error", "label_edge"):

@@ -18,13 +18,11 @@ CENTRAL = {name: camera for name, camera in cameras_at(128).items() if camera.ce
 
 HALF_FLOATS_CM = Precision(0.01, 11, along_ray=False, largest_m=655.04)
 
-IN_BOTH_ROOMS = ("fisheye-equidistant",)
-
 
 @pytest.mark.parametrize(
     ("room", "name"),
     [pytest.param("four-wall", *each.values, marks=each.marks) for each in by_rays(CENTRAL)]
-    + [("six-wall", n) for n in IN_BOTH_ROOMS],
+    + [("six-wall", "fisheye-equidistant")],
 )
 def test_depth_of_every_central_model(room, name):
     """Faces of 512 px, images of 128, float32 depth. Of ten thousand points and more none is in the air."""
@@ -68,13 +66,6 @@ def test_the_sky_stays_infinite_and_is_never_blended(filter):
     assert np.abs(image.depth[below] / exact - 1).max() < (1e-5 if filter != "nearest" else 0.2)
 
 
-def test_outside_the_field_of_view_depth_is_zero():
-    camera = create("fisheye-equidistant", width=64, height=64, fov_deg=180)
-    image = omniscv.render(camera, POSE, ROOMS["four-wall"], ("depth",))
-    assert (image.depth[~image.valid] == 0).all()
-    assert (image.depth[image.valid] > 0).all()
-
-
 def test_a_thin_pole_keeps_its_depth():
     """Thinner than two pixels of a face: no neighbour continues it, so its own pixel's depth is taken."""
     scene = plain_room({"Pole": {"solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}})
@@ -105,7 +96,7 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
     Where a step of the half floats is as large as what a curve bends in a pixel, the pixels look flat.
     """
     rng, focal = np.random.default_rng(4), 196.0
-    for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (80, 2)):
+    for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (40, 2)):
         inside = int(0.6 * radius / away * focal)
 
         def planar(x, radius=radius, away=away):
@@ -116,7 +107,7 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
         columns = np.arange(-inside, inside) + 0.5
         stored = (np.float16(100 * planar(columns)) / np.float32(100)).astype(np.float32)
         face = np.broadcast_to(stored, (8, len(stored))).copy()
-        for x in rng.uniform(3, 2 * inside - 3, 100):
+        for x in rng.uniform(3, 2 * inside - 3, 50):
             point = surface_point(face.ravel(), 0, face.shape, x, 4.2, focal, HALF_FLOATS_CM)
             true = 1 / planar(x - inside)
             assert abs(point.inverse - true) <= point.error, (radius, away, x)

@@ -10,17 +10,12 @@ from omniscv.chart import traced_mean
 from omniscv.geometry import Pose
 from omniscv.planning import ImageRays, densities
 
-POSES = [
-    Pose.from_angles(
-        (0.1 + 0.2 * i, -0.2, 1.45), yaw_deg=27.0 + 73 * i, pitch_deg=8.0 - 5 * i, roll_deg=3 * i
-    )
-    for i in range(3)
-]
+POSES = [Pose.from_angles((0.1 + 0.2 * i, -0.2, 1.45), 27.0 + 73 * i, 8.0 - 5 * i, 3 * i) for i in range(3)]
 SCENE = load_scene("four-wall")
 CAMERAS = cameras_at(72)
 
 
-@pytest.mark.parametrize("name", ["equirectangular", "pinhole"])
+@pytest.mark.parametrize("name", [pytest.param("equirectangular", marks=pytest.mark.soak), "pinhole"])
 def test_twice_the_size_gains_less_than_a_tenth(name, monkeypatch):
     """On average over poses: in a single picture, how fine lines fall on the pixels decides as much.
 

@@ -59,6 +59,7 @@ def columns(view):
     return np.broadcast_to(column, (view.height, view.width, 3))
 
 
+@pytest.mark.soak
 def test_an_image_from_an_8192_px_face():
     camera = create("pinhole", width=64, height=64, fov_deg=60)
     pose = Pose.from_angles((0, 0, 0))

@@ -48,11 +48,7 @@ def objects(image):
 
 @pytest.mark.parametrize(
     ("scene", "faults"),
-    [
-        ("open", []),
-        ("four-wall", ["tone=film"]),
-        ("four-wall", ["object-missing=Sofa"]),  # annotated when its colour is set
-    ],
+    [("open", []), ("four-wall", ["tone=film", "object-missing=Sofa"])],  # annotated when its colour is set
 )
 def test_a_sound_scene_has_no_bit(scene, faults):
     image = served(scene, *faults)
@@ -112,9 +108,6 @@ def test_objects_that_are_named_are_the_sky():
     image = served("open", "sky-dome=300", checks="none", sky=("SkyDome",))
     assert "light" not in image.layers
     assert np.isinf(image["depth"]).any()
-
-
-def test_a_sky_that_is_no_object_is_refused():
     with pytest.raises(ArgumentError, match="sky: expected objects of the scene, got 'Cloud'"):
         served("open", sky=("Cloud",))
 

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 from support.judged import Errors
-from support.relief import EDGE_PX, FLOATS, HALF_FLOATS, KINDS, MILLIMETRES, World, captured, judge, world
+from support.relief import (
+    EDGE_PX,
+    FLOATS,
+    HALF_FLOATS,
+    KINDS,
+    MILLIMETRES,
+    World,
+    captured,
+    judge,
+    scene_of_bars,
+    world,
+)
 
 import mock_server
 import omniscv
@@ -20,31 +31,24 @@ MOST = {1.4: 0.01, 2.0: 0.006, 3.0: 0.003, 4.5: 0.002, 8.0: 0.002}
 
 @pytest.mark.parametrize(
     ("kind", "px", "encoding"),
-    [
-        ("logs", 3.0, FLOATS),
-        ("saw 20", 2.0, FLOATS),
-        ("stairs", 1.4, FLOATS),
-        ("bars", 1.4, FLOATS),
-        ("stairs", 1.4, HALF_FLOATS),
-    ],
+    [("logs", 3.0, FLOATS), ("saw 20", 2.0, FLOATS), ("bars", 1.4, FLOATS), ("stairs", 1.4, HALF_FLOATS)],
 )
 def test_relief_is_bounded_or_marked(kind, px, encoding):
-    judged = judge(kind, px, 22, encoding, camera_px=140)
+    judged = judge(kind, px, 22, encoding, camera_px=120)
     assert judged.depth <= MOST[px], judged
     assert judged.labels <= MOST[px], judged
 
 
-@pytest.mark.parametrize("seed", [21, 22])
-def test_where_depth_is_in_doubt_labels_among_many_that_stand_alone_are(seed):
+def test_where_depth_is_in_doubt_labels_among_many_that_stand_alone_are():
     """One bush: between its leaves the wall shows. Without this, .32 % of the labels are wrong, unmarked."""
-    assert judge("leaves", 4.5, seed, camera_px=140, objects=1).labels <= MOST[4.5]
+    assert judge("leaves", 4.5, 21, camera_px=140, objects=1).labels <= MOST[4.5]
 
 
 def test_what_rays_are_marched_through_knows_its_relief():
     scene, rng = world("logs", 1.4, 11), np.random.default_rng(0)
     view = View(Pose(np.zeros(3), np.eye(3)), 90.0, EDGE_PX, EDGE_PX)
     shell = depth_shell(np.zeros(3), [captured(scene, view)["depth"]], cube=False)
-    rays = np.concatenate([rng.uniform(-0.6, 0.6, (4000, 2)), np.ones((4000, 1))], axis=1)
+    rays = np.concatenate([rng.uniform(-0.6, 0.6, (2000, 2)), np.ones((2000, 1))], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     distance, label = scene.trace(rays)
     least, most = distances(shell, rays)
@@ -52,25 +56,15 @@ def test_what_rays_are_marched_through_knows_its_relief():
     assert wrong[label > 1].mean() <= MOST[1.4]
 
 
-BARS = """
-room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
-  walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}]}}
-objects: {{Bars: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
-"""
-PITCH_M = 0.0547  # one and a twentieth pixel of the faces that are captured first: they show a smooth wall
-
-
 def test_finer_depth_of_a_ring_corrects_rays_that_were_not_in_doubt(tmp_path):
-    at = np.arange(-2.5, 2.5, PITCH_M)
-    bars = (f"{{box: [0.02, {0.6 * PITCH_M:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)
-    path = tmp_path / "bars.yaml"
-    path.write_text(BARS.format(", ".join(bars)))
+    """Bars of one and a twentieth pixel of the faces that are captured first: they show a smooth wall."""
+    path = scene_of_bars(tmp_path, 0.0547)
     ring = create("noncentral-panorama", width=64, height=32, radius=0.4)
     pose = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20)
     with omniscv.open_source(f"scene://{path}?traces=0") as source:
         image = omniscv.render(ring, pose, source, ("object_mask", "depth"), face_size=96, accuracy=0.01)
     # Of 2 to 3 % without the correction. A few rays are shown by no finer view.
-    assert Errors(image, mock_server.load_scene(str(path))).uncovered[image.valid].mean() <= 0.005
+    assert Errors(image, mock_server.load_scene(path)).uncovered[image.valid].mean() <= 0.005
     assert image.doubtful <= 0.03, "all that is doubtful is not marked, but captured finer"
 
 
@@ -89,10 +83,10 @@ def test_what_rounding_makes_of_smooth_surfaces_is_no_relief(tilt, encoding):
     assert relief is None or (relief > 0).mean() < 0.003, "along the outlines, floats have as much"
 
 
-@pytest.mark.parametrize("shape", [(1, 3), (3, 1)])
-def test_labels_of_one_row_or_column_have_boundaries(shape):
-    marks = boundaries([np.array([5, 5, 7], np.uint8).reshape(shape)])
-    assert marks.ravel().tolist() == [0, 1, 1]
+def test_labels_of_one_row_or_column_have_boundaries():
+    for shape in ((1, 3), (3, 1)):
+        marks = boundaries([np.array([5, 5, 7], np.uint8).reshape(shape)])
+        assert marks.ravel().tolist() == [0, 1, 1]
 
 
 @pytest.mark.soak

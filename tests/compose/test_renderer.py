@@ -25,6 +25,7 @@ CAMERAS = {
 }
 MODES = ("lit", "object_mask", "depth", "normals")
 SMALL = omniscv.RenderOptions(face_size=64)
+GOOD = CAMERAS["fisheye"], POSES[0], SOURCE
 
 pytestmark = pytest.mark.usefixtures("all_cores")
 
@@ -89,12 +90,9 @@ def test_one_renderer_in_several_threads():
         ((CAMERAS["fisheye"], POSES[0], "four-wall.sqlite"), "source: expected a Source"),
         ((POSES[0], CAMERAS["fisheye"], SOURCE), "camera: expected a Camera"),
         ((CAMERAS["fisheye"], (0, 0, 1.5), SOURCE), "pose: expected a Pose"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, "lit"), "modes: expected a sequence"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, ()), "modes: expected a sequence"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("lit", "lit")), "each once"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("mask", "object_mask")), "each once"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("labels",)), "modes: expected a sequence"),
-        ((CAMERAS["fisheye"], POSES[0], SOURCE, ("flow",)), "got 'flow'"),
+        *(((*GOOD, modes), "modes: expected a sequence") for modes in ("lit", (), ("labels",))),
+        *(((*GOOD, modes), "each once") for modes in (("lit", "lit"), ("mask", "object_mask"))),
+        ((*GOOD, ("flow",)), "got 'flow'"),
     ],
 )
 def test_wrong_arguments_get_one_sentence(arguments, says):
@@ -103,10 +101,9 @@ def test_wrong_arguments_get_one_sentence(arguments, says):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("option", ["colour", "composer"])
-def test_an_unknown_option_is_named(option):
-    with pytest.raises(ArgumentError, match=f"options: expected some of strategy, .*; got {option}"):
-        omniscv.render(CAMERAS["fisheye"], POSES[0], SOURCE, **{option: 1})
+def test_an_unknown_option_is_named():
+    with pytest.raises(ArgumentError, match=r"options: expected some of strategy, .*; got colour"):
+        omniscv.render(CAMERAS["fisheye"], POSES[0], SOURCE, colour=1)
 
 
 @pytest.mark.parametrize("filter", ["nearest", "bilinear"])

@@ -14,9 +14,9 @@ from omniscv.sources.base import SourceWrapper
 
 CAMERAS = {
     "ball": lambda s: create(
-        "noncentral-spherical-mirror", 64, 64, mirror_radius=0.3 * s, distance=0.3 * s, fov_deg=280
+        "noncentral-spherical-mirror", 48, 48, mirror_radius=0.3 * s, distance=0.3 * s, fov_deg=280
     ),
-    "ring": lambda s: create("noncentral-panorama", 64, 32, radius=0.5 * s),
+    "ring": lambda s: create("noncentral-panorama", 48, 24, radius=0.5 * s),
     "panorama": lambda s: create("equirectangular", 128, 64),
 }
 CASES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 8, "accuracy": 0.1}), ("panorama", {})]
@@ -48,9 +48,8 @@ def made(name, way, scale):
     """An image of the world at a scale, as it would be of the world as it is."""
     pose = Pose(POSE.t_w_c * scale, POSE.R_w_c)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
-        image = omniscv.render(
-            CAMERAS[name](scale), pose, Scaled(source, scale), ("object_mask", "depth"), face_size=192, **way
-        )
+        scaled, modes = Scaled(source, scale), ("object_mask", "depth")
+        image = omniscv.render(CAMERAS[name](scale), pose, scaled, modes, face_size=128, **way)
     metres = {layer: image[layer] / np.float32(scale) for layer in ("depth", "depth_error")}
     return replace(image, camera=CAMERAS[name](1), pose=POSE, layers={**image.layers, **metres})
 
@@ -66,10 +65,9 @@ def test_marks_are_the_same_at_every_scale(name, way):
         assert Errors(other, scene).uncovered.sum() <= 1
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_a_centre_a_micrometre_off_a_wall(seed):
-    x, (y, z) = -3.0 + 1e-6, np.random.default_rng(seed).uniform((-1, 0.5), 2)
-    camera, pose = CAMERAS["panorama"](1), Pose.from_angles((x, y, z), yaw_deg=40 + seed, pitch_deg=25)
+def test_a_centre_a_micrometre_off_a_wall():
+    x, (y, z) = -3.0 + 1e-6, np.random.default_rng(0).uniform((-1, 0.5), 2)
+    camera, pose = CAMERAS["panorama"](1), Pose.from_angles((x, y, z), yaw_deg=40, pitch_deg=25)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(camera, pose, source, ("object_mask", "depth"))
     assert not Errors(image, mock_server.load_scene("six-wall")).uncovered.any()

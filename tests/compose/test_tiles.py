@@ -43,12 +43,7 @@ def same_in_tiles(camera, rows, options, modes=MODES):
     assert np.array_equal(tiled.centers_w, whole.centers_w)
 
 
-@pytest.mark.parametrize("camera", CENTRAL[1::2], ids=lambda camera: camera.name)
-def test_every_central_camera_shows_the_same_in_tiles(camera):
-    same_in_tiles(camera, 9, omniscv.RenderOptions(face_size=32))
-
-
-@cases(8)
+@cases(12)
 @given(
     st.sampled_from(CENTRAL),
     st.integers(1, 70),
@@ -62,7 +57,7 @@ def test_tiles_of_any_height_show_the_same(camera, rows, filter, strategy, face_
     same_in_tiles(camera, rows, options)
 
 
-@pytest.mark.parametrize("camera", CENTRAL[::2], ids=lambda camera: camera.name)
+@pytest.mark.parametrize("camera", CENTRAL[::4], ids=lambda camera: camera.name)
 def test_what_plans_need_of_the_rays_is_the_same(camera):
     """Face sizes and single views decide what is requested: a recording must hold the same."""
     tiled, whole = ImageRays(camera, 3 * camera.width * BYTES_PER_RAY), ImageRays(camera)

@@ -40,9 +40,7 @@ def pictures(seed, number):
 
 @pytest.fixture
 def recording(tmp_path):
-    """Return a function that records views, ``{mode: views}`` or the same in all modes, of the furnished
-    room."""
-
+    """Records views of the furnished room, ``{mode: views}`` or the same in all modes."""
     counter = count()
 
     def make(views):
@@ -108,7 +106,7 @@ def test_rays_that_no_picture_shows_are_refused_in_one_line_that_says_what_to_wr
         render(recording([View(behind, 30.0, 64, 64)]), fisheye(60), unseen="blank")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_any_pictures_at_a_centre_serve_what_they_see(recording, seed):
     views, camera = pictures(seed, 5), fisheye(200)
     image = render(recording(views), camera, unseen="blank")
@@ -138,11 +136,8 @@ def test_the_finest_picture_serves_a_ray(recording):
 def test_depth_may_have_pictures_of_its_own(recording):
     """As sensors whose depth is coarser than their colours: a pixel is valid where both see it."""
     depth = View(POSE, 70.0, 160, 120)
-    image = render(
-        recording({"lit": ONE_PICTURE, "object_mask": ONE_PICTURE, "depth": [depth]}),
-        fisheye(120),
-        unseen="blank",
-    )
+    path = recording({"lit": ONE_PICTURE, "object_mask": ONE_PICTURE, "depth": [depth]})
+    image = render(path, fisheye(120), unseen="blank")
     np.testing.assert_array_equal(image.valid, seen([depth], fisheye(120)))
     assert max(wrong(image)) <= 5e-4
 

@@ -421,6 +421,21 @@ class Traced(Source):
         return ObjectTable(COLORS)
 
 
+BARS = """
+room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
+  walls: [{{kind: plain, colors: [[0.8, 0.7, 0.6]]}}]}}
+objects: {{Bars: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
+"""
+
+
+def scene_of_bars(folder, pitch_m):
+    """Write a scene of bars before a wall; the path of its file."""
+    at = np.arange(-2.5, 2.5, pitch_m)
+    bars = (f"{{box: [0.02, {0.6 * pitch_m:.5f}, 3], at: [2.6, {y:.5f}, 1.5]}}" for y in at)
+    (folder / "bars.yaml").write_text(BARS.format(", ".join(bars)))
+    return str(folder / "bars.yaml")
+
+
 class Judged(NamedTuple):
     """Shares of the pixels that look at the structure; of all pixels: marked at edges, and the mean bound in
     metres of pixels that are sure."""
