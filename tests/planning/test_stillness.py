@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.moving import Frozen, Unfrozen, scene_at
+from support.recordings import CountingSource
 
+import mock_server
 import omniscv
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
@@ -14,10 +15,12 @@ from omniscv.errors import TornSetError
 from omniscv.geometry.instant import Instant
 from omniscv.job import Job
 from omniscv.make import capture as capture_job
+from omniscv.sources import Request, SourceWrapper
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.scene import SceneSource
 from omniscv.sources.stillness import TRIES
 
+WORKSHOP = mock_server.load_scene("workshop")
 MODES = ("lit", "object_mask", "depth")
 LAYERS = ("lit", "labels", "depth")
 POSE = omniscv.Pose.from_angles((0, 0, 1.2))
@@ -30,6 +33,49 @@ RIG = Rig(
         "all": RigCamera(CENTRAL, omniscv.Pose((0.1, 0, 0), np.eye(3))),
     }
 )
+
+
+class Unfrozen(SourceWrapper):
+    """A scene whose clock goes on with every capture; it knows no state but the still one.
+
+    ``time_of`` returns seconds of its clock, by how many captures were made before.
+    """
+
+    def __init__(self, time_of):
+        super().__init__(SceneSource(WORKSHOP))
+        self._time_of, self.made, self.requests = time_of, 0, []
+
+    @property
+    def capabilities(self):
+        return replace(super().capabilities, moves=True)
+
+    def capture(self, requests):
+        for request in requests:
+            request.check_state(self.state, "unfrozen")
+            instant = Instant(time=self._time_of(self.made))
+            self.made += 1
+            self.requests.append(request)
+            with self.at(instant) as there:
+                (capture,) = there.capture([Request(request.view, request.mode, there.state)])
+            yield replace(capture, request=request)
+
+
+class Frozen(CountingSource):
+    """A source whose world may move, and that counts what is captured."""
+
+    @property
+    def capabilities(self):
+        return replace(super().capabilities, moves=True)
+
+    def at(self, instant):
+        found = Frozen(super().at(instant))
+        found.requests = self.requests
+        return found
+
+
+def scene_at(time):
+    """The scene's source at a time."""
+    return SceneSource(WORKSHOP, instant=Instant(time=time))
 
 
 def central(source, modes=MODES):
@@ -101,17 +147,11 @@ def test_a_source_that_is_still_pays_nothing():
     with scene_at(0.7) as source:
         frozen = Frozen(source)
         central(frozen)
-        plain = Counted(source)
+        plain = CountingSource(source)
         central(plain)
     views = {request.view for request in plain.requests}
     assert len(plain.requests) == 3 * len(views)
     assert len(frozen.requests) == len(plain.requests) + 2 * len(views)
-
-
-class Counted(Frozen):
-    @property
-    def capabilities(self):
-        return replace(super().capabilities, moves=False)
 
 
 def test_a_recording_keeps_a_set_whole_or_not_at_all(tmp_path):
@@ -173,8 +213,7 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
 def test_frozen_moments_equal_the_scene_at_their_times(tmp_path):
     """Recorded and replayed too, each from its own state."""
     path, times = tmp_path / "room.sqlite", (0.0, 0.4, 1.1)
-    scene = SceneSource(omniscv.open_source("scene://workshop").scene)
-    with omniscv.record(Frozen(scene), path) as source:
+    with omniscv.record(Frozen(SceneSource(WORKSHOP)), path) as source:
         for time in times:
             with source.at(Instant(time=time)) as there, scene_at(time) as wanted:
                 assert same(central(there), central(wanted))
