@@ -42,8 +42,7 @@ __all__ = ["Instant", "Motion", "OmniImage", "OmniscvError", "Pose", "RenderOpti
 def __getattr__(name: str) -> Any:
     for module, names in _HOMES.items():
         if name in names:
-            path = f"omniscv{module}:{name}" if module else f"omniscv.{name}"
-            globals()[name] = resolve_name(path)
+            globals()[name] = resolve_name(f"omniscv{module}:{name}" if module else f"omniscv.{name}:")
             return globals()[name]
     raise AttributeError(f"module 'omniscv' has no attribute {name!r}")
 
