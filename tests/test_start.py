@@ -3,25 +3,22 @@
 import subprocess
 import sys
 
-import pytest
-
 RENDER = """import sys
 from omniscv.cli import run
 assert run(["render", "--source", "{}://four-wall", "--size", "16x8", "--out", sys.argv[1]]) == 0"""
+WITHOUT = {
+    "import omniscv.cameras": {"scipy", "numba", "cv2", "matplotlib", "yaml"},
+    "import omniscv.sources": {"numba"},
+    RENDER.format("scene"): {"matplotlib", "unrealcv", "ssl", "scipy.sparse"},
+    RENDER.format("mock"): {"scipy.spatial", "scipy.ndimage", "scipy.linalg", "omniscv.calibration"},
+}
+"""What one process does, step by step, and what it has not imported then."""
 
 
-@pytest.mark.parametrize(
-    ("code", "without"),
-    [
-        ("import omniscv.cameras", {"scipy", "numba", "cv2", "matplotlib", "yaml"}),
-        ("import omniscv.sources", {"numba"}),
-        (RENDER.format("scene"), {"matplotlib", "unrealcv", "ssl", "scipy.sparse"}),
-        (RENDER.format("mock"), {"scipy.spatial", "scipy.ndimage", "scipy.linalg", "omniscv.calibration"}),
-    ],
-)
-def test_without_slow_libraries(code, without, tmp_path):
-    script = f"{code}\nimport sys; print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=True
-    )
-    assert not without & set(done.stdout.splitlines()[-1].split())
+def test_without_slow_libraries(tmp_path):
+    script = "".join(f"{step}\nimport sys; print('modules', *sys.modules)\n" for step in WITHOUT)
+    command = [sys.executable, "-c", script, tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    imported = [line.split() for line in done.stdout.splitlines() if line.startswith("modules")]
+    for (step, without), modules in zip(WITHOUT.items(), imported, strict=True):
+        assert not without & set(modules), step

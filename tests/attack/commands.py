@@ -98,9 +98,7 @@ def refused(arguments):
 def clear(error, where=""):
     """Hold a refusal from Python to the same rules."""
     text = str(error)
-    require(
-        "\n" not in text and len(text) <= LONGEST_LINE, f"{where}: {len(text)} characters: {text[:400]!r}"
-    )
+    require("\n" not in text and len(text) <= LONGEST_LINE, f"{where}: {len(text)} characters: {text[:99]!r}")
     helps = "expected" in text or "known keys" in text or "missing key" in text
     require(helps, f"{where}: expected what was expected, got {text!r}")
     wild = {each for each in text if not each.isprintable()}

@@ -14,7 +14,7 @@ from contextlib import closing
 from functools import cache
 from pathlib import Path
 
-from support.datasets import enter, image, job_file
+from support.datasets import enter, first_of, image, job_file
 
 from attack.commands import clear, nothing_left, ran, require
 from attack.spoiling import bytes_changed, head, regular_files, spoil_file, strange, text_changed, write
@@ -25,10 +25,7 @@ from omniscv.errors import OmniscvError
 from omniscv.job import load
 from omniscv.make import make
 
-MORE = """
-truth: {boxes: true, bfov: true, boxes3d: true, layout: true}
-export: [webdataset]
-"""
+MORE = "truth: {boxes: true, bfov: true, boxes3d: true, layout: true}\nexport: [webdataset]\n"
 FORMATS = (
     "coco",
     "webdataset",
@@ -46,7 +43,7 @@ def made():
     """The folder of a small dataset and, by key and kind, the bytes of its layers in memory."""
     home = Path(tempfile.mkdtemp(prefix="attack-dataset-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
-    job = load(job_file(home, more=MORE))
+    job = first_of(load(job_file(home, more=MORE)), 2)
     make(job)
     return job.out, dict(contents(dataset.open(job.out)))
 
@@ -55,7 +52,7 @@ def made():
 def stores():
     """The folder of that dataset, and of the same in the store ``fast``."""
     out, _ = made()
-    job = load(job_file(out.parent, out="fast", more=f"{MORE}store: fast\n"))
+    job = first_of(load(job_file(out.parent, out="fast", more=f"{MORE}store: fast\n")), 2)
     make(job)
     return out, job.out
 
@@ -96,9 +93,8 @@ def spoil(rng, out):
         return path.name == "dataset.json"
     else:
         path.write_bytes(bytes_changed(rng, head(path)))
-        with contextlib.suppress(
-            OSError, ValueError, LookupError, TypeError, RecursionError
-        ):  # spoiled before
+        # spoiled before
+        with contextlib.suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
             if rng.random() < 0.5:
                 listed(out, path)
                 return True
@@ -236,9 +232,7 @@ def repacked(rng, data):
             if member is chosen:
                 kind = rng.randrange(4)
                 if kind == 0:
-                    member.type = rng.choice(
-                        [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, tarfile.DIRTYPE]
-                    )
+                    member.type = rng.choice([tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, b"5"])
                     member.linkname = rng.choice([member.name, members[0][0].name, "/etc/passwd", "../x"])
                     member.size, content = 0, b""
                 elif kind == 1:

@@ -129,8 +129,6 @@ def case(rng, folder):
         except OmniscvError as error:
             clear(error)
         else:
-            require(
-                same(captures, objects), f"other data than was recorded; verify: {verified.out}{verified.err}"
-            )
+            require(same(captures, objects), f"other data than was recorded: {verified.out}{verified.err}")
         ran(["recording", "info", path.name])
         require(path.read_bytes() == before, "reading changed the file")

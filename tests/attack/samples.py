@@ -66,9 +66,8 @@ def sample():
     with sqlite3.connect(recording) as database:
         database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     captures, objects = contents(recording)
-    require(
-        ran(["recording", "export", str(recording), str(home / "faces")]).code == 0, "no export of the sample"
-    )
+    exported = ran(["recording", "export", str(recording), str(home / "faces")])
+    require(exported.code == 0, "no export of the sample")
     (home / "job.yaml").write_text(JOB.format(source=server().uri))
     require(ran(["render", str(home / "job.yaml")]).code == 0, "no images of the sample")
     return Sample(recording, home / "faces", pictures(home / "images"), captures, objects)

@@ -25,11 +25,8 @@ def replaced(rng, value):
         return rng.choice(JSON_VALUES)
     if isinstance(value, list):
         index = rng.randrange(len(value))
-        return [
-            *value[:index],
-            *rng.choice([[], [replaced(rng, value[index])], [value[index]] * 2]),
-            *value[index + 1 :],
-        ]
+        changed = rng.choice([[], [replaced(rng, value[index])], [value[index]] * 2])
+        return [*value[:index], *changed, *value[index + 1 :]]
     key = rng.choice(list(value))
     rest = {each: value[each] for each in value if each != key}
     return rng.choice(
@@ -69,9 +66,8 @@ def bytes_changed(rng, data):
     data = bytearray(data)
     for _ in range(rng.choice([0, 1, 1, 5]) if data else 0):
         data[rng.randrange(len(data))] = rng.randrange(256)
-    return bytes(data[: rng.choice([len(data), rng.randrange(len(data) + 1)])]) + rng.choice(
-        [b"", b"", b"x" * 99]
-    )
+    cut, more = rng.choice([len(data), rng.randrange(len(data) + 1)]), rng.choice([b"", b"", b"x" * 99])
+    return bytes(data[:cut]) + more
 
 
 def strange(rng, path):

@@ -46,9 +46,8 @@ class LyingStore(MemoryFileSystem):
 
     def info(self, path, **options):
         sizes = [-1, 0, 1, 2**63, None, "1"]
-        return self._answer(
-            super().info(path, **options), lambda info: {**info, "size": self.rng.choice(sizes)}
-        )
+        info = super().info(path, **options)
+        return self._answer(info, lambda info: {**info, "size": self.rng.choice(sizes)})
 
     def find(self, path, *values, **options):
         strange = [f"{path}/{name}" for name in self.rng.sample(NAMES, 3)]

@@ -90,6 +90,7 @@ def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_tha
     assert dataset.check(out, deep=True) == []
 
 
+@pytest.mark.soak
 def test_a_worker_killed_while_it_starts_is_one_clear_sentence(tmp_path):
     with started(*OMNISCV, "dataset", "make", job_of(tmp_path, "none"), "--cluster", "local:1") as process:
         waited_for(lambda: workers_of(process))[0].kill()

@@ -19,6 +19,7 @@ from omniscv import cluster
 from omniscv.cluster import RESOURCE, scheduler_at, workers_of
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
 from omniscv.job import load
+from omniscv.make import dataset as make_dataset
 from omniscv.make import make, parts_of
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.registry import open_source
@@ -59,12 +60,14 @@ def threads(sources):
 
 
 @pytest.fixture
-def job(tmp_path):
+def job(tmp_path, monkeypatch):
+    """Three parts of two poses each."""
+    monkeypatch.setattr(make_dataset, "_FRAMES", 4)
     omniscv.sources.register("failing", Failing)
     for counter in (OPENED, CLOSED, FAULTS):
         counter.clear()
     loaded = load(job_file(tmp_path, source="failing:0"))
-    return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 6, times_ns=None, places=None)
+    return replace(loaded, modes=("lit", "object_mask"), poses=loaded.poses * 2, times_ns=None, places=None)
 
 
 def test_servers_that_fail_are_opened_again(job, tmp_path):
@@ -163,6 +166,15 @@ def test_the_array_s_script_makes_a_part_in_each_task(tmp_path, monkeypatch):
 def test_a_place_that_is_none_is_refused(text):
     with pytest.raises(ArgumentError, match=r"--cluster: expected local, local:N or"):
         workers_of(text)
+
+
+def test_workers_that_end_while_they_start_are_one_line(monkeypatch):
+    def ends(**options):
+        raise RuntimeError("a worker died.")
+
+    monkeypatch.setattr(cluster, "LocalCluster", ends)
+    with pytest.raises(ClusterError, match=r"2 workers to start, but one ended, .*: a worker died; run a"):
+        workers_of("local:2")(["mock://four-wall"]).__enter__()
 
 
 def test_no_scheduler_is_one_line():

@@ -11,11 +11,11 @@ from omniscv.compose.files import write_picture
 from omniscv.errors import DatasetError
 
 
-def changed(out, key, layer, change):
-    """Change a layer of a frame, and enter it."""
+def changed(out, key, layer, where, value):
+    """Change pixels of a layer of a frame, and enter it."""
     frame = next(frame for frame in dataset.open(out) if frame.key == key)
     pixels = frame.layer(layer).copy()
-    change(pixels, frame.valid)
+    pixels[where(pixels, frame.valid)] = value
     write_picture(frame.files[layer], pixels, modalities.get(layer))
     enter(out, key, layer)
 
@@ -30,6 +30,10 @@ def replaced(old, new):
     return lambda data: data.replace(old.encode(), new.encode())
 
 
+def without_its_last_line(data):
+    return b"".join(data.splitlines(keepends=True)[:-1])
+
+
 def other_split(data):
     """The split of the first frame, which is that of its place."""
     split = json.loads(data.splitlines()[0])["split"]
@@ -40,37 +44,13 @@ def other_split(data):
     ("name", "change", "says"),
     [
         ("lens-0.depth.exr", None, "lens-0.depth.exr: expected a file, it is missing"),
-        (
-            "pano-1.labels.png",
-            lambda data: data[:-20] + bytes([data[-20] ^ 1]) + data[-19:],
-            "pano-1.labels.png: expected the bytes of its checksum",
-        ),
-        (
-            "frames.jsonl",
-            lambda data: b"".join(data.splitlines(keepends=True)[:-1]),
-            "pano-2.json: expected a frame that frames.jsonl lists",
-        ),
+        ("pano-1.labels.png", bytes.swapcase, "pano-1.labels.png: expected the bytes of its checksum"),
+        ("frames.jsonl", without_its_last_line, "pano-2.json: expected a frame that frames.jsonl lists"),
         ("frames.jsonl", other_split, "of its place, got"),
-        (
-            "frames.jsonl",
-            replaced("lens-0.lit.png", "../lens-0.lit.png"),
-            "expected the name of a file of the dataset",
-        ),
-        (
-            "frames.jsonl",
-            replaced('"key": "lens-0"', '"key": "../x"'),
-            "key: expected the start of a file name",
-        ),
-        (
-            "dataset.json",
-            replaced('"Ball": 1,', '"Bell": 1,'),
-            "dataset.json: classes: expected what its rules and names give",
-        ),
-        (
-            "dataset.json",
-            replaced('"Books": 2,', '"Books": 1,'),
-            "dataset.json: expected a file of a dataset, got: names: expected another id for each",
-        ),
+        ("frames.jsonl", replaced("lens-0.lit.png", "../lens-0.lit.png"), "expected the name of a file"),
+        ("frames.jsonl", replaced('"key": "lens-0"', '"key": "../x"'), "key: expected the start of a file"),
+        ("dataset.json", replaced('"Ball": 1,', '"Bell": 1,'), "json: classes: expected what its rules"),
+        ("dataset.json", replaced('"Books": 2,', '"Books": 1,'), "got: names: expected another id for each"),
         ("exports/webdataset", None, "exports/webdataset: expected an export to webdataset, it is missing"),
     ],
 )
@@ -84,41 +64,33 @@ def test_a_fault_is_one_line_and_exit_code_1(name, change, says, copied, capsys)
     assert says in capsys.readouterr().out
 
 
-def everywhere(value):
-    """Set all pixels inside the field of view."""
-
-    def change(pixels, valid):
-        pixels[valid] = value
-
-    return change
+def inside(pixels, valid):
+    return valid
 
 
-def outside(value):
-    def change(pixels, valid):
-        pixels[~valid] = value
-
-    return change
+def outside(pixels, valid):
+    return ~valid
 
 
-def other_class(pixels, valid):
-    pixels[np.nonzero(valid)[0][0], np.nonzero(valid)[1][0]] += 1
+def of_one(pixels, valid):
+    return tuple(place[0] for place in np.nonzero(valid))
 
 
 @pytest.mark.parametrize(
-    ("layer", "change", "says"),
+    ("layer", "where", "value", "says"),
     [
-        ("labels", everywhere(999), "labels: expected instance ids of the dataset"),
-        ("labels", outside(1), "labels: expected 0 outside the field of view"),
-        ("labels", everywhere(999), "classes: expected the class of the object in labels"),
-        ("classes", other_class, "classes: expected the class of the object in labels, got 1 other"),
-        ("depth", everywhere(np.nan), "depth: expected metres >= 0, or inf"),
-        ("depth", everywhere(0), "depth: expected more than 0 m inside the field of view"),
-        ("depth", outside(np.inf), "depth: expected 0 outside the field of view"),
-        ("normals", everywhere(2), "normals: expected unit vectors, or 0"),
+        ("labels", inside, 999, "labels: expected instance ids of the dataset"),
+        ("labels", outside, 1, "labels: expected 0 outside the field of view"),
+        ("labels", inside, 999, "classes: expected the class of the object in labels"),
+        ("classes", of_one, 77, "classes: expected the class of the object in labels, got 1 other"),
+        ("depth", inside, np.nan, "depth: expected metres >= 0, or inf"),
+        ("depth", inside, 0, "depth: expected more than 0 m inside the field of view"),
+        ("depth", outside, np.inf, "depth: expected 0 outside the field of view"),
+        ("normals", inside, 2, "normals: expected unit vectors, or 0"),
     ],
 )
-def test_deep_faults_are_found_behind_right_checksums(layer, change, says, copied):
-    changed(copied, "lens-1", layer, change)
+def test_deep_faults_are_found_behind_right_checksums(layer, where, value, says, copied):
+    changed(copied, "lens-1", layer, where, value)
     assert dataset.check(copied) == []
     found = dataset.check(copied, deep=True)
     assert any(line.startswith(f"lens-1: {says}") for line in found), found
@@ -128,10 +100,7 @@ def test_records_are_json_of_objects_that_the_dataset_has(copied):
     for text, says in (
         ('{"boxes": [{"instance_id": 777, "name": "Ball", "bbox": [0, 0, 1, 1]}]}', "got 'Ball' as 777"),
         ('{"boxes": [{"instance_id": 1, "name": "Ball"}]}', "boxes[0]: missing key 'bbox'"),
-        (
-            '{"boxes": [{"instance_id": 1, "name": "Ball", "bbox": [0, 0, 99, 9]}]}',
-            "expected a box in the image",
-        ),
+        ('{"boxes": [{"instance_id": 1, "name": "Ball", "bbox": [0, 0, 99, 9]}]}', "a box in the image"),
         ('{"boxes": [[[1]]]}', "boxes[0]: expected a mapping"),
         ('{"poses": {"Ball": {"position": "\\ud800", "rotation": 1}}}', "expected texts of Unicode"),
         ("5", "truth: expected a mapping, got 5"),

@@ -25,9 +25,7 @@ CAMERAS = {
         "extended-unified", width=40, height=40, fx=12.0, fy=12.5, cx=20.0, cy=19.0, alpha=0.6, beta=1.1
     ),
 }
-MOUNTED = dict(
-    zip(CAMERAS, [Pose.from_angles((0, 0.1 * i, 0), 40 * i, 5 * i) for i in range(5)], strict=True)
-)
+MOUNTED = {name: Pose.from_angles((0, 0.1 * i, 0), 40 * i, 5 * i) for i, name in enumerate(CAMERAS)}
 MOVES = [Pose.from_angles((0.3 * i - 0.5, 0.2 * i, 1.3 + 0.1 * i), 50 * i, 4 * i, -3 * i) for i in range(3)]
 
 
@@ -68,9 +66,8 @@ def test_pycolmap_has_the_poses_of_all_sensors_and_frames(model):
         np.testing.assert_allclose(image.cam_from_world().matrix(), w2c(frame.pose), atol=1e-9)
         np.testing.assert_allclose(image.projection_center(), frame.pose.position, atol=1e-9)
         sensor = rig.sensor_from_rig(image.camera.sensor_id).matrix() if image.camera_id > 1 else np.eye(3, 4)
-        reference = next(
-            each for each in frames if each.key == frame.key.replace(frame.camera_name, "brandt")
-        )
+        key = frame.key.replace(frame.camera_name, "brandt")
+        reference = next(each for each in frames if each.key == key)
         np.testing.assert_allclose(sensor, w2c(reference.pose.inverse() @ frame.pose), atol=1e-9)
 
 

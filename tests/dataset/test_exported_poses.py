@@ -10,7 +10,7 @@ from omniscv.diagnostics.exported_poses import check_pictures
 
 JOB = """
 source: scene://four-wall
-cameras: {flat: {model: pinhole, width: 80, height: 60, fov_deg: 80}}
+cameras: {flat: {model: pinhole, width: 48, height: 36, fov_deg: 80}}
 imu: {rate: 200}
 poses: {file: path.csv, frame: camera}
 modes: [lit, depth]
@@ -31,10 +31,10 @@ FILES = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A dataset of ten frames."""
+    """A dataset of four frames."""
     folder = tmp_path_factory.mktemp("posed")
-    R, t = walk(np.arange(10), 3, step_deg=5.0)
-    rows = np.column_stack([np.arange(10) / 2, 0.8 * t, Rotation.from_matrix(R).as_quat()])
+    R, t = walk(np.arange(4), 3, step_deg=5.0)
+    rows = np.column_stack([np.arange(4) / 2, 0.8 * t, Rotation.from_matrix(R).as_quat()])
     (folder / "path.csv").write_text("\n".join(" ".join(f"{v:.9f}" for v in row) for row in rows))
     (folder / "job.yaml").write_text(JOB)
     assert cli.run(["dataset", "make", str(folder / "job.yaml"), "--set", f"out={folder / 'dataset'}"]) == 0

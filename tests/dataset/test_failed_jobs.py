@@ -28,10 +28,8 @@ TWO = "[{position: [0, 0, 1.5]}, {position: [1, 0, 1.5]}]"
 def recording(tmp_path_factory):
     """Cube maps at one place, in a room that the file does not describe."""
     path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
-    assert (
-        run(["record", "--modes", "lit,mask,depth,normals", "--set", "face_size=192", "--out", str(path)])
-        == 0
-    )
+    asked = ["--modes", "lit,mask,depth,normals", "--set", "face_size=192", "--out", str(path)]
+    assert run(["record", *asked]) == 0
     return path
 
 
@@ -106,20 +104,15 @@ def test_a_truth_that_a_camera_cannot_carry_is_left_out_unless_it_is_named(made,
     more = fitted("lit, mask, depth, normals")
     assert made(more + "\nexport: [{format: horizonnet, cameras: [pano]}]") == 0
     assert stderr(capsys).startswith("omniscv: ahead: truth.layout: layout: expected images that show")
-    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {
-        "pano": True,
-        "ahead": False,
-    }
+    layouts = {"pano": True, "ahead": False}
+    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == layouts
     assert [path.stem for path in (tmp_path / "made" / "exports" / "horizonnet").rglob("*.txt")] == ["pano"]
     assert dataset.check("made", deep=True) == []
     assert made(more.replace("fitted", "fitted, cameras: [ahead]"), "--overwrite") == 2
     assert "ahead: truth.layout: layout: expected" in stderr(capsys)
     assert made(more.replace("fitted", "fitted, cameras: [pano]"), "--overwrite") == 0
     assert capsys.readouterr().err == ""
-    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == {
-        "pano": True,
-        "ahead": False,
-    }
+    assert {frame.key: "layout" in frame.files for frame in dataset.open("made")} == layouts
 
 
 def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys):

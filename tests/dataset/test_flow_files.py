@@ -137,10 +137,8 @@ def test_unsure_pixels_have_no_flow(tmp_path):
     depth = np.full((32, 64), 2, np.float32)
     unsure = np.zeros((32, 64), bool)
     unsure[5:9] = True
-    pair = [
-        frame_of(tmp_path, {"depth": depth, "unsure": unsure}, CAMERA, POSES[0], key=f"cam-{i}")
-        for i in (0, 1)
-    ]
+    layers = {"depth": depth, "unsure": unsure}
+    pair = [frame_of(tmp_path, layers, CAMERA, POSES[0], key=f"cam-{i}") for i in (0, 1)]
     get("flow").export(pair, tmp_path, {})
     mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
     np.testing.assert_array_equal(mask == 0, unsure)
@@ -165,10 +163,8 @@ def test_known_answers_of_kitti():
 def test_kitti_refuses_classic_flow_of_wide_panoramas(tmp_path):
     wide = cameras.create("equirectangular", width=1040, height=2)
     depth = np.full((2, 1040), 2, np.float32)
-    pair = [
-        frame_of(tmp_path, {"depth": depth}, wide, Pose.from_angles((0, 0, 0), 5 * i), key=f"cam-{i}")
-        for i in (0, 1)
-    ]
+    poses, depth = (Pose.from_angles((0, 0, 0), yaw) for yaw in (0, 5)), np.full((2, 1040), 2, np.float32)
+    pair = [frame_of(tmp_path, {"depth": depth}, wide, pose, key=f"cam-{i}") for i, pose in enumerate(poses)]
     with pytest.raises(ArgumentError, match=r"cam-0: kitti: expected flow within -512 to 511.98 px"):
         get("flow").export(pair, tmp_path, {"kitti": True, "wrap": "classic"})
     get("flow").export(pair, tmp_path, {"kitti": True})
@@ -236,9 +232,8 @@ def test_boxes_follow_the_objects(made):
             np.testing.assert_allclose(box["center_world"], (low + high) / 2, atol=1e-6)
             half = np.abs(np.array(box["R_world_box"])) @ box["size"] / 2
             np.testing.assert_allclose(half, (high - low) / 2, atol=1e-6)
-            np.testing.assert_allclose(
-                frame.pose.to_world(box["center_camera"]), box["center_world"], atol=1e-9
-            )
+            center_w = frame.pose.to_world(box["center_camera"])
+            np.testing.assert_allclose(center_w, box["center_world"], atol=1e-9)
         turn = np.array(boxes["Cabinet"]["R_world_box"])
         np.testing.assert_allclose(np.abs(turn), np.abs(turned(40 * time)), atol=1e-9)
 

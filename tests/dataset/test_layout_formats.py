@@ -34,10 +34,8 @@ def write(name, frames, out, **options):
 
 def test_the_known_room_has_the_known_lines(tmp_path):
     files = write("horizonnet", [plain_frame(tmp_path, "a", PANORAMA, LEVEL)], tmp_path / "out")
-    assert [path.relative_to(tmp_path / "out").as_posix() for path in files] == [
-        "img/a.png",
-        "label_cor/a.txt",
-    ]
+    names = [path.relative_to(tmp_path / "out").as_posix() for path in files]
+    assert names == ["img/a.png", "label_cor/a.txt"]
     assert files[1].read_text() == KNOWN_CORNERS
 
 

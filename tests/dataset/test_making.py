@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.command_line import ROOT
-from support.datasets import CLASSES, image, job_file, tree
+from support.datasets import CLASSES, first_of, image, job_file, tree
 
 import mock_server
 import omniscv
@@ -59,7 +59,7 @@ def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
             folder = tmp_path / name
             folder.mkdir()
             job = load(job_file(folder, source=server.uri))
-            make(replace(job, poses=job.poses[:1], times_ns=(0,), places=("here",)))
+            make(first_of(job, 1))
             trees.append(tree(job.out))
         text = b"".join(path.read_bytes() for path in job.out.glob("*.json*"))
         for strange in (str(server.port), str(tmp_path), "127.0.0.1"):
@@ -218,7 +218,7 @@ def test_truths_that_capture_make_the_same_bytes_beside_other_images(tmp_path):
     more = "truth: {boxes: true, boxes3d: true, bfov: true, amodal: masks, layout: true}\n"
     job = load(job_file(tmp_path, more=more))
     for workers in (1, 3):
-        make(replace(job, out=tmp_path / f"{workers}"), workers=workers)
+        make(replace(first_of(job, 2), out=tmp_path / f"{workers}"), workers=workers)
     assert tree(tmp_path / "1") == tree(tmp_path / "3")
     assert dataset.check(tmp_path / "1", deep=True) == []
     frame = dataset.open(tmp_path / "1")[-1]
@@ -249,8 +249,7 @@ def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
     for frame in frames:
         assert set(names) <= set(frame.instances)
         floor = frame.layer("labels") == frame.instances["Layout_Floor"]
-        height = 1.5 + (frame.camera.unproject().directions @ frame.pose.R_w_c.T)[..., 2] * frame.layer(
-            "depth"
-        )
+        rays_w = frame.camera.unproject().directions @ frame.pose.R_w_c.T
+        height = 1.5 + rays_w[..., 2] * frame.layer("depth")
         assert floor.mean() > 0.1
         assert np.median(np.abs(height[floor & ~frame.layer("label_edge")])) < 0.02

@@ -66,10 +66,10 @@ def test_headings_count_from_north(north_deg, heading):
 def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
     fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
     with omniscv.open_source("scene://four-wall") as source:
-        images = {
-            each.name: omniscv.render(each, POSE, source, ("lit", "depth"), face_size=32)
-            for each in (CAMERA, fisheye)
-        }
+        shots = (
+            omniscv.render(each, POSE, source, ("lit", "depth"), face_size=32) for each in (CAMERA, fisheye)
+        )
+        images = {image.camera.name: image for image in shots}
     with dataset.Writer(tmp_path, media={"xmp": True, "north": 10}) as writer:
         for key, image in images.items():
             writer.add(key, image)
@@ -96,10 +96,8 @@ def frames(folder, model="equirectangular", count=5, width=64, height=32):
     for i in range(count):
         ramp = np.add.outer(np.arange(height) * 3, np.arange(width) * 2) + 10 * i
         cv2.imwrite(str(folder / f"{i}.png"), np.repeat(ramp[..., None] % 256, 3, axis=2).astype(np.uint8))
-    return [
-        Frame(f"{i}", "pano", camera, POSE, {"lit": folder / f"{i}.png"}, {}, time_ns=i * 10**8)
-        for i in range(count)
-    ]
+    files = [{"lit": folder / f"{i}.png"} for i in range(count)]
+    return [Frame(f"{i}", "pano", camera, POSE, of, {}, time_ns=i * 10**8) for i, of in enumerate(files)]
 
 
 def decoded(data):

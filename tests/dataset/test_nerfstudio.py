@@ -15,14 +15,7 @@ SCENE = mock_server.load_scene("four-wall")
 CAMERAS = {
     "EQUIRECTANGULAR": cameras.create("equirectangular", width=64, height=32),
     "OPENCV_FISHEYE": cameras.create(
-        "kannala-brandt",
-        width=48,
-        height=40,
-        fx=15.0,
-        fy=14.0,
-        cx=23,
-        cy=21,
-        k=[0.02, -0.008, 0.002, -0.0004],
+        "kannala-brandt", 48, 40, fx=15.0, fy=14.0, cx=23, cy=21, k=[0.02, -0.008, 0.002, -0.0004]
     ),
     "PINHOLE": cameras.create("pinhole", width=32, height=24, fov_deg=80, center=(15, 13)),
     "OPENCV": cameras.create(

@@ -21,10 +21,8 @@ LENSES = ("pinhole", "kannala-brandt")
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """An eighth of the size, two poses, the two lenses that other programs hold."""
-    script, folder = (
-        runpy.run_path(str(ROOT / "scripts/make-reference")),
-        tmp_path_factory.mktemp("reference"),
-    )
+    script = runpy.run_path(str(ROOT / "scripts/make-reference"))
+    folder = tmp_path_factory.mktemp("reference")
     job = script["described"](8)
     job |= {"cameras": {name: job["cameras"][name] for name in LENSES}, "poses": job["poses"][:2]}
     make(read(job, folder))
@@ -64,9 +62,7 @@ def test_poses_depth_and_lens_meet_the_surfaces(name, reference):
         true_m = scene.trace(np.broadcast_to(pose[:3, 3], directions.shape), directions).distance
         known = depth_m > 0
         assert known.mean() > 0.7
-        assert (
-            np.abs(distance_m - true_m)[known].max() < 0.02
-        )  # whole mm; depth of faces of 60 px, inexact left out
+        assert np.abs(distance_m - true_m)[known].max() < 0.02  # of faces of 60 px, inexact left out
 
 
 def test_the_pinhole_as_lichtfeld_studio_reads_it(reference):
@@ -100,6 +96,5 @@ def test_lens_files_are_pycolmaps(name, reference):
 def read_colmap(path):
     """The camera of a line of cameras.txt."""
     words = next(line for line in path.read_text().splitlines() if not line.startswith("#")).split()
-    return pycolmap.Camera(
-        model=words[1], width=int(words[2]), height=int(words[3]), params=[*map(float, words[4:])]
-    )
+    size = {"width": int(words[2]), "height": int(words[3])}
+    return pycolmap.Camera(model=words[1], **size, params=[*map(float, words[4:])])

@@ -1,14 +1,17 @@
-"""Shards that others have packed: files of samples as their list says, or one line."""
+"""WebDataset shards: read by their own reader, deterministic; those of others as listed, or one line."""
 
 import io
 import json
 import shutil
 import tarfile
+import warnings
 from contextlib import closing
 from dataclasses import asdict
 
 import numpy as np
 import pytest
+import webdataset
+from support.datasets import tree
 
 from omniscv import dataset
 from omniscv.dataset.formats.webdataset import Shard, read_list
@@ -73,6 +76,51 @@ def test_samples_are_the_frames_of_the_dataset(packed, whole, tmp_path):
             np.testing.assert_array_equal(pixels, frames[frame.key].layer(name))
         assert layers["unsure"].shape == layers["labels"].shape  # blank: without a file
         assert not layers["unsure"].any()
+
+
+def samples(folder):
+    shards = sorted(map(str, folder.glob("*.tar")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # its readers leave tars to the collector
+        return list(webdataset.WebDataset(shards, shardshuffle=False, empty_check=False))
+
+
+@pytest.mark.parametrize(("options", "most"), [({}, 4), ({"max_count": 2}, 2), ({"max_bytes": 1}, 1)])
+def test_webdataset_reads_every_byte(options, most, whole, tmp_path):
+    frames = {frame.key: frame for frame in dataset.open(whole / "dataset")}
+    dataset.export(whole / "dataset", "webdataset", tmp_path / "shards", **options)
+    found = samples(tmp_path / "shards")
+    assert sorted(sample["__key__"] for sample in found) == sorted(frames)
+    for sample in found:
+        files = {path.name.partition(".")[2]: path for path in frames[sample["__key__"]].files.values()}
+        assert {name for name in sample if not name.startswith("__")} == set(files)
+        for name, path in files.items():
+            assert sample[name] == path.read_bytes()
+        assert f"/{frames[sample['__key__']].split}-" in sample["__url__"]
+    listed = json.loads((tmp_path / "shards" / "shards.json").read_text(encoding="utf-8"))["shards"]
+    assert max(len(shard["keys"]) for shard in listed) == most
+
+
+def test_shards_are_deterministic_and_plain(whole, tmp_path):
+    for name in ("a", "b"):
+        dataset.export(whole / "dataset", "webdataset", tmp_path / name, max_count=2)
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+    for path in (tmp_path / "a").glob("*.tar"):
+        with tarfile.open(path) as tar:
+            members = tar.getmembers()
+        assert {(tar.uid, tar.gid, tar.mtime, tar.uname, tar.gname) for tar in members} == {(0, 0, 0, "", "")}
+        assert [each.name for each in members] == sorted(each.name for each in members)
+        assert path.read_bytes()[257:263] == b"ustar\0"
+
+
+def test_a_damaged_shard_is_named(copied):
+    shard = next((copied / "exports" / "webdataset").glob("*.tar"))
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+    (fault,) = dataset.check(copied, format="webdataset")
+    assert shard.name in fault
+    assert "checksum" in fault
 
 
 def linked(type, target):
@@ -156,9 +204,7 @@ def test_a_shard_is_a_regular_file_of_its_size(shards, tmp_path):
         list(read(shards, tmp_path / "scratch"))
 
 
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, "5", '{"shards": 3}', '{"shards": [{"path": "../x.tar"}]}', ""]
-)
+@pytest.mark.parametrize("text", ["[" * 100_000, "5", '{"shards": 3}', '{"shards": [{"path": "../x"}]}', ""])
 def test_a_list_of_another_form_is_one_line(text, shards):
     (shards / "shards.json").write_text(text)
     with pytest.raises(DatasetError, match=r"shards\.json: expected a list of shards"):

@@ -16,9 +16,8 @@ from omniscv.job.recipe import Split, read_split
 from omniscv.make import make
 
 SPLIT = Split({"train": 0.7, "val": 0.2, "test": 0.1}, distance_m=1.0)
-POSITIONS = st.lists(
-    st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0, 2)), min_size=2, max_size=25
-).map(np.array)
+_PLACE = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0, 2))
+POSITIONS = st.lists(_PLACE, min_size=2, max_size=25).map(np.array)
 
 
 @cases(50)
@@ -79,8 +78,6 @@ def test_a_split_without_frames_gives_a_warning(tmp_path):
     [
         ({"train": 0.5, "val": 0.4}, "expected shares whose sum is 1"),
         ({"train": -0.5, "val": 1.5}, "split.train: expected a finite number >= 0"),
-        ({"train": 1, "distance_m": 0}, "distance_m"),
-        ({"train": 1, "seed": -1}, "seed"),
         ({}, "expected shares whose sum is 1"),
     ],
 )

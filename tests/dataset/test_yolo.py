@@ -72,21 +72,16 @@ def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
             outside = cv2.connectedComponents((~largest).astype(np.uint8), connectivity=4)[1]
             border = {*outside[0], *outside[-1], *outside[:, 0], *outside[:, -1]} - {0}
             assert not (shape & np.isin(outside, list(border))).any()
-    assert (
-        yaml.safe_load((tmp_path / "segment" / "data.yaml").read_text())["lost"] == round(lost / total, 6) > 0
-    )
+    data = yaml.safe_load((tmp_path / "segment" / "data.yaml").read_text())
+    assert data["lost"] == round(lost / total, 6) > 0
 
 
 def test_a_pose_is_the_box_in_space(tmp_path):
     """The corners again by hand, and what a tracer sees of their places."""
     camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
     job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": [{"position": [0, 0, 1.5]}]}
-    job |= {
-        "modes": ["lit", "object_mask", "depth"],
-        "face_size": 101,
-        "truth": {"boxes3d": True},
-        "out": str(tmp_path / "d"),
-    }
+    job |= {"modes": ["lit", "object_mask", "depth"], "face_size": 101, "out": str(tmp_path / "d")}
+    job["truth"] = {"boxes3d": True}
     make(load(job))
     export(job["out"], "yolo", str(tmp_path / "pose"), task="pose")
     data = yaml.safe_load((tmp_path / "pose" / "data.yaml").read_text())

@@ -101,9 +101,8 @@ def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
             hits = traced(scene, job.cameras["pano"], pose)
             labels = np.array(Image.open(tmp_path / "made" / f"pano-{i}.labels.png"))
             assert (labels != hits.label).mean() < 0.06  # faces of 32 px
-    again = replace(
-        job, source=str(tmp_path / "kept.sqlite"), record=None, freeze=None, out=tmp_path / "again"
-    )
+    replayed = {"source": str(tmp_path / "kept.sqlite"), "record": None, "freeze": None}
+    again = replace(job, **replayed, out=tmp_path / "again")
     run(again)
     for name in ("pano-0.depth.exr", "pano-1.labels.png"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "made" / name).read_bytes()

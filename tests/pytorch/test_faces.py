@@ -135,9 +135,7 @@ def test_what_is_seen_is_what_exact_tracing_finds(wide):
     R_w_c = omniscv.Pose.from_angles((0, 0, 0), 37, -20, 8).R_w_c
     hits = scene.trace(CENTER, camera.unproject().directions @ R_w_c.T)
     image = faces.render(camera, R_w_c)
-    assert (
-        np.mean(image["labels"][0].numpy() == hits.label) > 0.96
-    )  # faces of 40 px: edges are half a pixel off
+    assert np.mean(image["labels"][0].numpy() == hits.label) > 0.96  # faces of 40 px
     assert np.median(np.abs(image["depth"][0, 0].numpy() / hits.distance - 1)) < 0.01
 
 

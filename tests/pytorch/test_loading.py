@@ -53,9 +53,8 @@ class All(IterableDataset):
 
 def test_arrays_are_loaded_as_pictures_are(folder, tmp_path):
     fast = made(tmp_path, more="truth: {boxes: true}\nstore: fast\n")
-    arrays, pictures = (
-        loaded(FolderDataset(out, cameras=["pano"]), batch_size=None) for out in (fast, folder)
-    )
+    read = (loaded(FolderDataset(out, cameras=["pano"]), batch_size=None) for out in (fast, folder))
+    arrays, pictures = read
     same(arrays, pictures)
 
 

@@ -83,9 +83,8 @@ def test_pictures_are_equal(name, columns, images):
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_points_lie_on_surfaces(name, columns):
-    (rows,) = [
-        v for (path, name_), v in columns.items() if path == f"/world/{name}/points" and "positions" in name_
-    ]
+    points = f"/world/{name}/points"
+    (rows,) = [v for (path, key), v in columns.items() if path == points and "positions" in key]
     for row in rows:
         assert len(row) > 1000
         assert distance_to_surfaces(SCENE, np.array(row, float)).max() < 0.05

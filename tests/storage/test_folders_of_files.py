@@ -115,13 +115,13 @@ def test_damaged_copies_are_fetched_again(place: Folder) -> None:
 
 
 def test_processes_share_a_cache(cache: Path) -> None:
-    """Four fetch at once, from copies of one store in memory; the cache begins with a damaged copy."""
+    """Two fetch at once, from copies of one store in memory; the cache begins with a damaged copy."""
     place, content = storage.folder("memory://shared"), bytes(range(256)) * 4000
     place.put("room.bin", content)
     place.fetch("room.bin").write_bytes(b"damaged")
-    with multiprocessing.get_context("fork").Pool(4) as pool:
-        found = pool.map(_fetched, ["memory://shared"] * 8, chunksize=1)
-    assert found == [hashlib.sha256(content).hexdigest()] * 8
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        found = pool.map(_fetched, ["memory://shared"] * 4, chunksize=1)
+    assert found == [hashlib.sha256(content).hexdigest()] * 4
     assert sorted(path.name for path in cache.rglob("[!.]*.*")) == ["room.bin", "room.bin.sha256"]
 
 
@@ -191,9 +191,7 @@ def test_a_full_disk_holds_no_half_file(tmp_path: Path) -> None:
 
 def test_a_store_that_always_fails_is_one_line() -> None:
     with failing_store(every=1):
-        with pytest.raises(
-            StorageError, match=r"^failing://down/a: expected to read or write it, got: "
-        ) as raised:
+        with pytest.raises(StorageError, match=r"^failing://down/a: expected to read or write it") as raised:
             storage.folder("failing://down").put("a", b"")
         assert FailingStore.requests < 20
     assert "\n" not in str(raised.value)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -53,6 +53,12 @@ def made(folder, **job):
     wanted = load(job_file(folder, **job))
     make(wanted)
     return wanted.out
+
+
+def first_of(job, count):
+    """The job without its further poses."""
+    known = {"times_ns": job.times_ns and job.times_ns[:count], "places": job.places and job.places[:count]}
+    return replace(job, poses=job.poses[:count], **known)
 
 
 def tree(folder):

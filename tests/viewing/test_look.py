@@ -78,9 +78,8 @@ def test_a_page_holds_all_layers_and_no_address(truth, tmp_path):
         place = 0, camera.height // 2, camera.width // 2
         assert unpacked(layers["depth"])[place] == np.float32(hit.distance[0])
         assert shared["labels"][str(unpacked(layers["labels"])[place])]["name"] in truth.scene.objects
-        assert (
-            base64.b64decode(layers["lit"]["data"]) == (truth.folder / f"{line['key']}.lit.png").read_bytes()
-        )
+        lit = (truth.folder / f"{line['key']}.lit.png").read_bytes()
+        assert base64.b64decode(layers["lit"]["data"]) == lit
 
 
 def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):

@@ -90,9 +90,8 @@ def test_ten_directions_show_what_is_there(shown, stem):
     camera = looked.CAMERAS[stem]
     directions = [(yaw + BEHIND.get(stem, 0), pitch) for yaw, pitch in DIRECTIONS]
     found = shown.page.evaluate(READ, [stem, "labels", directions])
-    density = np.nanmedian(
-        1 / np.linalg.norm(np.diff(camera.unproject().directions, axis=1), axis=-1)[camera.valid()[:, 1:]]
-    )
+    steps = np.linalg.norm(np.diff(camera.unproject().directions, axis=1), axis=-1)
+    density = np.nanmedian(1 / steps[camera.valid()[:, 1:]])
     seen = 0
     for (yaw, pitch), read in zip(directions, found, strict=True):
         wanted = looked.POSE.R_w_c.T @ Pose.from_angles((0, 0, 0), yaw, pitch).R_w_c[:, 2]
@@ -179,9 +178,7 @@ def test_frames_beside_the_page_are_loaded_when_they_are_shown(shown):
     page.wait_for_selector("html[data-ready]")
     assert page.inner_text("#subtitle").startswith("fisheye")
     assert shown.files[0].as_uri() in shown.requested
-    hit = shown.truth.trace(
-        looked.CAMERAS["fisheye"], [int(each) for each in reading(page)["pixel"].split(",")]
-    )
+    hit = shown.truth.trace(looked.CAMERAS["fisheye"], pixel_of(reading(page)))
     assert float(reading(page)["metres"]) == np.float32(hit.distance[0])
 
 
