@@ -5,6 +5,8 @@ import os
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of small matrices, threads only wait for each other
+
 import pytest
 from hypothesis import settings
 

@@ -66,7 +66,7 @@ def requests(draw):
     return Request(view, mode, stops=stops)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[*HealthCheck])
+@settings(max_examples=30, deadline=None, suppress_health_check=[*HealthCheck])
 @given(st.data())
 def test_what_a_recorder_took_is_sound(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("sound") / "a.sqlite"
