@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import trimesh
 from PIL import Image
+from support.overlapping import meet
 
 SIZE = (6.0, 5.0, 2.8)
 _TO_GLTF = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 """From Z up to the Y up of glTF."""
-_BLOCK = 1 << 12  # rays that are traced together
 
 
 def meshes():
@@ -56,42 +56,20 @@ def write(path):
 
 
 class Triangles:
-    """The room's triangles, traced one by one in float64 (T. Moeller, B. Trumbore, 1997)."""
+    """The room's triangles, traced one by one in float64."""
 
     def __init__(self, names):
         found = meshes()
         self.corners = np.concatenate([found[name].triangles for name in names])
         self.label = np.repeat(np.arange(len(names)) + 1, [len(found[name].faces) for name in names])
+        a, b, c = self.corners.swapaxes(0, 1)
+        self.normals = np.cross(b - a, c - a)
+        self.normals /= np.linalg.norm(self.normals, axis=1, keepdims=True)
 
     def trace(self, origins, directions):
-        shape = directions.shape[:-1]
-        rays = directions.reshape(-1, 3)
-        starts = np.broadcast_to(origins, directions.shape).reshape(-1, 3)
-        parts = [
-            self._some(starts[i : i + _BLOCK], rays[i : i + _BLOCK]) for i in range(0, len(rays), _BLOCK)
-        ]
-        distance, label, normal = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return SimpleNamespace(
-            distance=distance.reshape(shape), label=label.reshape(shape), normal=normal.reshape(*shape, 3)
-        )
-
-    def _some(self, o, d):
-        a, ab, ac = self.corners[:, 0], *(self.corners[:, 1:] - self.corners[:, :1]).transpose(1, 0, 2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            p = np.cross(d[:, None], ac)
-            inverse = 1 / np.sum(p * ab, axis=-1)
-            t = o[:, None] - a
-            u = np.sum(t * p, axis=-1) * inverse
-            q = np.cross(t, ab)
-            v = np.sum(q * d[:, None], axis=-1) * inverse
-            away = np.sum(q * ac, axis=-1) * inverse
-            met = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (away > 1e-9)
-        away = np.where(met, away, np.inf)
-        first = np.argmin(away, axis=1)
-        rows = np.arange(len(d))
-        distance = away[rows, first]
-        normal = np.cross(ab, ac)[first]
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        normal *= -np.sign(np.nan_to_num(np.sum(normal * d, axis=1, keepdims=True)))
-        seen = np.isfinite(distance)
-        return distance, np.where(seen, self.label[first], 0), normal * seen[:, None]
+        starts = np.array(np.broadcast_to(origins, directions.shape)).reshape(-1, 3)
+        rays = np.array(directions).reshape(-1, 3)
+        distance, first = (each.reshape(directions.shape[:-1]) for each in meet(starts, rays, self.corners))
+        normal, seen = self.normals[first], np.isfinite(distance)
+        normal *= -np.sign(np.sum(normal * directions, axis=-1, keepdims=True)) * seen[..., None]
+        return SimpleNamespace(distance=distance, label=np.where(seen, self.label[first], 0), normal=normal)

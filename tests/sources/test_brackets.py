@@ -135,10 +135,8 @@ def test_a_server_that_does_not_expose_as_it_is_set_is_refused(live, got):
 
 
 def test_sources_without_exposure_are_refused():
-    with (
-        omniscv.open_source("scene://four-wall") as source,
-        pytest.raises(ArgumentError, match="brackets: expected a source whose exposure can be set"),
-    ):
+    refused = pytest.raises(ArgumentError, match="brackets: expected a source whose exposure can be set")
+    with omniscv.open_source("scene://four-wall") as source, refused:
         bracketed(source, STOPS)
 
 

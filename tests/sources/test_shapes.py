@@ -2,14 +2,14 @@
 
 import math
 import shutil
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from support.faces import face_requests
-from support.unreal import relayed
+from support.unreal import answering, opened
 
 import mock_server
 import omniscv
@@ -91,22 +91,9 @@ def test_boxes_come_over_the_wire_from_vertices(dialect):
     assert np.sort(found) == pytest.approx(np.sort(exact), abs=1e-4)  # it is turned by 12 degrees
 
 
-@contextmanager
-def replying(change, **options):
-    """A server, and a source behind a relay that changes the server's replies."""
-    with (
-        mock_server.serve("four-wall") as server,
-        relayed(server, change) as address,
-        omniscv.open_source(address, **options) as source,
-    ):
-        yield server, source
-
-
 def test_bounds_serve_where_there_are_no_vertices():
-    def refuses(command, forward):
-        return "error Can not find a handler for URI" if "vertex_location" in command else forward(command)
-
-    with replying(refuses) as (_, source):
+    refuses = answering("error Can not find a handler for URI", "vertex_location")
+    with mock_server.serve("four-wall") as server, opened(server, refuses) as source:
         geometry = source.geometry()
     assert geometry.room is None
     for name in SCENE.objects:
@@ -129,19 +116,19 @@ def test_vertices_that_are_none_are_a_fault():
     def spoils(command, forward):
         return reply[0] if "vertex_location" in command else forward(command)
 
-    with replying(spoils, retries=1, patience_s=0.1) as (_, source):
+    impatient = {"retries": 1, "patience_s": 0.1}
+    with mock_server.serve("four-wall") as server, opened(server, spoils, **impatient) as source:
         for reply[0] in ("1 2", "1 2 nan", "a b c", "1e12 0 0", b"\xff\xfe"):
             with pytest.raises(SourceError, match=r"expected (three numbers|text)"):
                 source.geometry()
 
 
 def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
-    def spoils(command, forward):
-        return "1 2" if command.endswith(("vertex_location", "bounds")) else forward(command)
-
-    path = tmp_path / "room.sqlite"
-    with replying(spoils, retries=1, patience_s=0.5) as (_, live), omniscv.record(live, path) as source:
-        assert len(list(source.capture(MASKS[:2]))) == 2
+    path, spoils = tmp_path / "room.sqlite", answering("1 2", "vertex_location", "/bounds")
+    with mock_server.serve("four-wall") as server, opened(server, spoils, retries=1, patience_s=0.5) as live:
+        recording = omniscv.record(live, path)
+        with recording:
+            assert len(list(recording.capture(MASKS[:2]))) == 2
     assert "no boxes of objects are recorded: " in caplog.text
     with omniscv.open_source(path) as replay:
         assert not replay.geometry()
@@ -192,10 +179,8 @@ def test_a_game_shows_its_objects_when_its_source_is_closed():
 
 
 def test_a_game_that_refuses_to_hide_is_left_as_it_was():
-    def refuses(command, forward):
-        return "error Can not hide" if command.endswith("Table/hide") else forward(command)
-
-    with replying(refuses) as (server, source):
+    refuses = answering("error Can not hide", "Table/hide")
+    with mock_server.serve("four-wall") as server, opened(server, refuses) as source:
         with pytest.raises(SourceError, match=r"Table/hide.* with ok, got 'error Can not hide'"):
             source.without(["Sofa", "Table", "Vase"])
         assert not any(thing.hidden for thing in server.world.objects.values())

@@ -139,46 +139,35 @@ def test_contracts_for_a_package(suite):
     )
 
 
-def test_once_records_and_then_replays(suite, record):
-    once = "--record-mode=once"
-    result = suite(CAPTURES.format(modes=["lit"]), errors=1)
-    result.stdout.fnmatch_lines(["*room.sqlite: expected a recording; make it with --record-mode=once*"])
-    assert not record.exists()
-    suite(CAPTURES.format(modes=["lit"]), once, passed=1)
-    before = record.read_bytes()
-    suite(CAPTURES.format(modes=["lit"]), passed=1)
-    suite(CAPTURES.format(modes=["lit"]), once, passed=1)
-    result = suite(CAPTURES.format(modes=["lit", "depth"]), once, failed=1)
-    result.stdout.fnmatch_lines(["*MissingCaptureError*the recording holds no depth, only lit*"])
-    assert record.read_bytes() == before
-    assert [file.name for file in record.parent.iterdir()] == [record.name]
-
-
-def test_new_episodes_adds_and_all_records_again(suite, record):
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
-    first = times(record)
-    suite(CAPTURES.format(modes=["lit", "depth"]), "--record-mode=new_episodes", passed=1)
-    second = times(record)
-    assert second["lit"] == first["lit"]
-    assert len(second["depth"]) == 6
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=all", passed=1)
-    assert times(record)["depth"] == second["depth"]
-    assert min(times(record)["lit"]) > max(second["lit"])
-
-
 FAILS = CAPTURES.format(modes=["lit", "depth"]) + "    assert False\n"
 SKIPS = CAPTURES.format(modes=["lit", "depth"]) + "    pytest.skip('not today')\n"
 
 
-def test_a_test_that_does_not_pass_neither_creates_nor_changes_a_recording(suite, record):
-    suite(FAILS, "--record-mode=once", failed=1)
+def test_once_replays_new_episodes_adds_and_all_records_again(suite, record):
+    """A test that does not pass, or finds no server, neither creates nor changes a recording."""
+    lit, both = (CAPTURES.format(modes=modes) for modes in (["lit"], ["lit", "depth"]))
+    once, anew = "--record-mode=once", "--record-mode=all"
+    result = suite(lit, errors=1)
+    result.stdout.fnmatch_lines(["*room.sqlite: expected a recording; make it with --record-mode=once*"])
+    suite(FAILS, once, failed=1)
     assert not record.parent.exists() or list(record.parent.iterdir()) == []
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=all", passed=1)
-    before = record.read_bytes()
-    suite(FAILS, "--record-mode=all", failed=1)
-    suite(SKIPS, "--record-mode=all", skipped=1)
+    suite(lit, once, passed=1)
+    before, first = record.read_bytes(), times(record)
+    suite(lit, passed=1)
+    result = suite(both, once, failed=1)
+    result.stdout.fnmatch_lines(["*MissingCaptureError*the recording holds no depth, only lit*"])
+    suite(FAILS, anew, failed=1)
+    suite(SKIPS, anew, skipped=1)
+    suite(lit, "--record-mode=rewrite", "--unrealcv=127.0.0.1:1", errors=1)
     assert record.read_bytes() == before
     assert list(record.parent.iterdir()) == [record]
+    suite(both, "--record-mode=new_episodes", passed=1)
+    second = times(record)
+    assert second["lit"] == first["lit"]
+    assert len(second["depth"]) == 6
+    suite(lit, anew, passed=1)
+    assert times(record)["depth"] == second["depth"]
+    assert min(times(record)["lit"]) > max(second["lit"])
 
 
 @pytest.mark.parametrize("left", ["an empty file", "no captures"])
@@ -190,13 +179,6 @@ def test_once_records_where_a_recording_holds_nothing(left, suite, record):
         Store(record, write=True).close()
     suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
     assert verify(record).captures == 6
-
-
-def test_rewrite_keeps_the_old_file_where_nobody_answers(suite, record):
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=once", passed=1)
-    before = record.read_bytes()
-    suite(CAPTURES.format(modes=["lit"]), "--record-mode=rewrite", "--unrealcv=127.0.0.1:1", errors=1)
-    assert record.read_bytes() == before
 
 
 def test_a_running_game_is_recorded(suite, record):

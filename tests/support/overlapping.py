@@ -114,14 +114,14 @@ def _met(parts):
     side = 2 * axis + (normals[np.arange(len(axis)), axis] > 0)
 
     def trace(origins, rays):
-        lengths, index = _meet(origins, rays, corners)
+        lengths, index = meet(origins, rays, corners)
         return lengths, part[index], side[index]
 
     return trace, len(parts)
 
 
 @njit(cache=True)
-def _meet(origins, rays, corners):
+def meet(origins, rays, corners):
     """Return the length of each ray to the first triangle, and which that is (Moeller and Trumbore)."""
     lengths, nearest = np.full(len(origins), np.inf), np.zeros(len(origins), np.int64)
     for k in range(len(corners)):

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+import omniscv
+
 MODES = ("lit", "object_mask", "depth", "normals")
 
 
@@ -61,6 +63,18 @@ def relayed(server, change):
         threading.Thread(target=_relay, args=(listener, server, change), daemon=True).start()
         yield f"unreal://127.0.0.1:{listener.getsockname()[1]}"
         listener.shutdown(socket.SHUT_RDWR)
+
+
+def answering(reply, *parts):
+    """A relay's change: commands that have one of these parts are answered by a reply."""
+    return lambda command, forward: reply if any(part in command for part in parts) else forward(command)
+
+
+@contextmanager
+def opened(server, change, **options):
+    """A source of a server, through a relay that changes its replies."""
+    with relayed(server, change) as uri, omniscv.open_source(uri, **options) as source:
+        yield source
 
 
 def _relay(listener, server, change):

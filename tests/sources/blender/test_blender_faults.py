@@ -192,10 +192,8 @@ def test_it_gives_up_after_some_faults_in_a_row_and_what_was_captured_stays(whol
 
 def test_what_hangs_is_ended_at_its_deadline(tmp_path):
     says = "expected Blender to render 8 x 8 px within 1 s, got nothing; raise timeout_s.*after 1 attempts"
-    with (
-        omniscv.open_source(blender.fake(tmp_path, hang=[0]), timeout_s=1, retries=0) as source,
-        pytest.raises(DeadlineError, match=says),
-    ):
+    refused = pytest.raises(DeadlineError, match=says)
+    with omniscv.open_source(blender.fake(tmp_path, hang=[0]), timeout_s=1, retries=0) as source, refused:
         list(source.capture(REQUESTS))
 
 

@@ -1,9 +1,12 @@
 """The live source with every dialect: captures agree with tracing of the view that they carry."""
 
+from contextlib import closing
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.faces import CENTER, face_requests
-from support.unreal import MODES, agrees, many_balls, relayed
+from support.unreal import MODES, agrees, answering, many_balls, relayed
 
 import mock_server
 import omniscv
@@ -11,8 +14,9 @@ from omniscv.errors import ArgumentError, BadReplyError, MissingCaptureError, Se
 from omniscv.geometry import Pose
 from omniscv.sources import Capabilities, Lens, Request, View
 from omniscv.sources.unreal import open_connection
+from omniscv.sources.unreal.client import Connection
+from omniscv.sources.unreal.protocol import DIALECTS
 
-DIALECTS = ["0.3.10", "M", "N1", "N2", "N3"]
 SIZE = 48
 ROOM = mock_server.load_scene("four-wall")
 FACES = face_requests(SIZE, MODES)
@@ -31,7 +35,7 @@ def serve(dialect="0.3.10", scene=ROOM, size=(SIZE, SIZE), **options):
     return mock_server.serve(scene, dialect=dialect, size=size, **options)
 
 
-@pytest.fixture(scope="module", params=DIALECTS)
+@pytest.fixture(scope="module", params=[*DIALECTS])
 def server(request):
     with serve(request.param) as running:
         running.dialect = request.param
@@ -262,10 +266,8 @@ def test_views_that_engines_cannot_show_are_refused(fov_deg, lens, says):
 
 
 def test_a_camera_of_the_level_is_refused():
-    with (
-        serve("N3") as server,
-        pytest.raises(ArgumentError, match=r"expected no .camera, .*; give --position"),
-    ):
+    refused = pytest.raises(ArgumentError, match=r"expected no .camera, .*; give --position")
+    with serve("N3") as server, refused:
         omniscv.open_source(f"{server.uri}?camera=1")
 
 
@@ -277,9 +279,7 @@ def test_a_camera_of_the_level_is_refused():
     ],
 )
 def test_a_setting_that_is_not_kept_is_refused(what, stays, says):
-    def change(command, forward):
-        return stays if command == f"vget /camera/1/{what}" else forward(command)
-
+    change = answering(stays, f"vget /camera/1/{what}")
     refused = pytest.raises(ServerRefusedError, match=says)
     with mock_server.serve("four-wall") as server, relayed(server, change) as uri, refused:
         omniscv.open_source(uri)
@@ -290,3 +290,62 @@ def test_lit_images_in_place_of_normals_are_refused():
         view = View(Pose.from_angles(CENTER), 90.0, SIZE, SIZE)
         with pytest.raises(ServerRefusedError, match="expected pictures of normals, got the lit image"):
             list(source.capture([Request(view, "normals")]))
+
+
+# Which plugin a server runs, and which commands it has: by its list, its help, or how it answers.
+
+
+LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"
+METHOD, CINE = "vset /camera/[uint]/exposure_method [str]", "vget /camera/[uint]/cine/enabled"
+HAVE = {
+    "0.3.10": set(), "M": {LEVEL, BOUNDS}, "N1": {BOUNDS, LEVEL}, "N2": {BOUNDS, LEVEL, METHOD},
+    "N3": {BOUNDS, LEVEL, METHOD, CINE},
+}  # fmt: skip
+
+
+def plugin_of(uri):
+    host, _, port = uri.removeprefix("unreal://").partition(":")
+    with closing(Connection((host, int(port)))) as connection:
+        return connection.plugin
+
+
+def supported(plugin):
+    return {template for template in (LEVEL, BOUNDS, METHOD, CINE) if template in plugin.templates}
+
+
+@pytest.mark.parametrize("dialect", HAVE)
+def test_commands_are_known_from_the_list_or_the_help_and_without_both_by_the_dialect(dialect):
+    no_texts = answering("error no", "/commands", "/help")
+    with serve(dialect) as server:
+        plugin = plugin_of(server.uri)
+        assert (plugin.dialect, supported(plugin)) == (dialect, HAVE[dialect])
+        assert DIALECTS[dialect].batches == (dialect in ("N2", "N3"))
+        with relayed(server, no_texts) as uri:
+            without = plugin_of(uri)
+    # Without its list N3 answers as N2 does, and the commands of cine cameras are not known.
+    assert without.dialect == ("N2" if dialect == "N3" else dialect)
+    assert supported(without) == HAVE[dialect] - {CINE}
+
+
+def test_a_list_that_does_not_hold_itself_is_not_believed():
+    short = answering("vget /camera/[uint]/cine/enabled", "/commands")
+    with serve("N1") as server, relayed(server, short) as uri:
+        plugin = plugin_of(uri)
+    assert (plugin.dialect, supported(plugin)) == ("N1", HAVE["N1"])
+
+
+def test_the_dev_build_which_names_cameras_in_another_way_is_taken_for_n3():
+    def dev(command, forward):
+        reply = forward(command)
+        return reply.replace(b"[uint]", b"[camera_id]") if command.endswith("/commands") else reply
+
+    with serve("N3") as server, relayed(server, dev) as uri:
+        plugin = plugin_of(uri)
+    assert plugin.dialect == "N3"
+    assert CINE in plugin.templates
+
+
+def test_the_documents_have_the_table():
+    text = Path(__file__).parents[3].joinpath("docs", "engines.md").read_text()
+    for name, dialect in DIALECTS.items():
+        assert f"| {name} | {dialect.plugin} | {dialect.engine} |" in text

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from support.unreal import relayed
+from support.unreal import answering, relayed
 from support.worlds import SCENE, serve
 
 import mock_server
@@ -243,10 +243,8 @@ def test_half_floats_of_depth_are_named_and_no_fault():
 
 @pytest.mark.parametrize(("fault", "text"), REFUSED)
 def test_a_server_that_refuses_is_not_measured(fault, text):
-    with (
-        mock_server.serve("four-wall", size=(EDGE, EDGE), faults=[fault]) as running,
-        pytest.raises(ServerRefusedError, match=text),
-    ):
+    refused = pytest.raises(ServerRefusedError, match=text)
+    with mock_server.serve("four-wall", size=(EDGE, EDGE), faults=[fault]) as running, refused:
         doctor.examine_address(running.uri, quick=True)
 
 
@@ -384,10 +382,7 @@ def test_the_manual_exposure_of_recordings_is_named(faults, found):
 
 
 def test_a_server_that_refuses_to_pause_is_a_warning():
-    def refused(command, forward):
-        return "error Argument Invalid" if "/action/game" in command else forward(command)
-
-    pauses = motion(change=refused)["world pauses"]
+    pauses = motion(change=answering("error Argument Invalid", "/action/game"))["world pauses"]
     assert pauses.verdict == "warning"
     assert "Argument Invalid" in pauses.value
 

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from support.unreal import relayed
+from support.unreal import answering, relayed
 
 import mock_server
 import omniscv
@@ -55,10 +55,8 @@ def test_exposures_are_captures_of_their_own(server, tmp_path):
 
 
 def test_a_dialect_without_exposure_refuses():
-    with (
-        omniscv.open_source("mock://four-wall?dialect=N1") as source,
-        pytest.raises(ServerRefusedError, match="expected a plugin that sets exposure, N2 or later"),
-    ):
+    refused = pytest.raises(ServerRefusedError, match="expected a plugin that sets exposure, N2 or later")
+    with omniscv.open_source("mock://four-wall?dialect=N1") as source, refused:
         list(source.capture(requests(("lit", 1))))
 
 
@@ -245,9 +243,7 @@ def test_a_game_that_was_started_again_gets_the_same_exposure():
 
 
 def test_a_server_that_refuses_what_it_lists_keeps_its_exposure(caplog):
-    def change(command, forward):
-        return "error no such method" if "exposure_method" in command else forward(command)
-
+    change = answering("error no such method", "exposure_method")
     with mock_server.serve("four-wall") as server, relayed(server, change) as uri:
         with omniscv.open_source(uri) as source:
             assert exposure_of(*colors(source)) is None

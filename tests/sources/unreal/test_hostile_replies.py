@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.faces import face_requests
 from support.hostile import MILLION, REPLIES
-from support.unreal import frame, many_balls, relayed
+from support.unreal import answering, frame, many_balls, relayed
 
 import mock_server
 import omniscv
@@ -48,11 +48,6 @@ def servers():
         yield {name: held.enter_context(mock_server.serve(scene, dialect=name, **options)) for name in ASKED}
 
 
-def answering(part, reply):
-    """A relay's change: commands with this part are answered by a reply."""
-    return lambda command, forward: reply if part in command else forward(command)
-
-
 def is_one_short_line(text):
     return 0 < len(text) <= 300 and text.isprintable()
 
@@ -79,7 +74,7 @@ def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd)
             list(source.capture(face_requests(16, sorted(source.capabilities.modes))[::6]))
 
     for reply in [*REPLIES.values()][CASES.index((dialect, part)) % 6 :: 6]:
-        with relayed(servers[dialect], answering(part, reply)) as uri:
+        with relayed(servers[dialect], answering(reply, part)) as uri:
             error = fault_of(use)
         assert error is None or is_one_short_line(str(error))
         assert not isinstance(error, ArgumentError)
@@ -90,7 +85,7 @@ def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd)
 
 
 def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
-    keeps_nothing = answering("vset /object", "ok")
+    keeps_nothing = answering("ok", "vset /object")
     says = r"expected mask colour \(\d+, \d+, \d+\) of '\w+', which was set, got \(0, 0, 0\)"
     with mock_server.serve("four-wall") as server, relayed(server, keeps_nothing) as uri:
         with pytest.raises(ServerRefusedError, match=says):
@@ -100,7 +95,7 @@ def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
 
 @pytest.mark.parametrize("reply", ["ok", ""])
 def test_an_empty_list_of_cameras_is_an_error(reply, servers):
-    with relayed(servers["N3"], answering("vget /cameras", reply)) as uri:
+    with relayed(servers["N3"], answering(reply, "vget /cameras")) as uri:
         with pytest.raises((ServerRefusedError, BadReplyError), match="got no camera; start the game"):
             omniscv.open_source(uri, retries=0)
         assert servers["N3"].statistics.total("vset /camera/0/") == 0
@@ -109,7 +104,7 @@ def test_an_empty_list_of_cameras_is_an_error(reply, servers):
 @pytest.mark.parametrize("fov", ["0.000", "180.000", "-90.000", "nan"])
 def test_a_field_of_view_that_is_none_is_the_servers_fault(fov, servers):
     with (
-        relayed(servers["0.3.10"], answering("vget /camera/0/horizontal_fieldofview", fov)) as uri,
+        relayed(servers["0.3.10"], answering(fov, "vget /camera/0/horizontal_fieldofview")) as uri,
         pytest.raises(BadReplyError, match=r"expected (a field of view between 0 and 180|1 numbers|plugin)"),
     ):
         omniscv.open_source(uri, retries=0)

@@ -4,7 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
-from support.unreal import agrees, relayed
+from support.unreal import agrees, opened
 from support.worlds import DIALECTS, MOVED, SCENE, ahead, placed, serve, turned
 
 import mock_server
@@ -125,11 +125,7 @@ def test_changes_are_put_back_after_an_error_and_a_connection_fault(dialect):
                 raise OSError
         return reply
 
-    with (
-        serve(dialect, **STILL) as server,
-        relayed(server, change) as uri,
-        omniscv.open_source(uri, retries=8) as source,
-    ):
+    with serve(dialect, **STILL) as server, opened(server, change, retries=8) as source:
         before = located(server, "Box")
         with contextlib.suppress(ZeroDivisionError), source.world.changes():
             source.world.pause()
@@ -172,11 +168,7 @@ def test_a_pause_whose_reply_is_lost_is_not_sent_twice_where_it_toggles(dialect)
             raise OSError
         return reply
 
-    with (
-        serve(dialect, **STILL) as server,
-        relayed(server, change) as uri,
-        omniscv.open_source(uri) as source,
-    ):
+    with serve(dialect, **STILL) as server, opened(server, change) as source:
         expected = pytest.raises(SourceError, match="not sent again") if dialect == "0.3.10" else None
         with source.world.changes():
             with expected or contextlib.nullcontext():

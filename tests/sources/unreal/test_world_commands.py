@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from support.unreal import relayed
+from support.unreal import opened, relayed
 from support.worlds import CENTER, MOVED, SIZE, ahead, serve
 
 import omniscv
@@ -127,14 +127,14 @@ def test_a_command_whose_reply_is_lost_is_sent_again_only_where_that_is_harmless
             raise OSError
         return reply
 
-    with serve() as server, relayed(server, change) as uri, omniscv.open_source(uri) as opened:
+    with serve() as server, opened(server, change) as game:
         if sent == 2:
-            assert opened.command(command)
+            assert game.command(command)
         else:
             with pytest.raises(ServerConnectionError, match="may have been carried out"):
-                opened.command(command)
+                game.command(command)
         assert log.count(command) == sent
-        assert opened.command("vget /scene/name") == "yard"
+        assert game.command("vget /scene/name") == "yard"
 
 
 def test_a_broken_connection_is_made_anew_before_a_command_that_cannot_be_repeated():
@@ -148,9 +148,9 @@ def test_a_broken_connection_is_made_anew_before_a_command_that_cannot_be_repeat
             raise OSError
         return forward(command)
 
-    with serve() as server, relayed(server, change) as uri, omniscv.open_source(uri) as opened:
+    with serve() as server, opened(server, change) as game:
         broken.append(True)
-        opened.command("vrun slomo 1")
+        game.command("vrun slomo 1")
         assert not broken
         assert log.count("vrun slomo 1") == 1
 
