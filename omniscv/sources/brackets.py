@@ -3,8 +3,6 @@
 A recording holds the exposures as captures of their own, and is merged again as it is replayed.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

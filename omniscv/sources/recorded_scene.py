@@ -3,8 +3,6 @@
 :class:`RecordedScene` has the methods of ``mock_server.Scene`` that a running world calls.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Views, requests and captures, delivered in order; captures at several exposures, merged to light."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

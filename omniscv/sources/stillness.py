@@ -5,8 +5,6 @@ every optical centre are captured again after the others there, and all views at
 the end. If one of them differs, the set is captured again, at most ``TRIES`` times.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 from collections import deque

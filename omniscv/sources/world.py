@@ -1,7 +1,5 @@
 """The world that a source shows: its identity, its objects, and the interface to change a running one."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress

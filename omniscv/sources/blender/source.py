@@ -1,7 +1,5 @@
 """The source: captures of a scene that Blender renders, read from the files that it writes."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping

@@ -3,8 +3,6 @@
 Planner and composition take what is developed as captured, of a live source and of its recording alike.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -10,8 +10,6 @@ Sources: M. Brown, D. G. Lowe, IJCV 74, 2007 (gains); M. J. Black, A. Rangarajan
 non-convexity); P. Perez et al., "Poisson image editing", 2003, and Z. Farbman et al., 2009 (membranes).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations

@@ -6,8 +6,6 @@ CVPR 2008. A slip shifts fine texture along the edges of the face; what the rows
 subtracted, as oblique lines move along an edge, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

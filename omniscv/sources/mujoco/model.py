@@ -1,7 +1,5 @@
 """A MuJoCo model at an instant: what is placed, hidden and drawn; its objects, their boxes, and rays."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Collection, Mapping
 from functools import cached_property

@@ -1,7 +1,5 @@
 """MuJoCo's renderer, in a thread of its own: OpenGL contexts belong to the thread that made them."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What an address or a job says of a MuJoCo model."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args

@@ -1,7 +1,5 @@
 """Frames of folders ask their pictures for the convention of their poses before they are taken."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import replace

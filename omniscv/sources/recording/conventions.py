@@ -1,7 +1,5 @@
 """Ask pictures with depth for the convention of their poses: which one makes them overlap."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import permutations, product

@@ -1,7 +1,5 @@
 """Import pictures that other tools made: six faces, panoramas, frames with poses."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Frames and poses that files list: nerfstudio's, the TUM RGB-D benchmark's, panoramas, tables of poses."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Mapping
 from functools import cache

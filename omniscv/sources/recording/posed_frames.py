@@ -1,7 +1,5 @@
 """Frames with poses: their pictures and lenses, and the captures that they become."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping

@@ -3,8 +3,6 @@
 A layout is data (docs/capture-folders.md). :mod:`.listed_frames` has those that list their frames.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -3,8 +3,6 @@
 Versions do not identify a dialect (protocol reference, section 0), so the server is asked for its commands.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct
