@@ -1,17 +1,16 @@
 """Damaged and hostile recordings: found by a check, refused in one sentence, and never shown."""
 
-import contextlib
 import io
 import pickle
 import sqlite3
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from PIL import Image
 from support.faces import face_requests
+from support.pictured import put
 from support.recorder import SMALL, STATES, requests
 from support.recordings import reseal
 
@@ -49,7 +48,7 @@ def moving(tmp_path_factory):
 
 def alter(path, statement, *values):
     """Change a recording as its author could: SQLite sees no damage."""
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA ignore_check_constraints = 1")
         if values:
             return database.execute(statement, values).rowcount
@@ -88,7 +87,7 @@ COLUMNS = {
 @pytest.mark.parametrize(("table", "column"), [(t, column) for t in COLUMNS for column in COLUMNS[t]])
 def test_a_flipped_bit_of_any_value_is_found_and_refused(table, column, copy):
     """Among them a field of view of 100 in place of 102 degrees, a mask's colour, an encoding."""
-    with contextlib.closing(sqlite3.connect(copy)) as database:
+    with closing(sqlite3.connect(copy)) as database:
         number, value = database.execute(f"SELECT rowid, {column} FROM {table} ORDER BY rowid").fetchone()
     alter(copy, f"UPDATE {table} SET {column} = ? WHERE rowid = ?", flipped(value), number)
     assert is_found(copy)
@@ -165,7 +164,7 @@ def test_any_value_in_any_column(column, recorded, tmp_path, monkeypatch):
     for number, value in enumerate(VALUES[column]):
         path = tmp_path / f"{number}.sqlite"
         path.write_bytes(recorded.read_bytes())
-        with contextlib.suppress(sqlite3.DatabaseError, TypeError, AttributeError):  # the schema refuses it
+        with suppress(sqlite3.DatabaseError, TypeError, AttributeError):  # the schema refuses it
             alter(path, f"UPDATE capture SET {column} = ? WHERE rowid <= 3", value)
             reseal(path)
         lines = []
@@ -304,17 +303,15 @@ def test_what_a_recorder_took_is_sound(tmp_path_factory, data):
 
 
 def test_an_import_of_too_many_objects_leaves_the_recording_as_it_was(tmp_path):
-    """Masks without a list: each of 40,000 colours becomes an object; two imports have more than 65,535."""
-    codes = np.arange(1, 40_001).reshape(200, 200)
-    for name, first in (("a", 0), ("b", 1 << 17)):
-        (tmp_path / name / "mask").mkdir(parents=True)
-        colors = np.uint8(np.stack([codes + first >> shift & 255 for shift in (16, 8, 0)], axis=-1))
-        for face in ("front", "right", "back", "left", "up", "down"):
-            Image.fromarray(colors).save(tmp_path / name / "mask" / f"{face}.png")
-    file = tmp_path / "a.sqlite"
-    import_pictures(tmp_path / "a", file, "faces")
+    """Masks without a list: each colour becomes an object, and 60,000 are known."""
+    file, codes = tmp_path / "a.sqlite", np.arange(60_000 + 80 * 80)
+    colors = np.uint8(np.stack([codes + 1 >> shift & 255 for shift in (16, 8, 0)], axis=-1))
+    with closing(Store(file, write=True)) as store:
+        store.set_objects(ObjectTable({f"{i}": tuple(rgb) for i, rgb in enumerate(colors[:60_000].tolist())}))
+    for face in ("front", "right", "back", "left", "up", "down"):
+        put(tmp_path / f"f/mask/{face}.png", colors[60_000:].reshape(80, 80, 3))
     before = file.read_bytes()
     with pytest.raises(RecordingNotWritableError, match="expected at most 65535 objects, got more"):
-        import_pictures(tmp_path / "b", file, "faces", position=(1, 0, 0))
+        import_pictures(tmp_path / "f", file, "faces")
     assert file.read_bytes() == before
     assert verify(file).ok

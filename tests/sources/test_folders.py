@@ -11,7 +11,6 @@ from support.recordings import contents
 
 import omniscv
 from omniscv.errors import ArgumentError, BadReplyError, RecordingNotWritableError
-from omniscv.geometry import Pose
 from omniscv.pictures import png
 from omniscv.sources.base import Request
 from omniscv.sources.recording.folders import export, import_folder
@@ -55,30 +54,6 @@ def test_a_folder_that_holds_something_is_not_touched(recorded, tmp_path):
     with pytest.raises(ArgumentError, match="empty or new folder"):
         export(recorded, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
-
-
-def test_faces_of_another_tool_can_be_composed(tmp_path):
-    """Six float faces whose colour is the ray, written by hand as the documentation says."""
-    folder, size = tmp_path / "faces", 64
-    folder.mkdir()
-    entries = []
-    for i, (yaw, pitch) in enumerate([(0, 0), (90, 0), (180, 0), (270, 0), (0, 90), (0, -90)]):
-        x = (np.arange(size) + 0.5) / (size / 2) - 1
-        rays_c = np.stack([*np.meshgrid(x, x), np.ones((size, size))], axis=-1)
-        R_w_c = Pose.from_angles((0, 0, 0), yaw_deg=yaw, pitch_deg=pitch).R_w_c
-        colors = rays_c @ R_w_c.T / np.linalg.norm(rays_c, axis=-1, keepdims=True)
-        np.save(folder / f"{i}.npy", colors.astype(np.float32))
-        view = {"position": [1, 2, 3], "yaw_deg": yaw, "pitch_deg": pitch, "fov_deg": 90}
-        entries.append({"file": f"{i}.npy", "mode": "lit", "view": {**view, "width": size, "height": size}})
-    (folder / "captures.json").write_text(json.dumps(entries))
-    import_folder(folder, tmp_path / "mine.sqlite")
-    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
-    pose = Pose.from_angles((1, 2, 3), yaw_deg=33, pitch_deg=20)
-    with omniscv.open_source(tmp_path / "mine.sqlite") as source:
-        image = omniscv.render(camera, pose, source, face_size=size, filter="bilinear")
-    rays_w = camera.unproject().directions @ pose.R_w_c.T
-    # 64 px faces, bilinear: half a pixel is 1/64; a curve of the sphere within a pixel is 1/8 of its square
-    assert np.abs(image.lit - rays_w).max() < 1 / 64
 
 
 def test_depth_of_another_tool_that_is_no_surface(tmp_path):

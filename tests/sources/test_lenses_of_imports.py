@@ -171,7 +171,7 @@ def test_one_picture_with_depth_and_a_lens_file_of_any_form(form, tmp_path, caps
 @pytest.mark.parametrize(
     ("name", "lens"),
     [
-        ("fisheye-equidistant", {"fov_deg": 190}),
+        pytest.param("fisheye-equidistant", {"fov_deg": 190}, marks=pytest.mark.soak),
         ("kannala-brandt", {"fx": 70, "fy": 72}),
         ("extended-unified", {}),
     ],
