@@ -1,17 +1,22 @@
-"""Kill -9 at random moments: whatever a process did to a recording, it opens, verifies, and resumes."""
+"""Kill -9 at random moments, and the logs that it leaves: a recording takes in its own, and resumes."""
 
 import os
 import shutil
+import sqlite3
+from contextlib import closing
 
 import pytest
 from support import recorder
+from support.faces import face_requests
 from support.killed import moments
+from support.permissions import read_only
 from support.recordings import CountingSource, contents
 
 import mock_server
 import omniscv
+from omniscv.errors import NotARecordingError, RecordingError
 from omniscv.sources.recording.files import written_for
-from omniscv.sources.recording.folders import export
+from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
@@ -158,3 +163,186 @@ def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypat
     Store(path, write=True).close()
     assert [path.stat().st_ino] == first
     assert list(tmp_path.iterdir()) == [path]
+
+
+# A log beside a recording is taken in by the file that it was written for, and by no other.
+
+
+MORE = face_requests(center=(0.3, 0.0, 1.5), modes=("depth",))
+
+
+def leave_journal(recorded, folder):
+    """What a recorder leaves that is killed while it changes a file: some pages are the new ones already."""
+    path = folder / "writing" / "room.sqlite"
+    path.parent.mkdir()
+    shutil.copy(recorded, path)
+    before = contents(path)
+    store = Store(path, write=True)
+    with omniscv.open_source("mock://four-wall") as live, store.transaction() as database:
+        database.execute("PRAGMA cache_size = 1")  # so small that pages reach the file
+        for capture in live.capture(MORE):
+            store.add(capture)
+        left = copied(path, folder / "room.sqlite")
+    store.close()
+    assert left == {"room.sqlite", "room.sqlite-journal"}
+    return before
+
+
+def copied(path, target):
+    """Copy a file and its logs; the names of the copies."""
+    files = {file.name: shutil.copy(file, target.parent) for file in path.parent.glob(f"{path.name}*")}
+    return set(files)
+
+
+@pytest.fixture
+def left(recorded, open_folder):
+    """A recording whose recorder was killed, with its journal; what it holds with its journal."""
+    wanted = leave_journal(recorded, open_folder)
+    shutil.rmtree(open_folder / "writing")
+    return open_folder / "room.sqlite", wanted
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """A recording of another scene."""
+    path = tmp_path_factory.mktemp("other") / "other.sqlite"
+    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
+        list(source.capture(face_requests(modes=("lit", "object_mask"))))
+    return path
+
+
+def test_its_own_log_is_taken_in_by_a_recorder(left):
+    path, wanted = left
+    Store(path, write=True).close()
+    assert contents(path) == wanted
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def restored(path, other, recorded):
+    path.write_bytes(other.read_bytes())
+    return contents(other)
+
+
+def reimported(path, other, recorded):
+    path.unlink()
+    export(other, path.parent / "faces")
+    import_folder(path.parent / "faces", path)
+    shutil.rmtree(path.parent / "faces")
+    return contents(other)
+
+
+def older(path, other, recorded):
+    """An older backup has the recording's id, but the journal undoes a change that it never saw."""
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        list(source.capture(face_requests(center=(0.6, 0.0, 1.5), modes=("depth",))))
+    leave_journal(path, path.parent)
+    shutil.rmtree(path.parent / "writing")
+    path.write_bytes(recorded.read_bytes())
+    return contents(recorded)
+
+
+@pytest.mark.parametrize("replace", [restored, reimported, older])
+def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, recorded, caplog):
+    path, _ = left
+    expected = replace(path, other, recorded)
+    log = path.with_name("room.sqlite-journal")
+    check_set_aside(path, log, log.read_bytes(), expected, caplog)
+
+
+def test_a_write_ahead_log_is_always_foreign(recorded, other, open_folder, caplog):
+    """No recorder writes one; SQLite would take it in, whatever the file's header says."""
+    path, log = open_folder / "room.sqlite", open_folder / "room.sqlite-wal"
+    shutil.copy(recorded, open_folder / "changed.sqlite")
+    with closing(sqlite3.connect(open_folder / "changed.sqlite", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("UPDATE capture SET mode = 'depth'")
+        for end in ("-wal", "-shm"):
+            shutil.copy(open_folder / f"changed.sqlite{end}", open_folder / f"room.sqlite{end}")
+    (open_folder / "changed.sqlite").unlink()
+    data = log.read_bytes()
+    shutil.copy(other, path)
+    check_set_aside(path, log, data, contents(other), caplog)
+
+
+def test_a_recording_that_another_program_gave_a_write_ahead_log_is_refused(copy):
+    with closing(sqlite3.connect(copy)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match="run 'PRAGMA journal_mode = DELETE' there"):
+            Store(copy, write=write)
+
+
+def check_set_aside(path, log, data, wanted, caplog):
+    for write in (False, True):
+        Store(path, write=write).close()
+        assert contents(path) == wanted
+        assert verify(path).ok
+    assert {file.name for file in path.parent.iterdir()} == {path.name, f"{log.name}.foreign"}
+    assert log.with_name(f"{log.name}.foreign").read_bytes() == data  # nothing of it is lost
+    [line] = [record.getMessage() for record in caplog.records if record.name == "omniscv"]
+    assert line == f"{path}: {log.name} is a log of another file; set aside as {log.name}.foreign"
+
+
+def test_a_file_without_its_log_holds_nothing_wrong(left, tmp_path):
+    """Copied, or renamed, without its log: refused, or nothing but what was recorded."""
+    path, wanted = left
+    alone = tmp_path / "alone.sqlite"
+    shutil.copy(path, alone)
+    try:
+        sound = verify(alone).ok
+    except RecordingError:
+        sound = False
+    if sound:
+        assert contents(alone)[0].items() <= wanted[0].items()
+        assert contents(alone)[1] == wanted[1]
+
+
+def test_a_foreign_log_that_cannot_be_set_aside_is_an_error(left, other):
+    path, _ = left
+    path.write_bytes(other.read_bytes())
+    with read_only(path.parent), pytest.raises(NotARecordingError, match="expected no foreign log, got room"):
+        verify(path)
+    assert contents(path) == contents(other)
+
+
+def test_its_own_log_is_not_taken_in_where_nothing_can_be_written(left):
+    path, expected = left
+    says = "open it once in a folder that can be written"
+    with read_only(path.parent), pytest.raises(NotARecordingError, match=says):
+        verify(path)
+    assert contents(path) == expected
+
+
+def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):
+    """SQLite's own shell was killed while it changed a recording: nobody but it knows what the file was."""
+    path, target = tmp_path / "room.sqlite", open_folder / "room.sqlite"
+    shutil.copy(recorded, path)
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("BEGIN")
+        database.execute("UPDATE capture SET payload = zeroblob(100000)")
+        assert len(copied(path, target)) == 2
+    before = {file.name: file.read_bytes() for file in open_folder.iterdir()}
+    for write in (False, True):
+        with pytest.raises(NotARecordingError, match=r"got room\.sqlite-journal of another program"):
+            Store(target, write=write)
+    assert {file.name: file.read_bytes() for file in open_folder.iterdir()} == before
+    with closing(sqlite3.connect(target)) as database:
+        database.execute("SELECT count(*) FROM capture").fetchall()  # which undoes the change
+    assert contents(target) == contents(recorded)
+
+
+def test_another_programs_database_keeps_its_log(tmp_path):
+    """Named by mistake: refused, and nothing is moved."""
+    folder = tmp_path / "browser"
+    folder.mkdir()
+    with closing(sqlite3.connect(tmp_path / "places.sqlite", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("CREATE TABLE photo (name TEXT)")
+        copied(tmp_path / "places.sqlite", folder / "places.sqlite")
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert len(before) == 3
+    for write in (False, True):
+        with pytest.raises(RecordingError):
+            Store(folder / "places.sqlite", write=write)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before

@@ -68,26 +68,17 @@ def test_keys_of_transforms_act(keys, lens, of_frame, folder):
         ({"w": 1e9}, "w: expected a whole number"),
         ({"fl_x": 1e308}, "fx: expected a finite number"),
         ({"fl_x": 0}, "fx: expected a finite number"),
-    ],
-)
-@pytest.mark.parametrize("of_frame", [False, True])
-def test_keys_that_do_not_act_are_refused_by_name(keys, says, of_frame, folder):
-    with pytest.raises(ArgumentError, match=says) as refusal:
-        nerfstudio(folder, PLAIN, **keys) if of_frame else nerfstudio(folder, PLAIN | keys)
-    assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
         ('{"fl_x": 60, "fl_x": 61, "w": 64, "h": 48, "frames": []}', "fl_x: expected this key once"),
         ('{"fl_x": 60, "cx": , "w": 64, "h": 48, "frames": []}', "expected JSON, got a key without a value"),
         ('{"fl_x": 60, "w": 64, "h": 48}', "expected a list 'frames'"),
     ],
 )
-def test_a_broken_transforms_is_refused(text, says, folder):
-    with pytest.raises(ArgumentError, match=says):
-        nerfstudio(folder, text)
+def test_keys_that_do_not_act_are_refused_by_name(keys, says, folder):
+    """Of all frames, of one, and in a text that is broken."""
+    for shared, of_frame in [(keys, {})] if isinstance(keys, str) else [(PLAIN | keys, {}), (PLAIN, keys)]:
+        with pytest.raises(ArgumentError, match=says) as refusal:
+            nerfstudio(folder, shared, **of_frame)
+        assert "\n" not in str(refusal.value)
 
 
 def test_the_scale_of_whole_numbers_masks_and_backslashes_act(folder, tmp_path, capsys):
@@ -112,6 +103,7 @@ lit: 'images/{{i}}.png'
 position: [0, 0, 0]
 intrinsics: {}
 """
+FLAT = "{fx: 60, fy: 61, cx: 32, cy: 23}"
 
 
 @pytest.mark.parametrize(
@@ -126,6 +118,8 @@ intrinsics: {}
         ("{fx: 60, fx: 61, fy: 60, cx: 32, cy: 24}", "twice|once|duplicate"),
         ("{fx: 60, fy: 60, cx: 32, cy: 24, k7: 0.1}", "k7: expected no such key"),
         ("3", "expected a mapping"),
+        (f"{FLAT}\nfound: rgb.txt", "found: expected no key that acts on nothing"),
+        (f"{FLAT}\nfaces: gl", "faces: expected no key that acts on nothing"),
     ],
 )
 def test_intrinsics_of_a_layout_are_checked(keys, says, folder, tmp_path):
@@ -133,13 +127,6 @@ def test_intrinsics_of_a_layout_are_checked(keys, says, folder, tmp_path):
     with pytest.raises(ArgumentError, match=says) as refusal:
         find_sequence(folder, str(tmp_path / "my.yaml"), Options())
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("line", ["found: rgb.txt", "faces: gl"])
-def test_keys_of_a_layout_that_act_on_nothing_are_refused(line, folder, tmp_path):
-    (tmp_path / "my.yaml").write_text(LAYOUT.format("{fx: 60, fy: 61, cx: 32, cy: 23}") + line + "\n")
-    with pytest.raises(ArgumentError, match=f"{line.split(':')[0]}: expected no key that acts on nothing"):
-        find_sequence(folder, str(tmp_path / "my.yaml"), Options())
 
 
 def test_intrinsics_of_a_layout_act(folder, tmp_path):
@@ -178,9 +165,8 @@ def test_one_picture_with_depth_and_a_lens_file_of_any_form(form, tmp_path, caps
 )
 def test_pictures_of_a_fisheye_come_in_flat(name, lens, tmp_path):
     """What is seen from there afterwards is what was seen there before, within bounds, or is not seen."""
-    camera = (
-        omniscv.cameras.create(name, 160, 120, **lens) if lens else omniscv.cameras.model(name).example(160)
-    )
+    model = omniscv.cameras.model(name)
+    camera = model(160, 120, **lens) if lens else model.example(160)
     with omniscv.open_source("scene://workshop") as source:
         image = omniscv.render(camera, HERE, source, modes=("lit", "depth"))
         pinhole = omniscv.cameras.create("pinhole", 48, 32, fx=40, fy=40)
@@ -216,7 +202,7 @@ def test_a_lens_file_stands_in_place_of_what_a_folder_says(folder, tmp_path):
     camera = omniscv.cameras.create("pinhole", W, H, fx=70, fy=71, cx=31, cy=22)
     calibration.save(tmp_path / "lens.json", {"cam0": camera}, "json")
     nerfstudio(folder, PLAIN)
-    (tmp_path / "my.yaml").write_text(LAYOUT.format("{fx: 60, fy: 61, cx: 32, cy: 23}"))
+    (tmp_path / "my.yaml").write_text(LAYOUT.format(FLAT))
     for layout in ("nerfstudio", str(tmp_path / "my.yaml")):
         (frame,) = find_sequence(folder, layout, Options(intrinsics=tmp_path / "lens.json")).frames
         assert frame.lens == (70, 71, 31, 22, W, H, ())

@@ -104,6 +104,8 @@ def test_what_contradicts_itself_is_refused(folder, file, capsys):
     pose.write_text(json.dumps({"camera_location": said["camera_location"]}))
     assert run(folder / "c/d", file) == 0
     assert "the heading of panoramas without camera_rt_matrix is not known" in capsys.readouterr().out
+    with omniscv.open_source(file) as source:
+        np.testing.assert_allclose(source.recorded_views()[0].pose.position, AT)
 
 
 def test_a_named_layout_of_frames_is_taken_at_its_word(folder, file):
