@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,10 +13,19 @@ ROOT = Path(__file__).resolve().parents[2]
 COLUMNS = ("panorama", "8 viewpoints")
 
 
-@pytest.fixture(scope="module")
-def rows():
+def told(address, position, timeout_s, patience_s):
+    """What the doctor, who takes seconds, finds of the depth that the address makes radial."""
+    assert (position == failures._POSE.position).all()
+    return [SimpleNamespace(name="depth, turned", verdict="bad")] if "fault=" in address else []
+
+
+@pytest.fixture(
+    scope="module", params=[told, pytest.param(None, marks=pytest.mark.soak)], ids=["told", "doctor"]
+)
+def rows(request):
     """Depth that is radial in full."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(failures, "examine_address", request.param or failures.examine_address)
         small = "size=96x72"
         radial = Cause("radial depth", "of the way", (1,), f"{small}&fault=radial-depth={{}}", sound=small)
         patch.setattr(failures, "CAUSES", (radial,))

@@ -28,13 +28,8 @@ def test_camera_poses_are_rig_pose_times_mount(T_w_rig: Pose, T_rig_cam: Pose, p
 
 
 def test_angles_turn_a_camera_from_where_the_rig_looks() -> None:
-    rig = Rig(
-        {
-            "ahead": RigCamera.turned(LENS),
-            "left": RigCamera.turned(LENS, position=(0, 0, 2), yaw_deg=90),
-            "up": RigCamera.turned(LENS, pitch_deg=90),
-        }
-    )
+    left = RigCamera.turned(LENS, position=(0, 0, 2), yaw_deg=90)
+    rig = Rig({"ahead": RigCamera.turned(LENS), "left": left, "up": RigCamera.turned(LENS, pitch_deg=90)})
     level = rig.poses(Pose.from_angles((1, 2, 3)))  # looks along +X; left of it is +Y
     np.testing.assert_allclose(level["ahead"].R_w_c[:, 2], [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(level["left"].R_w_c[:, 2], [0, 1, 0], atol=1e-12)

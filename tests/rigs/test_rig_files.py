@@ -37,6 +37,15 @@ def kalibr_point(chain: dict, name: str, p_0: np.ndarray) -> np.ndarray:
     return p[:3]
 
 
+def assert_same(again: Rig, rig: Rig) -> None:
+    assert list(again.cameras) == list(rig.cameras)
+    for name, mounted in rig.cameras.items():
+        assert_same_rays(again.cameras[name].camera, mounted.camera)
+        assert again.cameras[name].time_offset == mounted.time_offset
+        np.testing.assert_allclose(again.cameras[name].pose.position, mounted.pose.position, atol=1e-12)
+        np.testing.assert_allclose(again.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
+
+
 @cases(15)
 @given(chains, places)
 def test_a_chain_has_the_rigs_points_and_comes_back(
@@ -44,17 +53,14 @@ def test_a_chain_has_the_rigs_points_and_comes_back(
 ) -> None:
     rig = rig_of(mounts)
     text = KALIBR.write(rig.cameras, rig=True)
-    chain, again = yaml.safe_load(text), loads_rig(text)
-    assert list(chain) == list(rig.cameras) == list(again.cameras)
+    chain = yaml.safe_load(text)
+    assert_same(loads_rig(text), rig)
+    assert list(chain) == list(rig.cameras)
     assert "T_cn_cnm1" not in chain["cam0"]
     for name, mounted in rig.cameras.items():
         theirs = kalibr_point(chain, name, np.array(p_0))
         np.testing.assert_allclose(theirs, mounted.pose.to_camera(p_0), rtol=0, atol=1e-12)
         assert chain[name].get("timeshift_cam_imu", 0.0) == mounted.time_offset
-        np.testing.assert_allclose(again.cameras[name].pose.position, mounted.pose.position, atol=1e-12)
-        np.testing.assert_allclose(again.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
-        assert again.cameras[name].time_offset == mounted.time_offset
-        assert_same_rays(again.cameras[name].camera, mounted.camera)
 
 
 def test_a_rig_comes_back_from_colmaps_files(tmp_path: Path) -> None:
@@ -62,12 +68,7 @@ def test_a_rig_comes_back_from_colmaps_files(tmp_path: Path) -> None:
     mounted = {name: RigCamera.turned(LENS, (0.02 * int(name), 0, 0), 90 * int(name)) for name in "1234"}
     rig = Rig({**mounted, "5": RigCamera.turned(SPHERE, (0, -0.1, 0), 45, 10, 5)}).seen_from("1")
     calibration.save_rig(tmp_path, rig, "colmap")
-    again = calibration.load_rig(tmp_path)
-    assert list(again.cameras) == list(rig.cameras)
-    for name, camera in rig.cameras.items():
-        assert_same_rays(again.cameras[name].camera, camera.camera)
-        np.testing.assert_allclose(again.cameras[name].pose.position, camera.pose.position, atol=1e-12)
-        np.testing.assert_allclose(again.cameras[name].pose.rotation, camera.pose.rotation, atol=1e-12)
+    assert_same(calibration.load_rig(tmp_path), rig)
 
 
 ONE = "1 PINHOLE 8 6 5 5 4 3\n2 PINHOLE 8 6 5 5 4 3\n"

@@ -28,11 +28,8 @@ def measured(sensor, levels, folder, spatial=16):
 
     photons = {level / QUANTUM_EFFICIENCY: stack(level, 2) for level in levels}
     half = max(levels) / 2 + 1
-    images = {
-        "temporal": {1.0: photons},
-        "spatial": {1.0: {0.0: stack(0.25, spatial), half / QUANTUM_EFFICIENCY: stack(half, spatial)}},
-        "width": SIZE, "height": SIZE, "bits": 12,
-    }  # fmt: skip
+    stacks = {0.0: stack(0.25, spatial), half / QUANTUM_EFFICIENCY: stack(half, spatial)}
+    images = {"temporal": {1.0: photons}, "spatial": {1.0: stacks}, "width": SIZE, "height": SIZE, "bits": 12}
     loaded = LoadImageData(images, fload=np.load)
     return Results1288(Data1288(loaded.data).data)
 
@@ -56,9 +53,8 @@ def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
 
 
 def test_dark_current_adds_its_own_shot_noise():
-    sensor = Sensor(
-        dark_current=2000, exposure_s=0.5, full_well=5000, gain=2, bits=16, black_level=50, mosaic="mono"
-    )
+    dark = {"dark_current": 2000, "exposure_s": 0.5, "black_level": 50}
+    sensor = Sensor(full_well=5000, gain=2, bits=16, mosaic="mono", **dark)
     a, b = (codes.astype(float) / 2 for codes in frames(sensor, 0, 2))
     assert a.mean() - 25 == pytest.approx(1000, rel=2e-3)
     assert (a - b).var() / 2 == pytest.approx(1000, rel=0.03)

@@ -11,11 +11,11 @@ from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import Trajectory, nanoseconds
 from omniscv.sensor.imu import Imu, ImuNoise, ImuTrack
 
-SECONDS = 20.0
+SECONDS = 10.0
 
 
 def loop(rate=20.0):
-    """A rig that runs a loop of 20 s, nods and rolls."""
+    """A rig that runs a loop of 10 s, nods and rolls."""
     times = np.arange(SECONDS * rate + 1) / rate
     turn = 2 * np.pi * times / SECONDS
     x, y, z = 2 * np.cos(turn), 1.5 * np.sin(2 * turn), 1.5 + 0.1 * np.sin(3 * turn)
@@ -43,14 +43,14 @@ def dead_reckoned(samples, gravity):
     "imu", [Imu(), Imu(position=(0.1, -0.2, 0.3), yaw_deg=30, pitch_deg=-50, roll_deg=9)]
 )
 def test_dead_reckoning(imu):
-    """Of ideal measurements at 200 Hz it ends within 1 mm and 1e-4 degree after 20 s, wherever the IMU is."""
+    """Of ideal measurements at 200 Hz it ends within 1 mm and 1e-4 degree after 10 s, wherever the IMU is."""
     samples = truth.imu(loop(), imu)
-    assert len(samples) == 4001
+    assert len(samples) == 2001
     R, p = dead_reckoned(samples, np.array(imu.gravity))
     assert np.linalg.norm(p - samples.positions_w[-1]) < 1e-3
     assert np.degrees(Rotation.from_matrix(R.T @ samples.rotations[-1]).magnitude()) < 1e-4
-    for sampled, of_path in ((samples.positions_w[-1], (loop()[-1] @ imu.pose).position),):
-        np.testing.assert_allclose(sampled, of_path, rtol=0, atol=1e-12)
+    of_path = (loop()[-1] @ imu.pose).position
+    np.testing.assert_allclose(samples.positions_w[-1], of_path, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("rate", [200.0, 187.33])
@@ -62,13 +62,13 @@ def test_samples_enclose_the_last_pose(rate):
     assert late == 0 if rate == 200 else 0 < late < 1e9 / rate
     _R, p = dead_reckoned(samples, np.array(Imu().gravity))
     assert np.linalg.norm(p - samples.positions_w[-1]) < 1e-3
-    assert np.linalg.norm(samples.positions_w[-1] - path[-1].position) < 1 / rate  # at less than 1 m/s
+    assert np.linalg.norm(samples.positions_w[-1] - path[-1].position) < 2 / rate  # at less than 2 m/s
 
 
 def test_the_spline_passes_through_poses_of_any_rate():
     """Uneven times, 3 to 200 a second: it passes within 1e-6 m and rad; its derivatives are its own."""
     rng = np.random.default_rng(3)
-    times = np.sort(rng.uniform(0, SECONDS, 400))
+    times = np.sort(rng.uniform(0, SECONDS, 200))
     fine = loop()
     path = Trajectory.timed(tuple(fine.at(nanoseconds(time)) for time in times), times.tolist(), "spline")
     metres, radians = path.misses()
@@ -93,7 +93,7 @@ def test_noise():
     noise, rate, count = (
         ImuNoise(noise_density=(0.1, 0.2, 0.3), random_walk=(0.0, 0.01, 0.02)),
         200.0,
-        1_000_000,
+        500_000,
     )
     walk, white = noise.errors(7, "gyroscope", rate, count)
     for axis, density in enumerate((0.1, 0.2, 0.3)):  # 1 s: density; 5,000 clusters are good to 1.5 %
@@ -112,7 +112,7 @@ def test_bias_and_a_track_that_is_read_back():
     imu = Imu(gyroscope=ImuNoise(bias=(0.1, 0.2, 0.3)), accelerometer=ImuNoise(bias=-1))
     track = ImuTrack(imu, loop())
     biased, ideal = track.samples(), truth.imu(loop())
-    np.testing.assert_allclose(biased.angular_velocity - ideal.angular_velocity, [[0.1, 0.2, 0.3]] * 4001)
+    np.testing.assert_allclose(biased.angular_velocity - ideal.angular_velocity, [[0.1, 0.2, 0.3]] * 2001)
     np.testing.assert_allclose(biased.specific_force - ideal.specific_force, -1, rtol=1e-12)
     again = ImuTrack.from_dict(track.to_dict())
     assert again.imu == imu

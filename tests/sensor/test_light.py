@@ -14,7 +14,7 @@ def test_every_code_comes_back(transfer):
 
 
 def test_light_becomes_the_nearest_code():
-    some = np.random.default_rng(1).random(1_000_000, np.float32)
+    some = np.random.default_rng(1).random(100_000, np.float32)
     np.testing.assert_array_equal(light.encode(some, "srgb"), np.rint(255 * light.light_to_srgb(some)))
 
 

@@ -27,32 +27,25 @@ def test_shot_noise_is_poisson(mean):
 
 def test_read_noise_is_normal_to_its_tails():
     sensor = Sensor(electrons=1, full_well=1e6, read_noise=500, gain=1, bits=16, black_level=3e4)
-    codes = sensor.expose(np.zeros((512, 512, 3), np.float32)).ravel()
+    codes = sensor.expose(np.zeros((256, 256, 3), np.float32)).ravel()
     spread = codes - 3e4 + np.random.default_rng(3).uniform(-0.5, 0.5, codes.size)
     assert stats.kstest(spread / 500, "norm").pvalue > 1e-3
 
 
-def picture(height=48, width=64):
-    return np.random.default_rng(2).random((height, width, 3), np.float32)
-
-
 def test_threads_change_nothing(monkeypatch):
-    light = np.tile(picture(), (8, 8, 1))
+    light = np.random.default_rng(2).random((64, 96, 3), np.float32)
     alone = NOISY.expose(light)
     monkeypatch.setattr("omniscv.parallel.cores", lambda: 7)
     monkeypatch.setattr("omniscv.parallel.MIN_PARALLEL_ELEMENTS", 1)
     np.testing.assert_array_equal(NOISY.expose(light), alone)
 
 
-@pytest.mark.parametrize(
-    "change", [{"sensor": {"seed": 6}}, {"camera": "right"}, {"frame": "g"}], ids=["seed", "camera", "frame"]
-)
-def test_another_seed_camera_or_frame_is_other_noise(change):
-    sensor = Sensor(**{**NOISY.to_dict(), "gain": 10, "bits": 16, **change.pop("sensor", {})})
-    light = np.full((64, 64, 3), 0.5, np.float32)
-    one = Sensor(**{**NOISY.to_dict(), "gain": 10, "bits": 16}).expose(light, camera="left", frame="f")
-    other = sensor.expose(light, **{"camera": "left", "frame": "f", **change})
-    assert (one != other).mean() > 0.99
+def test_another_seed_camera_or_frame_is_other_noise():
+    light, fine = np.full((64, 64, 3), 0.5, np.float32), {**NOISY.to_dict(), "gain": 10, "bits": 16}
+    one = Sensor(**fine).expose(light, camera="left", frame="f")
+    for seed, camera, frame in ((6, "left", "f"), (5, "right", "f"), (5, "left", "g")):
+        other = Sensor(**{**fine, "seed": seed}).expose(light, camera, frame)
+        assert (one != other).mean() > 0.99
 
 
 def test_frames_of_a_camera_share_fixed_patterns_alone():

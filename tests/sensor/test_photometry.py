@@ -49,10 +49,7 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     assert not (folder / "camera.txt").exists()  # DSO has no such lens
     flat = calibration.load(folder.with_name("flat") / "camera.txt")
     assert list(flat.values()) == [job.cameras["flat"]]
-    inverse, vignette = (
-        np.loadtxt(folder / "pcalib.txt"),
-        optics.read_vignette(folder / "vignette.png"),
-    )
+    inverse, vignette = np.loadtxt(folder / "pcalib.txt"), optics.read_vignette(folder / "vignette.png")
     camera = create("fisheye-stereographic", width=32, height=32, fov_deg=170)
     shares = optics.shading(camera, "natural")
     np.testing.assert_allclose(vignette, shares / shares.max(), atol=2e-5)

@@ -37,9 +37,8 @@ def job(recorded, out, **keys):
 
 
 def bytes_of(folder, *kinds):
-    return {
-        path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.name.split(".")[1] in kinds
-    }
+    paths = [path for path in sorted(folder.iterdir()) if path.name.split(".")[1] in kinds]
+    return {path.name: path.read_bytes() for path in paths}
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -133,11 +132,9 @@ def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
     run(job(recorded, tmp_path, sensor=keys, poses=JOB["poses"][:1]))
     sensor, camera = Sensor(**keys), create("fisheye-equidistant", width=48, height=48, fov_deg=180)
     pose = load(JOB).poses[0]
+    lenses = camera, *sensor.lateral_cameras(camera)
     with omniscv.open_source(recorded) as source:
-        green, *others = (
-            omniscv.render(lens, pose, source, face_size=32)
-            for lens in (camera, *sensor.lateral_cameras(camera))
-        )
+        green, *others = (omniscv.render(lens, pose, source, face_size=32) for lens in lenses)
     due = sensor.apply(green, "eye", lateral=others)["sensor"]
     shown = cv2.imread(str(tmp_path / "eye.sensor.png"))[..., ::-1]
     np.testing.assert_array_equal(shown, due)

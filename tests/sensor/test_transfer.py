@@ -21,18 +21,9 @@ from omniscv.sources import Capabilities, SourceWrapper
 from omniscv.sources.scene import SceneSource
 
 POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=10)
-CHECKERS = Scene(
-    "checkers",
-    {
-        "sky": [0, 0, 0],
-        "objects": {
-            "Ball": {
-                "texture": {"kind": "checker", "colors": [[0, 0, 0], [1, 1, 1]], "scale": 0.1},
-                "solids": [{"sphere": 3.0, "at": [0, 0, 1.5]}],
-            }
-        },
-    },
-)
+SQUARES = {"kind": "checker", "colors": [[0, 0, 0], [1, 1, 1]], "scale": 0.1}
+BALL = {"texture": SQUARES, "solids": [{"sphere": 3.0, "at": [0, 0, 1.5]}]}
+CHECKERS = Scene("checkers", {"sky": [0, 0, 0], "objects": {"Ball": BALL}})
 """Black and white squares of two degrees."""
 PANORAMA = create("equirectangular", width=16, height=8)
 
@@ -149,10 +140,9 @@ def test_files_hold_the_transfer(tmp_path):
         assert (picture.info["srgb"], picture.info["gamma"]) == (0, 0.45455)
     with with_transfer(room, "linear", lit="float32") as source:
         omniscv.render(camera, POSE, source, face_size=8).save(tmp_path, "light")
+    rec_709 = 0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329
     with OpenEXR.File(str(tmp_path / "light.lit.exr")) as file:
-        np.testing.assert_allclose(
-            file.header()["chromaticities"], (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
-        )
+        np.testing.assert_allclose(file.header()["chromaticities"], rec_709)
 
 
 def test_an_unknown_transfer_is_warned_of_once(tmp_path):
@@ -161,12 +151,8 @@ def test_an_unknown_transfer_is_warned_of_once(tmp_path):
         "cameras": {"eye": {"model": "equirectangular", "width": 16, "height": 8}},
         "poses": [{"position": [x, 0, 1]} for x in (0, 1)], "face_size": 16, "out": str(tmp_path),
     }  # fmt: skip
-    for more, count in (
-        ({}, 0),
-        ({"filter": "area"}, 1),
-        ({"sensor": {}}, 1),
-        ({"filter": "area", "modes": ["depth"]}, 0),
-    ):
+    area = {"filter": "area"}
+    for more, count in (({}, 0), (area, 1), ({"sensor": {}}, 1), ({**area, "modes": ["depth"]}, 0)):
         lines = []
         render.run(load(keys | more), warn=lines.append)
         assert len([line for line in lines if line.startswith("transfer: ")]) == count
