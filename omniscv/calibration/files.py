@@ -139,14 +139,8 @@ def read_values(
 ) -> Camera:
     """Return the camera of values that a file of a format would hold, as part of another file.
 
-    Args:
-        values: by key.
-        format: one of :func:`formats`.
-        size: of the image, px, where the values do not hold it.
-        shift_px: added to the principal point to make it ours, if it is not that of the format.
-
-    Raises:
-        ArgumentError: values that the format does not hold, or that we do not model.
+    The size, px, counts where the values do not hold it; ``shift_px`` is added to the principal point to make
+    it ours, if it is not that of the format.
     """
     form, node = FORMS[format], Node(values)
     form = form if shift_px is None else replace(form, shift=shift_px)

@@ -27,14 +27,8 @@ _UNBOUNDED = (-np.inf, np.inf)
 
 @dataclass(frozen=True)
 class _Family:
-    """How the numbers of a model are fitted: those of its focal lengths, centre and distortion but ``skew``.
-
-    Attributes:
-        starts: values from which the fit may start, by name; 0 where not given.
-        bounds: by name, of numbers that the model limits.
-        reach_deg: rays are fitted up to this angle off the axis.
-        terms: of the distortion, if not all are fitted.
-    """
+    """How a model's numbers are fitted: starts by name (0 where not given), bounds by name, the largest angle
+    of rays off the axis, and the terms of the distortion, if not all."""
 
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -197,10 +191,8 @@ class _Fitting:
             yield self._rational_start()
 
     def _rational_start(self) -> Floats:
-        """Return OpenCV's radial terms fitted to ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``.
-
-        The equation is linear in them. All are at least 0, so that no denominator vanishes.
-        """
+        """Return OpenCV's radial terms fitted to ``r_d (1 + k4 r^2 + ...) = r (1 + k1 r^2 + ...)``, which is
+        linear in them; all are at least 0, so that no denominator vanishes."""
         from scipy.optimize import nnls
 
         x, y, z = self._rays.T

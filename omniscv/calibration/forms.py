@@ -150,14 +150,9 @@ class Form:
         return found
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        """Return the cameras of a file by name.
+        """Return the cameras of a file by name; ``size`` is that of images whose file does not hold it.
 
-        Args:
-            content: of the file.
-            size: of the images, px, for files that do not hold it.
-
-        Raises:
-            ArgumentError: it is not of this form, or holds what we do not model.
+        Raises ArgumentError for another form, or what we do not model.
         """
         nodes = self.nodes(content)
         if not nodes:
@@ -258,11 +253,7 @@ class Form:
     # -- writing -------------------------------------------------------------------------------
 
     def values_of(self, camera: Camera) -> Values:
-        """Return the mapping of a camera.
-
-        Raises:
-            ArgumentError: the form cannot carry it.
-        """
+        """Return the mapping of a camera; ArgumentError where the form cannot carry it."""
         values: Values = {}
         if self.readout and isinstance(camera, RollingShutter) and not camera.has_velocity:
             path, unit, of_line = self.readout[0]
@@ -298,15 +289,10 @@ class Form:
         raise ArgumentError(f"{self.name}: expected {known} that the format can hold, got {camera.name}{why}")
 
     def write(self, cameras: Mapping[str, RigCamera], *, rig: bool = False, suffix: str = "") -> str:
-        """Return the text of a file of cameras; with their poses and times for a rig.
+        """Return the text of a file of cameras by name; of a rig with their poses and times.
 
-        Args:
-            cameras: by name.
-            rig: whether their poses are written.
-            suffix: of the file's name, where it decides the syntax.
-
-        Raises:
-            ArgumentError: the form cannot carry a camera, a name, or that there are several.
+        The suffix of the file's name decides the syntax of some forms. Raises ArgumentError where the form
+        cannot carry a camera, a name, or that there are several.
         """
         if not self.written:
             raise ArgumentError(f"format: expected one that is written; {self.name} is only read")

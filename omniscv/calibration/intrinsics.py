@@ -112,11 +112,7 @@ def _extended(unified: Intrinsics) -> Intrinsics:
 
 
 def camera_of(model: str, width: int, height: int, numbers: Mapping[str, float]) -> Camera:
-    """Return the camera of a model with numbers as :class:`Intrinsics` has them; those missing are 0.
-
-    Raises:
-        ArgumentError: numbers that the model refuses.
-    """
+    """Return the camera of a model with numbers as :class:`Intrinsics` has them; those missing are 0."""
     name = model.removesuffix("-inverse")
     lens = cameras.model(name).lens
     assert lens is not None

@@ -60,11 +60,8 @@ class Node:
         self.modelled: set[str] = set()  # what another model of the form has
 
     def take(self, paths: str, default: Any = MISSING, outer: bool = False) -> Any:
-        """Return the value at one of several paths, ``a|b``.
-
-        Raises:
-            ArgumentError: none is there and there is no default, or two are, with different values.
-        """
+        """Return the value at one of several paths, ``a|b``; ArgumentError where there is none and no
+        default, or two with different values."""
         found: list[tuple[str, Any]] = []
         for values in (self.values, *(self.outer if outer else ())):
             found = found or [(path, value) for path in paths.split("|") for value in _at(values, path)]
@@ -96,14 +93,8 @@ class Node:
                     yield path, value
 
     def check_rest(self, harmless: str = "$^") -> tuple[str, ...]:
-        """Return the keys that are ignored.
-
-        Args:
-            harmless: a pattern of plain keys that look like geometry and are none.
-
-        Raises:
-            ArgumentError: a key may change the geometry, and its value is not neutral.
-        """
+        """Return the keys that are ignored; ArgumentError for one that may change the geometry and is not
+        neutral, but for those that match the pattern ``harmless``."""
         ignored = []
         for path, value in self.unread():
             parts = plain(path).split(".")
@@ -233,12 +224,8 @@ def mappings(content: Content, marks: str) -> list[Node]:
 
 
 def families(values: Mapping[str, Any], pattern: str) -> tuple[dict[str, Values], Values]:
-    """Return the mappings of cameras whose keys stand side by side, such as K1 and D1; and the other keys.
-
-    Args:
-        values: the keys of all.
-        pattern: of plain keys, with groups ``key``, ``name`` and ``after``, which may be the name as well.
-    """
+    """Return the mappings of cameras whose keys stand side by side, such as K1 and D1, and the other keys;
+    the pattern of plain keys has groups ``key``, ``name`` and ``after``, which may be the name as well."""
     cameras: dict[str, Values] = {}
     others: Values = {}
     for key, value in values.items():

@@ -67,11 +67,8 @@ EITHER = "opencv or opencv-fisheye"
 
 
 def model_of(node: Node) -> str:
-    """Return which of the three models a camera has; ``EITHER`` where four coefficients may be of two.
-
-    Raises:
-        ArgumentError: a word for another model.
-    """
+    """Return which of the three models a camera has; ``EITHER`` where four coefficients may be of two;
+    ArgumentError for a word for another model."""
     given = floats("distortion_coefficients", node.take(D, []) or [])
     if node.has("xi") and (len(given) == 4 or any(floats("xi", node.take("xi")))):
         return "opencv-omnidir"

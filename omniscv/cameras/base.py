@@ -365,14 +365,9 @@ def _blank(rows: Array, keep: Mask) -> Array:
 def viewpoints_by_line(origins: Array, valid: Mask, axis: int, count: int | None) -> Viewpoints:
     """Return one centre per line of an image, or at most ``count``, each for the same number of lines.
 
-    A shared centre is the mean of the lines' centres (least squares; exact for a single line). If all are
-    equal, there is one centre; centres without a valid pixel are left out.
-
-    Args:
-        origins: (L, 3) the lines' centres, camera frame, metres.
-        valid: (H, W) of the image.
-        axis: 0 if lines are rows, 1 if they are columns.
-        count: centres at most, or None.
+    A shared centre is the mean of the lines' centres (L, 3), ``origins``; if all are equal, there is one.
+    Centres without a pixel of ``valid`` (H, W) are left out. Lines are rows if ``axis`` is 0, columns if it
+    is 1.
     """
     lines = len(origins)
     count = whole_number("count", lines if count is None else count, "viewpoints")

@@ -80,15 +80,12 @@ def first_positive_root(coefficients: ArrayLike) -> float:
 
 
 def increasing_root(value: Callable[..., Array], low: Array, high: Array, *others: Array) -> Array:
-    """Return the roots of N functions that rise from negative to positive between ``low`` and ``high``.
+    """Return the roots of N functions of (x, *others) that rise from negative to positive between ``low`` and
+    ``high``.
 
     Where rounding hides the change of sign, it is the end next to it. Regula falsi: a step scales the value
-    at the end that it keeps as Anderson and Björck do, so that the next one is not short. Converged roots
-    are set aside when they are the majority, so that a few slow ones cost little.
-
-    Args:
-        value: of arguments, and of ``others`` of the same functions.
-        low, high, others: (N,).
+    at the end that it keeps as Anderson and Björck do. Converged roots are set aside when they are the
+    majority, so that a few slow ones cost little.
     """
     below, above = value(low, *others), value(high, *others)
     root = np.where(below > 0, low, high)

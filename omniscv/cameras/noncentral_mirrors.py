@@ -36,9 +36,8 @@ class NoncentralMirror(CircleCamera):
 
         Ring k holds the pixels with k <= r < k + 1. With ``count`` the centre of a pixel moves by at most
         half a step of ``z_r``; steps without pixels are left out. A shared centre is midway between the
-        lowest and the highest of its pixels. The error of a ring is half of the change of ``z_r`` over a
-        pixel: 0.3 mm in most of an image of 256 px of a mirror 0.3 m away, but centimetres in the last ring
-        of a ball seen to its edge, where ``z_r`` decreases again.
+        lowest and the highest of its pixels: off by half of the change of ``z_r`` over a pixel, which is
+        centimetres in the last ring of a ball seen to its edge.
         """
         rays = self.unproject()
         height = rays.origins[rays.valid][:, 2]
@@ -122,10 +121,9 @@ class NoncentralSphericalMirror(NoncentralMirror):
         """Return t = tan(beta / 2) of the ball's point at which a point is reflected; NaN if it is not seen.
 
         From the ball's centre the point is at psi from the camera and the reflection at beta; ``closeness``
-        is the ball's radius divided by the point's distance. Equal angles of incidence mean
-        ``sin(beta) (cos(psi - beta) - closeness) = sin(psi - beta) (cos(beta) - R_s / Z_s)``, a quartic in t.
-        It has one root between 0 and psi, where the angle to the camera grows while that to the point
-        shrinks; the camera sees it up to the grazing ring.
+        is the ball's radius divided by the point's distance. Equal angles of incidence mean ``sin(beta)
+        (cos(psi - beta) - closeness) = sin(psi - beta) (cos(beta) - R_s / Z_s)``, a quartic in t with one
+        root between 0 and psi; the camera sees it up to the grazing ring.
         """
         t = np.full(cos_psi.shape, np.nan)
         flat = t.reshape(-1), cos_psi.ravel(), sin_psi.ravel(), closeness.ravel()

@@ -41,13 +41,10 @@ class Meridian(NamedTuple):
 def rays_about_axis(
     pixels: Array, find: Callable[[Array, Any], int], meridian: Callable[[Array], Meridian]
 ) -> tuple[Array, Array, Mask]:
-    """Return unit directions (..., 3), heights z (...) where they leave the axis, and valid (...).
+    """Return unit directions (..., 3), heights z (...) where they leave the axis, and valid (...) of pixels.
 
-    Args:
-        pixels: (..., 2) px.
-        find: writes indices, radii and azimuths of those pixels (N, 2) whose radius is in the domain into
-            arrays (N,), and returns their number. See ``camera_kernels.polar_within``.
-        meridian: the rays of radii, in the half-plane of their azimuth.
+    ``find`` writes indices, radii and azimuths of the pixels in the domain and returns their number, see
+    ``camera_kernels.polar_within``; ``meridian`` has the rays of radii in the half-plane of their azimuth.
     """
     from omniscv.cameras import camera_kernels  # slow to load
 

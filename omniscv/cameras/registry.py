@@ -15,14 +15,10 @@ _MODELS: dict[str, type[Camera]] = {}
 
 
 def register(cls: type[C]) -> type[C]:
-    """Add a camera model under its ``name``; usable as a decorator.
+    """Add a camera model under its ``name``, and return the class; usable as a decorator.
 
-    Returns:
-        The class.
-
-    Raises:
-        ArgumentError: no subclass of :class:`Camera` or an abstract one, one without a name, or a name
-            that another class has.
+    Raises ArgumentError for what is no subclass of :class:`Camera`, or an abstract one, and for a missing or
+    taken name.
     """
     if not (isinstance(cls, type) and issubclass(cls, Camera)):
         raise ArgumentError(f"camera model: expected a subclass of omniscv.cameras.Camera, got {shown(cls)}")

@@ -212,10 +212,8 @@ class RollingShutter(Camera):
         return pixels, np.asarray(valid & nonzero & self._within_image(pixels)[1])
 
     def _late(self, points: Array, part: Array) -> Array:
-        """Return how much later than ``part`` the lines of points are read, (N,); NaN if not seen.
-
-        Of a ``push-broom``, the half turns from its line to the points: it is 0 where one is seen, too.
-        """
+        """Return how much later than ``part`` the lines of points are read, (N,), NaN if not seen; of a
+        ``push-broom`` the half turns from its line to the points, 0 where one is seen, too."""
         if self._is_line:
             x, _, z = self._to_base(points, part).T
             return np.where(z > 0, np.arctan2(x, z) / np.pi, np.nan)
@@ -223,12 +221,8 @@ class RollingShutter(Camera):
         return late - np.round(late) if self._wraps else late
 
     def _search(self, points: Array, intervals: int) -> tuple[Array, Mask]:
-        """Search intervals of the read-out in turn.
-
-        Returns:
-            the first fraction whose line sees points, (N,), NaN if there is none; and whether a line was
-            within ``_NEAR`` intervals of the point at the end of an interval.
-        """
+        """Return the first fraction of the read-out whose line sees points, (N,), NaN if there is none; and
+        whether a line was within ``_NEAR`` of the intervals of the point at the end of one."""
         first = np.full(len(points), np.nan)
         begin, end = self._span
         before = self._late(points, np.full(len(points), begin))
@@ -250,11 +244,8 @@ class RollingShutter(Camera):
         return first, near
 
     def _root(self, points: Array, ends: tuple[float, float], late: tuple[Array, Array]) -> Array:
-        """Return the fractions (N,) between two ends at which the lines of points are read.
-
-        Regula falsi (Illinois) if the point is seen at both ends, else bisection towards the border: unlike
-        those of ``distortion.increasing_root``, an end may be unknown.
-        """
+        """Return the fractions (N,) between two ends at which the lines of points are read: by regula falsi
+        (Illinois) if the point is seen at both ends, else by bisection towards the border."""
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
         left, right = (np.full(len(points), end) for end in ends)

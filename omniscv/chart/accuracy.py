@@ -89,13 +89,8 @@ def cameras(width: int) -> dict[str, Camera]:
 def measure(
     width: int = 512, asked: Sequence[float] = (0.03, *AIMS), progress: Steps | None = None
 ) -> list[Row]:
-    """Measure all cameras in the four-wall room, by every series of strategies.
-
-    Args:
-        width: of the panorama, px; the other images are a half or a quarter as wide.
-        asked: values of ``accuracy``; of cameras with several centres only those of 0.1 % and more.
-        progress: called with (images done, images in total).
-    """
+    """Measure all cameras in the four-wall room, by every series of strategies and by values of ``accuracy``;
+    the panorama is ``width`` px wide, the other images a half or a quarter."""
     scene = open_scene("scene://four-wall").scene
     live = SceneSource(scene, cached_views=1)
     return _measured(cameras(width), _POSE, live, scene, width // 4, asked, progress)
@@ -109,14 +104,10 @@ def measure_own(
     asked: Sequence[float] = (0.03, *AIMS),
     progress: Steps | None = None,
 ) -> list[Row]:
-    """Measure one camera in a source, by every series of strategies.
+    """Measure one camera in an open source, by every series of strategies.
 
-    Args:
-        name: of the camera.
-        camera, pose: of the image.
-        source: stays open. Seconds of capturing are modelled where it traces or replays, else measured;
-            wrong pixels are known where it traces.
-        asked, progress: as for :func:`measure`.
+    Seconds of capturing are modelled where it traces or replays, else measured; wrong pixels are known where
+    it traces.
     """
     tracer, face_px = source if source.capabilities.traces else None, max(32, camera.width // 4)
     return _measured({name: camera}, pose, source, tracer, face_px, asked, progress)

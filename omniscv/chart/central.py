@@ -65,12 +65,7 @@ class Row:
 
 
 def measure(width: int = 2048, progress: Steps | None = None) -> list[Row]:
-    """Measure every way in the four-wall room.
-
-    Args:
-        width: of the panorama, px.
-        progress: called with (rounds done, rounds in total).
-    """
+    """Measure every way in the four-wall room, of a panorama ``width`` px wide."""
     camera = create("equirectangular", width=width, height=width // 2)
     scene = open_scene("scene://four-wall").scene
     ways: dict[tuple[str, int, str], Callable[[int], Image]] = {}

@@ -151,13 +151,8 @@ Limit = Callable[[str], Approach]
 
 
 def _to(limit: str, pixels: Pixels = everywhere, *, metres: Any = None, **options: Any) -> Limit:
-    """Return an approach to a limit.
-
-    Args:
-        limit: its name.
-        pixels, metres: of the approach.
-        options: further ones of :class:`Approach`; parameters of the model, functions of what is left.
-    """
+    """Return an approach to a limit: its name, pixels and metres; further options of :class:`Approach`, and
+    parameters of the model, also functions of what is left."""
     fields: dict[str, Any] = {key: options.pop(key) for key in ("past", "known_px") if key in options}
     if metres is not None:
         fields["metres"] = metres

@@ -47,14 +47,8 @@ def stacked(faces: Faces) -> Pixels:
 def run(
     kernel: Callable[..., Any], rows: Sequence[NDArray[Any]], *others: Any, as_one: bool = False
 ) -> list[Any]:
-    """Call a kernel on blocks of rows, in parallel, and return its results.
-
-    Args:
-        kernel: called with a block of each array of ``rows``, then with ``others``; releases the GIL.
-        rows: arrays of N rows.
-        others: arguments that are passed whole.
-        as_one: whether the kernel takes the rows as one tuple.
-    """
+    """Call a kernel, which releases the GIL, on blocks of arrays of N rows (as one tuple if ``as_one``) and
+    on ``others``, in parallel; return its results."""
 
     def call(block: slice) -> Any:
         parts = tuple(array[block] for array in rows)

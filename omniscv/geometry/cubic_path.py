@@ -73,17 +73,8 @@ def _matrices(vectors: Array) -> Array:
 
 
 def rows_along(path: Trajectory, time_ns: int, ends_ns: tuple[int, int], mounted: Pose) -> Array:
-    """Return the rows of what is mounted on a body that moves along a path, from one time to another.
-
-    Args:
-        path: of the body.
-        time_ns: of the image.
-        ends_ns: at most a step beyond the path.
-        mounted: its pose on the body.
-
-    Raises:
-        ArgumentError: times beyond.
-    """
+    """Return the rows, from one time to another, of what is mounted on a body that moves along a path; ends
+    may be a step beyond it, and ``time_ns`` is the image's."""
     from scipy.spatial.transform import Rotation  # slow to load
 
     first = path.at(time_ns, steps_beyond=1) @ mounted

@@ -71,17 +71,11 @@ Corners = tuple[float, float, float, float]
 def surface_point(
     depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
 ) -> Point:
-    """Return the surface at continuous pixel (x, y) of a picture of planar depth.
+    """Return the surface at continuous pixel (x, y) of a picture of planar depth; ``inverse`` is 0 without
+    one.
 
-    Where there is none ``inverse`` is 0.
-
-    Args:
-        depth: (N,) metres, pictures one after the other, row by row.
-        first: index of the picture's first pixel.
-        shape: of the picture.
-        x, y: px.
-        focal: of the picture, px.
-        precision: of the picture.
+    Pictures stand one after the other, row by row, in ``depth`` (N,), metres; ``first`` is the picture's
+    first pixel; focal length in px.
     """
     height, width = shape
     px, py = x - 0.5, y - 0.5
@@ -187,8 +181,7 @@ def _bend(line: Corners, at: float, noise: float) -> float:
     four pixels, ``at`` the way along it, 1/m; +inf where these two are not one surface.
 
     Where the second difference on one side is unknown, because the surface ends there, the curve may go on
-    from the other side as far as it likes. Where both are, the surface is as narrow as the step. Second
-    differences of opposite signs are a step, which may lie anywhere between the two.
+    from the other side as far as it likes; where both are, the surface is as narrow as the step.
     """
     before, a, b, after = line
     inverses = inverse_depth32(before), inverse_depth32(a), inverse_depth32(b), inverse_depth32(after)
@@ -281,11 +274,8 @@ def _at(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
 
 @inner(cache=True, nogil=True)
 def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
-    """Return the largest difference in depth to the surfaces of the neighbours, metres.
-
-    Each is continued to this pixel by its slope on the far side: a wall at a grazing angle recedes by metres
-    within a pixel.
-    """
+    """Return the largest difference in depth to the surfaces of the neighbours, metres, each continued to
+    this pixel by its slope on the far side: a wall at a grazing angle recedes by metres within a pixel."""
     z, most = depth[first + r * shape[1] + c], 0.0
     for j in range(max(r - 1, 0), min(r + 2, shape[0])):
         for k in range(max(c - 1, 0), min(c + 2, shape[1])):
@@ -303,10 +293,8 @@ def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
 
 @inner(cache=True, nogil=True)
 def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
-    """Return the slope of 1/z at the middle of five pixels, and whether it is known.
-
-    It is taken from a side where the surface continues, from the side of ``toward`` if both sides differ.
-    """
+    """Return the slope of 1/z at the middle of five pixels, from a side where the surface continues, that of
+    ``toward`` if both sides differ; and whether it is known."""
     here = line[2]
     allowed = allowed_step(here)
     left, has_left = _one_sided(here, line[1], line[0], allowed)
@@ -372,8 +360,7 @@ def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float
 
 @inner(cache=True, nogil=True)
 def _smaller_step(face: Floats, r: int, c: int, down: int, across: int) -> float:
-    """Return the smaller change of 1/z to a neighbour along an axis: that one is on the pixel's own
-    surface."""
+    """Return the smaller change of 1/z to a neighbour along an axis, which is on the pixel's own surface."""
     least, slope = np.inf, 0.0
     for sign in (-1, 1):
         j, k = r + sign * down, c + sign * across

@@ -39,14 +39,9 @@ class Dialect(NamedTuple):
 
 
 def dialect_of(names: str, comments: list[str], row: str, keyed: bool = False) -> tuple[Dialect, list[str]]:
-    """Return how rows are written, and the types of columns, by the first row and what is above it.
-
-    Args:
-        names: the line of names; "" for none.
-        comments: above the row.
-        row: the first one.
-        keyed: whether rows have a name: in a column that is called so, or in the first one.
-    """
+    """Return how rows are written, and the types of columns, by the line of names ("" for none), the comments
+    above the first row, and that row; ``keyed`` rows have a name, in a column that is called so or in the
+    first one."""
     comment = comments[-1][0] if comments else "#"
     row = row.partition(comment)[0].strip()
     separator = next((mark for mark in ";," if mark in re.sub(r'"[^"]*"', "", row)), None)

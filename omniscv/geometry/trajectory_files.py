@@ -94,13 +94,9 @@ def read_trajectory(
 
 
 def read_poses(path: Path, *, keyed: bool, whole: bool = False, **options: Any) -> dict[str, Pose | None]:
-    """Return the poses of a file by name, or by number from 0.
-
-    Args:
-        path: a text of rows, or ``.json``: entries by name, or a list of entries with ``name``.
-        keyed, whole: as :func:`read_rows`.
-        options: as :meth:`Rows.listed`.
-    """
+    """Return the poses of a file by name, or by number from 0: of a text of rows (``keyed``, ``whole`` as
+    :func:`read_rows`), or of ``.json``, entries by name or a list with ``name``; options as
+    :meth:`Rows.listed`."""
     check_frame(path, options.get("frame"))
     if path.suffix.lower() != ".json":
         return read_rows(path, keyed, whole)[1].listed(**options)
@@ -246,8 +242,7 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
 def _without_repeats(
     file: Rows, times: NDArray[Any], positions: Array, rotations: Array
 ) -> tuple[NDArray[np.bool_], int]:
-    """Return which rows stay, without those that repeat the time and the pose of the row before, and how many
-    go."""
+    """Return which rows do not repeat the time and the pose of the row before, and how many do."""
     again = np.diff(times, prepend=times[0] - 1) == 0
     rows = np.flatnonzero(again)
     if rows.size and len(times) == len(positions):

@@ -33,13 +33,8 @@ _MOST = 200
 
 
 def key(seed: int, camera: str, frame: Any = None) -> NDArray[np.uint64]:
-    """Return the key (2,) of a frame and camera.
-
-    Args:
-        seed: of the dataset.
-        camera: its name.
-        frame: plain values that identify the frame; None for noise that all frames of the camera share.
-    """
+    """Return the key (2,) of a dataset's seed, a camera by its name, and plain values that identify a frame;
+    None for noise that all frames of the camera share."""
     text = json.dumps(["omniscv.noise 1", seed, camera, frame], separators=(",", ":"), ensure_ascii=True)
     return np.frombuffer(hashlib.blake2b(text.encode(), digest_size=16).digest(), "<u8").astype(np.uint64)
 

@@ -91,15 +91,10 @@ def _solid_angles(camera: Camera, pixels: Any) -> Any:
 
 
 def blur(light: Floats, sigmas: tuple[float, ...], valid: Mask) -> Floats:
-    """Return light (H, W, 3) blurred by Gaussian kernels of unit sum.
+    """Return light (H, W, 3) blurred by Gaussian kernels of unit sum; pixels outside the view have no weight.
 
-    Pixels outside the view have no weight; those of the others are scaled.
-
-    Args:
-        light: of the image.
-        sigmas: px, from the image's centre to its corners at equal steps of the radius; between two, both
-            blurred images are blended.
-        valid: (H, W) pixels inside the view.
+    Standard deviations, px, are from the image's centre to its corners at equal steps of the radius; between
+    two, both blurred images are blended.
     """
     import cv2  # slow to load
 
@@ -166,15 +161,8 @@ def write_response(path: Path, transfer: str) -> Path:
 
 
 def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
-    """Return the vignette (H, W), relative to its largest value.
-
-    Args:
-        path: a grey picture of 8 or 16 bits.
-        size: (H, W) that it must have.
-
-    Raises:
-        ArgumentError: the file cannot be read, or is no such picture.
-    """
+    """Return the vignette (H, W), relative to its largest value, of a grey picture of 8 or 16 bits, which
+    must have the size (H, W) that is given."""
     with within(path):
         pixels, _ = foreign.read(path)
     if size is not None and pixels.shape[:2] != size:

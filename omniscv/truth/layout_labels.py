@@ -48,16 +48,9 @@ def exact_maps(
 ) -> tuple[Map, Map]:
     """Return (H, W) uint8 maps of edges and corners that no wall hides: ``255 exp(-d^2 / 2 sigma^2)``.
 
-    d is the distance, px, to the nearest sample of a curve or the nearest corner, also across the seam of a
-    panorama. Outside the field of view maps are 0.
-
-    Args:
-        record: of the layout in the image; see :mod:`omniscv.truth.layout_record`.
-        camera: of the image.
-        edge_sigma, corner_sigma: share of the pixels of a full turn at the image's middle.
-
-    Raises:
-        ArgumentError: no record.
+    d is the distance, px, to the nearest sample of a curve or the nearest corner of a record, also across the
+    seam of a panorama; sigma is a share of the pixels of a full turn at the image's middle. Maps are 0
+    outside the view.
     """
     try:
         pieces = [piece for edge in record["edges"] for piece in edge["pieces"] if piece["visible_room"]]
@@ -74,16 +67,10 @@ def exact_maps(
 def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tuple[Map, Map]:
     """Return (H, W) uint8 maps of edges and of corners by the recipe of the published ones.
 
-    They come from an image in which each wall, the floor and the ceiling has a colour. Edges are Canny's;
-    corners are where 3 x 3 pixels have three colours. Both are dilated by a pixel, blurred, scaled to 255.
-    They are not exact. Unlike the published maps, they have no artefacts at the seam and the border.
-
-    Args:
-        record: of the layout in the image.
-        camera, pose: of the image.
-
-    Raises:
-        ArgumentError: no record of a prism, or an image with pixels outside the field of view.
+    They come from an image in which each wall, the floor and the ceiling has a colour, so it must fill its
+    rectangle. Edges are Canny's; corners are where 3 x 3 pixels have three colours. Both are dilated by a
+    pixel, blurred, scaled to 255. They are not exact. Unlike the published maps, they have no artefacts at
+    the seam and the border.
     """
     import cv2
     from PIL import Image, ImageFilter
@@ -183,17 +170,10 @@ def lines_of(corners: Array) -> str:
 
 
 def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
-    """Return the room that corners describe, around a camera at the origin that looks along X, 1.6 m up.
-
-    The ceiling's height is the mean over the pairs, as in HorizonNet's evaluation.
-
-    Args:
-        corners: (2N, 2) as :func:`cor_id` returns them.
-        width, height: of the panorama, px.
-
-    Raises:
-        ArgumentError: no pairs of a ceiling above the horizon and a floor below it, in one column.
-    """
+    """Return the room that corners (2N, 2) of a panorama, as :func:`cor_id` orders them, describe around a
+    camera at the origin that looks along X, 1.6 m up; the ceiling's height is the mean over the pairs, as in
+    HorizonNet's evaluation. ArgumentError without pairs of a ceiling above the horizon and a floor below it,
+    in one column."""
     pixels = numbers("cor_id", corners, (None, 2))
     ceiling, floor = pixels[0::2], pixels[1::2]
     paired = len(ceiling) == len(floor) and np.abs(ceiling[:, 0] - floor[:, 0]).max() <= width / 100

@@ -197,11 +197,8 @@ class LayoutOptions:
 def _derive(frame: Frame, options: LayoutOptions) -> dict[str, Any]:
     """Return the record of the room's layout in an image.
 
-    A room that the source does not know is fitted to the image. Where the image does not show every wall, it
-    is fitted to a panorama from the same position without furniture, if the source can hide objects.
-
-    Raises:
-        ArgumentError: no room is known, and none fits.
+    A room that the source does not know is fitted to the image; where it does not show every wall, to a
+    panorama from the same position without furniture, if the source can hide objects.
     """
     image = frame.rendered()
     room = _room(frame, options.source)

@@ -99,13 +99,8 @@ def _named(instance: int, name: str, classes: ClassTable | None) -> dict[str, An
 
 
 def _wrapped(mask: NDArray[np.bool_], rows: slice, columns: slice, width: int) -> Box:
-    """The smallest box around a mask in an image whose left and right border are neighbours.
-
-    Args:
-        mask: (h, w) within its box without wrapping.
-        rows, columns: that box.
-        width: of the image, px.
-    """
+    """Return the smallest box around a mask, within its box without wrapping, in an image whose left and
+    right border are neighbours."""
     occupied = columns.start + np.flatnonzero(mask.any(axis=0))
     gaps = np.diff(occupied, append=occupied[0] + width)
     last = int(gaps.argmax())  # the column before the widest gap
@@ -170,14 +165,8 @@ def surface_w(box: ObjectBox) -> Array:
 def boxes_around_points(
     points_w: Array, labels: Labels, usable: NDArray[np.bool_], names: Names
 ) -> dict[str, ObjectBox]:
-    """Return boxes along the world's axes around the visible points of objects.
-
-    Args:
-        points_w: (H, W, 3) metres.
-        labels: (H, W) ids.
-        usable: (H, W) where the pixel has a point that surely is the object's.
-        names: of ids; only these have boxes.
-    """
+    """Return boxes along the world's axes around the visible points (H, W, 3), world frame, of named objects,
+    where a pixel's point surely is the object's (``usable``)."""
     name_of = {instance: name for name, instance in ids(names).items()}
     around = {}
     for instance, box in _found(labels, name_of):
@@ -210,10 +199,8 @@ def _derive_boxes(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
 
 
 def _derive_boxes3d(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
-    """Return the records of :func:`boxes3d` of the objects that are seen.
-
-    Boxes are those that the source knows; else they are around visible points, where the image has depth.
-    """
+    """Return the records of :func:`boxes3d` of the objects that are seen: of boxes that the source knows,
+    else of those around visible points, where the image has depth."""
     image, known = frame.rendered(), frame.geometry.boxes
     visible = visible_ids(frame.layer("labels"))
     names = {name: instance for name, instance in frame.instances.items() if instance in visible}

@@ -137,10 +137,8 @@ def _move(
     origins: Array,
     labels: NDArray[Any] | None,
 ) -> tuple[Array, Array]:
-    """Return points (N, 3) in the second camera's frame, and their motion (N, 3) in the world, metres.
-
-    Both are NaN if the motion of an object is unknown. The motion of points at infinity is NaN too.
-    """
+    """Return points (N, 3) in the second camera's frame, and their motion (N, 3) in the world, metres; NaN of
+    an unknown motion, and the motion of points at infinity."""
     T_c1_c0 = pose1.inverse() @ pose0
     infinite = np.isposinf(depth)
     points_c0 = directions * np.where(infinite, _INFINITY_M, depth)[:, None]
@@ -180,11 +178,10 @@ class _Occlusion:
         return np.asarray(distance - self._depth_at(pixels) > tolerance)
 
     def _depth_at(self, pixels: Array) -> Array:
-        """(N,) the larger of the nearest pixel's depth and the depth interpolated between four pixels.
+        """Return (N,) the larger of the nearest pixel's depth and the depth interpolated between four pixels.
 
-        1 / depth is linear on a plane, so a slanted floor does not hide itself where it is interpolated. At
-        the border of a nearer object the interpolated value is meaningless, and the nearest pixel decides.
-        Pixels outside the field of view hide nothing.
+        1 / depth is linear on a plane, so a slanted floor does not hide itself. At the border of a nearer
+        object the nearest pixel decides. Pixels outside the field of view hide nothing.
         """
         column, row = np.floor(pixels).astype(np.int64).T
         left, top = np.floor(pixels - 0.5).astype(np.int64).T

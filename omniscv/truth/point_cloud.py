@@ -86,16 +86,8 @@ def points(
 
 
 def points_of(frame: Frame, rays: Rays, max_relative: float | None = None) -> Points:
-    """Return the points of a frame with depth, with its normals, colours, labels, classes and doubt.
-
-    Args:
-        frame: of a dataset.
-        rays: of its camera's pixel centres.
-        max_relative: points are left out as :func:`inexact` says.
-
-    Raises:
-        ArgumentError: the frame has no depth.
-    """
+    """Return the points of a frame with depth, with its normals, colours, labels, classes and doubt; ``rays``
+    are of its camera's pixel centres, and points are left out as :func:`inexact` says."""
     layers = {name: frame.layer(name) for name in _VALUES if name in frame.files} | _doubt(frame)
     if "lit" in layers:
         layers["lit"] = uint8_colors(layers["lit"])

@@ -84,17 +84,9 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
 
 
 def resolved(camera: Camera, points_c: Array, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return which projected points their pixels resolve. At the tip of a conical mirror they do not.
-
-    Args:
-        camera: of the image.
-        points_c: (S, 3) metres, camera frame.
-        pixels: (S, 2) px, as the camera projects the points.
-
-    Returns:
-        (S, 2) the pixels as files have them, (S, 3) the origins of their rays, metres, camera frame, and (S,)
-        whether those rays pass the points within ``RESOLVED_M``.
-    """
+    """Return the pixels (S, 2) of projected points (S, 3), camera frame, as files have them, the origins (S,
+    3) of their rays, and whether the rays pass the points within ``RESOLVED_M``: not at the tip of a conical
+    mirror."""
     rounded = np.round(pixels, _DECIMALS)
     rays = camera.unproject(rounded)
     with np.errstate(invalid="ignore"):
@@ -195,13 +187,8 @@ class RoomHits(NamedTuple):
 
 
 def first_hits(room: Room, origins_w: ArrayLike, directions_w: ArrayLike) -> RoomHits:
-    """Return the first surfaces of a room that rays hit, from within it or from outside.
-
-    Args:
-        room: of N walls; both sides of a surface stop rays.
-        origins_w: (..., 3) metres, world frame; broadcast against the directions.
-        directions_w: (..., 3) unit vectors; a ray with NaN in it hits nothing.
-    """
+    """Return the first surfaces of a room, both sides of which stop rays, that rays (..., 3) hit, world
+    frame; a ray with NaN in it hits nothing."""
     o, d = np.broadcast_arrays(np.asarray(origins_w, np.float64), np.asarray(directions_w, np.float64))
     distance = np.full(o.shape[:-1], np.inf)
     surface = np.full(o.shape[:-1], -1, np.int16)
@@ -260,21 +247,12 @@ def seen_in_room(room: Room, pose: Pose, points_c: Array, origins_c: Array) -> F
 def seen_in_depth(
     room: Room, camera: Camera, pose: Pose, pixels: Array, depth: ArrayLike, tolerance: Tolerance
 ) -> Flags:
-    """Return (S,) whether an image shows the room's surfaces, not something nearer, at some pixels.
+    """Return (S,) whether an image with depth (H, W) shows the room's surfaces, not something nearer, at
+    pixels.
 
     Each pixel around a point is compared along its own ray: its depth is that of the room's surface there, or
     of something else. The weighted majority of the 3 x 3 pixels decides. So silhouettes are exact to a
     fraction of a pixel, and surfaces at grazing angles do not hide themselves.
-
-    Args:
-        room: whose surfaces are expected.
-        camera, pose: of the image.
-        pixels: (S, 2) px.
-        depth: (H, W) metres along each pixel's ray; 0 outside the field of view.
-        tolerance: between depths that are taken for equal.
-
-    Raises:
-        ArgumentError: a depth of another size than the image.
     """
     image = np.asarray(depth)
     if image.shape != (camera.height, camera.width):

@@ -136,11 +136,10 @@ class _Wall(NamedTuple):
 
 
 def _fit_room(images: Sequence[Frame | Picture | OmniImage], classes: ClassTable | None) -> RoomLayout:
-    """The room that images show together.
+    """Return the room that images show together.
 
     Floor and ceiling are at the median height of points with vertical normals. Walls are lines through points
-    with horizontal normals, by object and by direction. Walls whose ends meet are neighbours; corners are
-    their intersections.
+    with horizontal normals, by object and direction; corners are the intersections of those whose ends meet.
     """
     pictures = [Picture.of(image) if isinstance(image, OmniImage) else image for image in images]
     of_each = [_surfaces(picture, classes) for picture in pictures]
@@ -266,10 +265,8 @@ def _gap(wall: _Wall, following: _Wall) -> float:
 
 
 def _ring(walls: list[_Wall]) -> list[_Wall]:
-    """The walls counterclockwise from above.
-
-    Each wall is followed by another so that the sum of all gaps is least.
-    """
+    """Return the walls counterclockwise from above, each followed by another so that the sum of all gaps is
+    least."""
     from scipy.optimize import linear_sum_assignment
 
     largest = 1e6

@@ -91,11 +91,8 @@ def _wraps(rays: Rays) -> bool:
 
 
 def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[int, Array]:
-    """By id, (N, 3) unit directions on the outline of its pixels.
-
-    They lie half way between a pixel inside and its neighbour outside. At an end of the image or of the field
-    of view, where there is no neighbour, they are the pixel's own.
-    """
+    """Return by id (N, 3) unit directions on the outline of its pixels: half way between a pixel inside and
+    its neighbour outside; the pixel's own at an end of the image or of the view."""
     height, width = labels.shape
     pairs = []
     for axis in (0, 1):
@@ -127,12 +124,8 @@ def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[i
 
 
 def _fit(outline: Array, samples: Array) -> tuple[SphericalBox, SphericalBox] | None:
-    """The upright and the rotated box around an object; None if it is too wide for a perspective box.
-
-    Args:
-        outline: (N, 3) unit directions.
-        samples: (K, 3) of some pixels inside.
-    """
+    """Return the upright and the rotated box around an object by directions on its outline and some inside;
+    None if it is too wide for a perspective box."""
     middle = samples.mean(axis=0) + outline.mean(axis=0)
     middle /= max(float(np.linalg.norm(middle)), 1e-9)
     if min((outline @ middle).min(), (samples @ middle).min()) < _FRONT:
@@ -159,14 +152,8 @@ def _hull(points: Array, middle: Array) -> Array:
 
 
 def _smallest(points: Array, middle: Array, turns_deg: Array, steps: int) -> SphericalBox:
-    """The smallest of the boxes around directions (N, 3) in front of the centre.
-
-    Args:
-        points: the directions.
-        middle: (3,) where the search for the centre starts.
-        turns_deg: (T,) rotations of the box that are tried, degrees.
-        steps: iterations, see ``_STEPS``.
-    """
+    """Return the smallest of the boxes around directions (N, 3) in front of where the search for the centre
+    starts, by rotations (T,) that are tried, degrees, and so many iterations."""
     best = np.empty(5)
     _search(np.ascontiguousarray(points), np.array(middle), np.radians(turns_deg), steps, best)
     return SphericalBox(*np.degrees(best).tolist())
@@ -223,8 +210,7 @@ def _lonlat(directions: Array) -> SphericalBox:
 
 
 def _derive(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
-    """Return by object ``instance_id``, ``name``, ``bfov`` and, rotated, ``rbfov``, as records of
-    :class:`omniscv.truth.spherical.SphericalBox`."""
+    """Return by object ``instance_id``, ``name``, ``bfov`` and, rotated, ``rbfov``."""
     camera = frame.rendered().camera
     name_of = {instance: name for name, instance in frame.instances.items()}
 

@@ -114,14 +114,8 @@ def groups_apart(
 ) -> list[tuple[str, ...]]:
     """Return objects in few groups in which none can occlude another; the same groups on every run.
 
-    Each object is bounded by the ball around its box, seen from anywhere in a ball around the camera. An
-    object without a box is a group of its own.
-
-    Args:
-        names: of objects.
-        boxes: by name, world frame.
-        center_w: (3,) centre of the ball around the image's optical centres, metres.
-        radius: of that ball, metres.
+    Each object is bounded by the ball around its box, seen from anywhere in a ball around the image's optical
+    centres, ``center_w`` (3,) and ``radius``, metres. An object without a box is a group of its own.
     """
     cones = {name: _cone(boxes[name], center_w, radius) for name in names if name in boxes}
     groups: list[list[str]] = []
@@ -167,11 +161,7 @@ class AmodalOptions:
 
 
 def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:
-    """Return the records of :func:`amodal` of objects that are neither the room's surfaces nor stuff.
-
-    Raises:
-        ArgumentError: offline, or a source that cannot hide objects.
-    """
+    """Return the records of :func:`amodal` of objects that are neither the room's surfaces nor stuff."""
     renderer = frame.renderer
     if renderer is None:
         raise ArgumentError("expected a source that can hide objects, got none; make the dataset with it")
@@ -184,10 +174,8 @@ def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:
 
 
 def _things(frame: Frame) -> list[str]:
-    """The objects that are visible, or may be in the image behind others.
-
-    Only an analytic scene lists boxes of its own objects alone; those of an engine may be far away.
-    """
+    """Return the objects that are visible, or may be in the image behind others: only an analytic scene lists
+    boxes of its own objects alone; those of an engine may be far away."""
     visible, room = visible_ids(frame.layer("labels")), frame.geometry.room
     surfaces = () if room is None else room.surfaces
     things = []

@@ -201,16 +201,8 @@ class PointsOnLines:
 
 
 def calibrate(groups: Sequence[Array], model: LineImages, low: float, high: float) -> float:
-    """Return r_vl, px.
-
-    Args:
-        groups: (N_i, 2) px from the image's middle, per line; curves that are no lines are left out.
-        model: of the camera.
-        low, high: px, bounds of r_vl.
-
-    Returns:
-        px; NaN if no line depends on r_vl.
-    """
+    """Return r_vl, px, by points of lines, (N_i, 2) px from the image's middle, of which curves that are no
+    lines are left out, and bounds of it; NaN if no line depends on r_vl."""
     if not groups:
         return float("nan")
     points = PointsOnLines(groups)
@@ -275,14 +267,8 @@ def find_edges(lit: NDArray[np.uint8], valid: NDArray[np.bool_]) -> list[Array]:
 def group_by_line(
     chains: Sequence[Array], model: LineImages, limits: tuple[float, float], least: int
 ) -> list[Array]:
-    """Return the points of each likely line, (N_i, 2) px from the image's middle.
-
-    Args:
-        chains: of edge points, (N_i, 2) px from the image's middle.
-        model: of the camera.
-        limits: px, bounds of r_vl.
-        least: number of points of a line.
-    """
+    """Return the points of each likely line in chains of edge points, (N_i, 2) px from the image's middle; of
+    ``least`` points at least, by bounds of r_vl, px."""
     rng = np.random.default_rng(0)
     groups = []
     for chain in chains:

@@ -104,15 +104,7 @@ class Segment(NamedTuple):
 
 
 def evaluate(settings: Settings) -> Report:
-    """Reconstruct, and compare with the truth.
-
-    Args:
-        settings: with a source that knows its room, images are taken around its origin.
-
-    Raises:
-        ArgumentError: a source without a known room.
-        OmniscvError: of the source.
-    """
+    """Reconstruct, and compare with the truth; ArgumentError for a source without a known room."""
     setups = _setups(settings.quick)
     rows, exact = list[Row](), list[tuple[float, float]]()
     errors, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
@@ -183,11 +175,8 @@ def reconstruct(seen: Seen, setup: Setup) -> Mapping[str, list[Array]]:
 
 
 def score(seen: Seen, lines: Mapping[str, list[Array]], setup: Setup) -> Iterator[Row]:
-    """Yield the errors of all lines.
-
-    Distances are between the points of the reconstructed and of the true line that the same pixel sees, the
-    largest of all pixels.
-    """
+    """Yield the errors of all lines; distances are between the points of the reconstructed and of the true
+    line that the same pixel sees, the largest of all pixels."""
     for prior, reconstructed in lines.items():
         for (edge, observed), line in zip(seen, reconstructed, strict=True):
             true = edge.line_c(setup.pose)
@@ -251,10 +240,8 @@ def _segments(seen: Seen, lines: Sequence[Array]) -> list[Segment]:
 
 
 def _setups(quick: bool) -> list[Setup]:
-    """Return the paper's panorama, tilted by 10 degrees; unless ``quick`` at three poses, and a cone.
-
-    The cone is above a camera that looks up. Its reflections lie on a circle of R_c = 0.47 m.
-    """
+    """Return the paper's panorama, tilted by 10 degrees; unless ``quick`` at three poses, and a cone above a
+    camera that looks up, whose reflections lie on a circle of R_c = 0.47 m."""
     width = 640 if quick else 2048
     panorama = cameras.create("noncentral-panorama", width=width, height=width // 2, radius=1.0)
     first = Setup("panorama-1", panorama, Pose.from_angles((0.0, 0.0, 1.5), 20, 10, 0))

@@ -215,13 +215,8 @@ def along(observed: ObservedLine, direction: Array) -> Array:
 
 
 def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity: Array) -> list[Array]:
-    """Return the lines along the room's three directions, camera frame.
-
-    Args:
-        observed: their pixels.
-        lines: (6,) each, from :func:`with_gravity`.
-        gravity: (3,) unit.
-    """
+    """Return the lines along the room's three directions, by their pixels and the lines of
+    :func:`with_gravity`, camera frame."""
     level = [i for i, line in enumerate(lines) if abs(line[:3] @ gravity) < 0.5]
     if not level:
         return list(lines)
@@ -235,10 +230,8 @@ def manhattan(observed: Sequence[ObservedLine], lines: Sequence[Array], gravity:
 
 
 def _common_heading(level: Sequence[tuple[ObservedLine, Array]], gravity: Array) -> float:
-    """Return the median heading of level lines, radians, modulo a quarter turn.
-
-    A line's weight is its number of pixels times the square of its effective baseline.
-    """
+    """Return the median heading of level lines, radians, modulo a quarter turn, weighted by the number of
+    pixels times the square of the effective baseline."""
     x, y = across(gravity)
     headings = np.array([np.arctan2(line[:3] @ y, line[:3] @ x) for _, line in level])
     turns = headings[:, None] - headings

@@ -128,18 +128,8 @@ def rig_of(width: int, edge: int) -> Rig:
 def render(
     rig: Rig, trajectory: Trajectory, source: Source, folder: Path, progress: Callable[[int], None]
 ) -> dict[str, list[Path]]:
-    """Write the images of each camera of a rig as ``CAMERA/0000.png`` and so on; return them by camera.
-
-    Args:
-        rig: the cameras.
-        trajectory: poses of the rig.
-        source: of captures.
-        folder: for the images.
-        progress: called with the number of poses done.
-
-    Raises:
-        OmniscvError: of the source; ArgumentError: colours that are not bytes.
-    """
+    """Write the images of each camera of a rig along a trajectory as ``CAMERA/0000.png`` and so on, and
+    return them by camera; ``progress`` gets the number of poses done."""
     # With one size of faces, the cameras share captures. It exceeds the resolution of panorama and fisheye.
     options = RenderOptions(face_size=max(m.camera.width for m in rig.cameras.values()) // 2)
     renderer = Renderer(source)

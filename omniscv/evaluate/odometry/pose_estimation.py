@@ -74,15 +74,8 @@ def inner_mask(camera: Camera) -> NDArray[np.uint8]:
 
 
 def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
-    """Return the poses of the images that COLMAP registers in its largest model, by index; none if it fails.
-
-    Args:
-        images: files in one folder.
-        camera: of all images, central; it is not refined.
-
-    Raises:
-        OmniscvError: no pycolmap, or too old a one.
-    """
+    """Return the poses of the images, files in one folder of a central camera, that COLMAP registers in its
+    largest model, by index; none if it fails."""
     pycolmap = load_pycolmap()
     folder, names = images[0].parent, [path.name for path in images]
     with TemporaryDirectory() as scratch:
@@ -164,11 +157,8 @@ class TrajectoryErrors:
 
 
 def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
-    """Return scale, rotation, translation that map points (N, 3) to their targets with least squares.
-
-    Raises:
-        ArgumentError: fewer than three points, or points or targets that lie on one line.
-    """
+    """Return scale, rotation, translation that map points (N, 3) to their targets with least squares;
+    ArgumentError for fewer than three points, or points or targets on one line."""
     if len(points) < FEWEST:
         raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
     mean, target_mean = points.mean(axis=0), targets.mean(axis=0)
