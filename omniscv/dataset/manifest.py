@@ -290,15 +290,10 @@ def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
 
 
 def open(out: str | Path | Folder) -> tuple[Frame, ...]:
-    """Return the frames of a dataset in the order of their keys; their files are read on access.
+    """Return the frames of a dataset, by path or URL, in the order of their keys; their files are read on
+    access. Those of a URL are fetched once, into the local cache, and compared with their checksums.
 
-    Args:
-        out: its folder, by path or URL. Files of a URL are fetched on access, once, into the local cache, and
-            compared with their checksums.
-
-    Raises:
-        ArgumentError: no dataset exists there.
-        DatasetError: it is not complete, or its manifest is damaged.
+    ArgumentError: no dataset exists there. DatasetError: it is not complete, or its manifest is damaged.
     """
     folder = storage.folder(out)
     return tuple(read_frames(folder, read(folder)))

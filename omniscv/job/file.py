@@ -127,15 +127,11 @@ def load(job: str | Path | Mapping[str, Any], overrides: Mapping[str, Any] | Non
 
 
 def overridden(description: object, overrides: Mapping[str, Any]) -> Any:
-    """Return a copy of a description with other values.
+    """Return a copy of a job's description with other values.
 
-    Args:
-        description: a job's, before it is read.
-        overrides: by key, with dots between levels: ``face_size``, ``source_options.timeout_s``. A star is
-            every entry of a mapping or a list: ``cameras.*.width``. None removes a key.
-
-    Raises:
-        ArgumentError: a key below something that is no mapping, or below cameras though there is a rig.
+    Keys have dots between levels: ``face_size``, ``source_options.timeout_s``. A star is every entry of a
+    mapping or a list: ``cameras.*.width``. None removes a key. ArgumentError: a key below something that is
+    no mapping, or below cameras though there is a rig.
     """
     for key, value in overrides.items():
         if key.startswith(f"cameras.{EVERY}.") and isinstance(description, Mapping) and "rig" in description:

@@ -52,12 +52,8 @@ def uniform(seed: int, world: str, path: str, name: str, key: str) -> float:
 
 
 def draw(value: Any, u: Callable[[str], float]) -> Any:
-    """Return what is drawn for a value as :func:`read_value` returns it.
-
-    Args:
-        value: of a job.
-        u: returns the number in [0, 1) of a component: ``""``, or ``.0``, ``.1``, ``.2`` of a vector.
-    """
+    """Return what is drawn for a value as :func:`read_value` returns it; ``u`` gives the number in [0, 1) of
+    a component: ``""``, or ``.0``, ``.1``, ``.2`` of a vector."""
     if not isinstance(value, dict | list):
         return value
     if isinstance(value, list):
@@ -235,11 +231,8 @@ class Draws:
         return found
 
     def of(self, key: str) -> dict[str, dict[str, dict[str, Any]]]:
-        """Return what is drawn for a frame, a place, or the empty key of a world: by kind, name and setting.
-
-        Raises:
-            ArgumentError: an object has no free place in 50 draws.
-        """
+        """Return what is drawn for a frame, a place, or the empty key of a world: by kind, name and
+        setting."""
         drawn: dict[str, dict[str, dict[str, Any]]] = {}
         for kind, by_name in self.settings().items():
             for name, settings in by_name.items():

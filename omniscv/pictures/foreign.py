@@ -30,10 +30,8 @@ def environment(file: Path) -> str:
     import OpenImageIO
 
     open_regular(file).close()
-    if (opened := OpenImageIO.ImageInput.open(str(file))) is None:
-        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
     try:
-        return str(opened.spec().get_string_attribute("textureformat"))
+        return str(_opened(file, OpenImageIO.ImageSpec()).spec().get_string_attribute("textureformat"))
     except UnicodeDecodeError:
         return ""
 
@@ -106,16 +104,21 @@ def _check_size(width: int, height: int) -> None:
         raise ArgumentError(f"expected 1 to {MAX_PIXELS} pixels, got {width} x {height}")
 
 
+def _opened(file: Path, config: Any) -> Any:
+    import OpenImageIO
+
+    if (opened := OpenImageIO.ImageInput.open(str(file), config)) is None:
+        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
+    return opened
+
+
 def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
     """Return the pixels of the one part, and of its channels, that the kind needs."""
     import OpenImageIO
 
     config = OpenImageIO.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)  # colours are not multiplied by alpha
-    source = OpenImageIO.ImageInput.open(str(file), config)
-    if source is None:
-        raise ArgumentError(f"expected a picture, got: {shown(library_error(OpenImageIO))}")
-    with closing(source):
+    with closing(_opened(file, config)) as source:
         if source.has_error:  # as of a progressive JPEG, which is read when it is opened
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
         parts, name = [source.spec()], source.format_name()

@@ -67,22 +67,15 @@ def form_of(path: Path) -> Form:
 
 
 def open_picture(path: Path) -> Opened:
-    """Return a file of the form of its suffix; only its header is read.
-
-    Raises:
-        BadReplyError, ArgumentError: another file.
-        OmniscvError: the package of its form is missing.
-    """
+    """Return a file of the form of its suffix, else BadReplyError or ArgumentError; only its header is
+    read."""
     form = form_of(path)
     return form.open(path) if form.open else _by_library(path, form.library)
 
 
 def write_picture(path: Path, pixels: Pixels, row: Modality) -> None:
-    """Write a layer to a file in the form of its suffix; marks are 0 and 255.
-
-    Raises:
-        OmniscvError: pixels that the form does not have, or a file that cannot be written.
-    """
+    """Write a layer to a file in the form of its suffix; marks are 0 and 255. OmniscvError: pixels that the
+    form does not have, or a file that cannot be written."""
     write = form_of(path).write
     assert write is not None, path
     try:
@@ -161,11 +154,7 @@ def _by_library(path: Path, library: str) -> Opened:
 
 
 def encode_array(pixels: Pixels) -> bytes:
-    """Return an array as the bytes of a file.
-
-    Raises:
-        OmniscvError: the package is missing.
-    """
+    """Return an array as the bytes of a file."""
     blosc2 = blosc2_package()
     whole = np.ascontiguousarray(pixels)
     halves = whole.dtype == np.float16  # bits of bounds: the same size in 0.4 of the time

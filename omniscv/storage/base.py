@@ -27,8 +27,8 @@ class Folder(ABC):
     """Files by name: a relative path joined by ``/``. Immutable and picklable.
 
     ``str(folder)`` is safe to print: it holds no credentials. Every operation raises StorageError if the
-    folder cannot be read or written, after retries of faults that may pass, and ArgumentError for a name that
-    leads out of the folder.
+    folder cannot be read or written, after retries of faults that may pass, MissingFileError for a file that
+    is not there, and ArgumentError for a name that leads out of the folder.
     """
 
     @abstractmethod
@@ -37,32 +37,19 @@ class Folder(ABC):
 
     @abstractmethod
     def names(self, prefix: str = "") -> list[str]:
-        """Return the sorted names of all files that start with a prefix, those of inner folders too.
-
-        Hidden files are left out: killed writers may leave some.
-        """
+        """Return the sorted names of all files that start with a prefix, in inner folders too, but of hidden
+        ones: killed writers may leave some."""
 
     @abstractmethod
     def read(self, name: str, most: int = MOST_BYTES) -> bytes:
-        """Return the bytes of a regular file.
-
-        Raises:
-            MissingFileError: it does not exist.
-            DamagedFileError: it has more than ``most`` bytes, or is a device or a pipe.
-        """
+        """Return the bytes of a regular file; DamagedFileError if it has more than ``most``, or is a pipe."""
 
     @abstractmethod
     def put(self, name: str, content: bytes | Path, first: bool = False) -> bool:
-        """Write a file atomically.
+        """Write a file, of bytes or of a local file, atomically; return whether this call wrote it.
 
-        Args:
-            name: of the file; inner folders are created.
-            content: its bytes, or the local file that holds them.
-            first: never replace an existing file: the first writer wins. Stores that cannot do this in one
-                step look for the file first, and compare its bytes afterwards.
-
-        Returns:
-            Whether this call wrote the file; False only with ``first``.
+        With ``first`` an existing file is never replaced: the first writer wins. Stores that cannot do this
+        in one step look for the file first, and compare its bytes afterwards.
         """
 
     @abstractmethod
@@ -73,30 +60,15 @@ class Folder(ABC):
     def fetch(self, name: str, checksum: str = "", size: int = sys.maxsize) -> Path:
         """Return a local file with the same bytes: the file itself, or a copy in the local cache.
 
-        Args:
-            name: of the file.
-            checksum: SHA-256 of the copy, hexadecimal. Without it, the copy is of the store's present
-                version, and is compared with its size in the store, and with the checksum of its download.
-            size: that a file with a checksum has at most, bytes.
-
-        Raises:
-            MissingFileError: the file does not exist.
-            DamagedFileError: its bytes have another size, or do not match the checksum.
+        The copy has the SHA-256 ``checksum``, hexadecimal, and ``size`` bytes at most, else DamagedFileError.
+        Without a checksum it is of the store's present version, and is compared with its size in the store,
+        and with the checksum of its download.
         """
 
     @abstractmethod
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
-        """Write the bytes of a file to a local path.
-
-        Args:
-            name: of the file.
-            path: to write to.
-            most: bytes that a store's file may have; as many as the store says if not given.
-
-        Raises:
-            MissingFileError: it does not exist.
-            DamagedFileError: it has more bytes, or others than the store says.
-        """
+        """Write the bytes of a file to a local path; DamagedFileError if a store's file has more than
+        ``most``, or without it, another number than the store says."""
 
     @abstractmethod
     def below(self, name: str) -> Folder:

@@ -22,16 +22,11 @@ MOST_PICTURE_BYTES = 1 << 30
 
 
 def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> BufferedReader:
-    """Open a regular file to read: no folder, device or pipe, which may have no end.
+    """Open a regular file to read: no folder, device or pipe, which may have no end, and with ``links`` off
+    no symbolic link, which may lead anywhere.
 
-    Args:
-        path: of the file.
-        links: whether the name may be a symbolic link, which may lead anywhere.
-        most: bytes that it may have.
-
-    Raises:
-        FileNotFoundError: nothing has that name.
-        ArgumentError: it is no regular file, cannot be read, or is larger.
+    FileNotFoundError: nothing has that name. ArgumentError: it cannot be read, or has more than ``most``
+    bytes.
     """
     if not links and path.is_symlink():
         raise ArgumentError("expected a regular file, got a link")
@@ -65,12 +60,9 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
-    """Return the value of a JSON document in UTF-8.
-
-    Raises:
-        ArgumentError: more than ``most`` bytes, no JSON (NaN and infinity are none), nested too deeply, a
-            number of too many digits, or a text that is no Unicode.
-    """
+    """Return the value of a JSON document in UTF-8; ArgumentError for more than ``most`` bytes, no JSON
+    (NaN and infinity are none), one nested too deeply, a number of too many digits, or a text that is no
+    Unicode."""
     if len(data) > most:
         raise ArgumentError(f"expected JSON of at most {most} bytes, got {len(data)}")
     try:
@@ -89,11 +81,7 @@ def _no_number(word: str) -> NoReturn:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file of YAML, JSON or XML.
-
-    Raises:
-        ArgumentError: it cannot be read, is larger than ``MOST_YAML_BYTES``, or is not UTF-8.
-    """
+    """Return the text of a file of YAML, JSON or XML, in UTF-8 and of ``MOST_YAML_BYTES`` at most."""
     try:
         return yaml_text.read_text(path)
     except ValueError as cause:
@@ -101,11 +89,7 @@ def read_text(path: Path) -> str:
 
 
 def parse_yaml(text: str) -> Any:
-    """Return the value of a YAML (or JSON) document: texts, numbers, truth values, None, lists, mappings.
-
-    Raises:
-        ArgumentError: invalid YAML, or beyond the bounds of the mock server's reader; with the line.
-    """
+    """Return the value of a YAML (or JSON) document: texts, numbers, truth values, None, lists, mappings."""
     try:
         return yaml_text.parse(text)
     except ValueError as cause:

@@ -58,13 +58,8 @@ def _projections(views: tuple[View, ...], device: torch.device) -> Tensor:
 
 
 class DeviceLookup:
-    """The views and points of a camera's N rays in B orientations, found on a device.
-
-    Args:
-        camera: a central one.
-        views: at least one; they share their centre and size.
-        R_w_c: (B, 3, 3), camera to world.
-        device: for which Triton compiles.
+    """The views, which share their centre and size, and points of a central camera's N rays in B orientations
+    ``R_w_c`` (B, 3, 3), found on a device.
 
     Attributes:
         arrays: (B, N) int16 the view, -1 if none sees the ray; x, y float32 px in it, pixel centres at .5.

@@ -19,24 +19,18 @@ def regular_files(folder):
     return sorted(path for path in folder.iterdir() if path.is_file() and not path.is_symlink())
 
 
-def replaced(rng, value):
-    """A JSON value with something in it replaced, removed or added."""
+def replaced(rng, value, other=lambda rng, value: rng.choice(JSON_VALUES)):
+    """A value of JSON or YAML in which something is removed, added, or ``other`` in its place."""
     if not isinstance(value, dict | list) or not value or rng.random() < 0.1:
-        return rng.choice(JSON_VALUES)
+        return other(rng, value)
     if isinstance(value, list):
         index = rng.randrange(len(value))
-        changed = rng.choice([[], [replaced(rng, value[index])], [value[index]] * 2])
+        changed = rng.choice([[], [replaced(rng, value[index], other)], [value[index]] * 2])
         return [*value[:index], *changed, *value[index + 1 :]]
     key = rng.choice(list(value))
     rest = {each: value[each] for each in value if each != key}
-    return rng.choice(
-        [
-            rest,
-            {**rest, key: replaced(rng, value[key])},
-            {**rest, key: replaced(rng, value[key])},
-            {**value, "also": rng.choice(JSON_VALUES)},
-        ]
-    )
+    changed = {**rest, key: replaced(rng, value[key], other)}
+    return rng.choice([rest, changed, changed, {**value, "also": other(rng, value)}])
 
 
 def scrambled(rng, text):

@@ -3,67 +3,19 @@
 import json
 import time
 
+import yaml
+
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
-from attack.spoiling import scrambled, write
+from attack.spoiling import replaced, scrambled, write
 from attack.words import ARGUMENTS, YAML
+from mock_server.settings import SCENES
 from omniscv import Rig, RigCamera, calibration, cameras
 from omniscv.calibration.kalibr import KALIBR
 from omniscv.errors import ArgumentError
-from omniscv.job import load
+from omniscv.job import EXAMPLE, load
 
-SMALL = {"width": 8, "height": 8}
-PINHOLE = {"model": "pinhole", **SMALL}
-JOB = {
-    "source": "scene://four-wall",
-    "record": "room.sqlite",
-    "cameras": {
-        "fish": {"model": "fisheye-equidistant", **SMALL, "fov_deg": 185, "center": [8, 8]},
-        "ball": {"model": "noncentral-spherical-mirror", **SMALL, "mirror_radius": 0.3, "distance": 0.3},
-        "lens": {"model": "kannala-brandt", **SMALL, "fx": 4, "fy": 4, "k": [0.1, 0, 0, 0]},
-        "poly": {"model": "scaramuzza", **SMALL, "coefficients": [-4, 0, 0.1], "affine": [1, 0, 0]},
-        "roll": {"model": "cylindrical", **SMALL, "fov_v_deg": 90, "profile": "angular"},
-        "bowl": {"model": "catadioptric-hyperbolic", **SMALL, "distance": 1, "semi_latus_rectum": 0.4},
-        "cone": {"model": "noncentral-conical-mirror", **SMALL, "half_angle_deg": 55, "distance": 0.3},
-    },
-    "poses": [
-        {"position": [0, 0, 1.5], "yaw_deg": 90},
-        {"position": [1, 0, 1], "pitch_deg": 5, "roll_deg": 1},
-    ],
-    "modes": ["lit", "depth"],
-    "out": "images",
-    "strategy": "cube",
-    "viewpoints": 2,
-    "face_size": 16,
-    "filter": "bilinear",
-    "image_format": "png",
-    "rig": {
-        "cameras": {
-            "left": {"camera": PINHOLE, "position": [0.1, 0, 0]},
-            "right": {"camera": PINHOLE, "yaw_deg": 9, "time_offset": 0},
-        }
-    },
-    "source_options": {"timeout_s": 5, "retries": 0},
-}
-WAYPOINTS = {"kind": "waypoints", "points": [[0, 0, 0, 0, 0], [2, 1, 0, 0, 90]], "repeat": True}
-SWING = {"kind": "swing", "by": [0.1, 0, 0], "turn_deg": 30, "period_s": 2, "about": [1.5, 1]}
-TEXTURE = {"kind": "checker", "colors": [[0.1, 0.2, 0.3], [1, 1, 1]], "scale": 0.2, "angle_deg": 10}
-SCENE = {
-    "sky": [0.1, 0.2, 0.3],
-    "pattern": {"kind": "waves", "period_rad": 0.1},
-    "room": {
-        "floor": [[-2, -2], [3, -2], [3, 2], [-2, 2]],
-        "height": 2.5,
-        "walls": [TEXTURE, {"kind": "plain"}],
-        "floor_texture": TEXTURE,
-        "ceiling_texture": {},
-    },
-    "objects": {
-        "Table": {"texture": TEXTURE, "solids": [{"box": [1, 1, 0.1], "at": [1, 0, 0.7], "turn_deg": 20}]},
-        "Ball": {"solids": [{"sphere": 0.2, "at": [1, 1, 1], "texture": TEXTURE}]},
-        "Post": {"solids": [{"cylinder": [0.1, 1], "at": [-1, 1, 0.5]}], "moving": WAYPOINTS},
-        "Door": {"solids": [{"box": [1, 0.1, 2], "at": [2, 1, 1]}], "moving": SWING},
-    },
-}
+JOB = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
+ROOMS = [yaml.safe_load(path.read_text(encoding="utf-8")) for path in sorted(SCENES.glob("*.yaml"))]
 
 
 class Raw(str):
@@ -81,30 +33,16 @@ def written(value):
     return value if isinstance(value, str) and value.isidentifier() else json.dumps(value)
 
 
-def spoiled(rng, value, chance=1.0):
-    """A description with something in it replaced, removed, renamed, doubled or wrapped."""
-    if not isinstance(value, dict | list) or not value or rng.random() < 0.15:
-        return rng.choice(
-            [Raw(rng.choice(YAML)), [value], {"a": value}, value, Raw(f"{written(value)}, {written(value)}")]
-        )
-    if isinstance(value, list):
-        index = rng.randrange(len(value))
-        changed = rng.choice([[], [spoiled(rng, value[index])], [value[index]] * 2])
-        return [*value[:index], *changed, *value[index + 1 :]]
-    key = rng.choice(list(value))
-    action = rng.random()
-    rest = {each: value[each] for each in value if each != key}
-    if action < 0.1:
-        return rest
-    if action < 0.2:
-        return {**rest, Raw(rng.choice(YAML)): value[key]}
-    return {**rest, key: spoiled(rng, value[key])}
+def spoiled(rng, value):
+    """What takes the place of a value in a description."""
+    other, twice = Raw(rng.choice(YAML)), Raw(f"{written(value)}, {written(value)}")
+    return rng.choice([other, [value], {"a": value}, {other: value}, value, twice])
 
 
 def description(rng, valid):
     """YAML of a description that is spoiled, scrambled or both."""
     for _ in range(rng.randint(0, 3)):
-        valid = spoiled(rng, valid)
+        valid = replaced(rng, valid, spoiled)
     text = written(valid)
     return scrambled(rng, text) if rng.random() < 0.4 else text
 
@@ -134,7 +72,7 @@ def scene(rng, folder):
     import mock_server
 
     with nothing_left(folder) as work:
-        path = write(work / "scene.yaml", description(rng, SCENE))
+        path = write(work / "scene.yaml", description(rng, rng.choice(ROOMS)))
         source = f"{rng.choice(['scene', 'mock'])}://{path.name}"
         judged(mock_server.load_scene, path, ["render", "--size", "8x4", "--source", source])
         require([each.name for each in work.iterdir()] == ["scene.yaml"], "a refused scene left files")

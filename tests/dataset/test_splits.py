@@ -1,7 +1,5 @@
 """Splits: places are never divided, and stay where they are when frames are added."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -63,14 +61,14 @@ def test_a_split_without_frames_gives_a_warning(tmp_path):
         "poses": [{"position": [0, 0, 1.5]}, {"position": [0.3, 0, 1.5]}],
         "split": {"train": 0.5, "val": 0.5},
         "face_size": 16,
+        "out": str(tmp_path / "out"),
     }
-    (tmp_path / "job.yaml").write_text(json.dumps(job), encoding="utf-8")
     lines = []
-    make(load(tmp_path / "job.yaml"), warn=lines.append)
-    assert len(lines) == 1
+    make(load(job), warn=lines.append)
     got = "train 2 frames, 100% (50% asked), val 0 frames, 0% (50% asked): they are of 1 places"
-    assert lines[0].startswith(f"split: {got}")
-    assert lines[0].endswith("give a smaller split.distance_m")
+    (line,) = lines
+    assert line.startswith(f"split: {got}")
+    assert line.endswith("give a smaller split.distance_m")
 
 
 @pytest.mark.parametrize(

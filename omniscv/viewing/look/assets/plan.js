@@ -25,32 +25,40 @@ class Plan {
     Object.assign(canvas, { width: canvas.clientWidth * ratio, height: canvas.clientHeight * ratio });
     pen.scale(ratio, ratio);
     const scale = this.fitted(floor ?? [], slice);
-    if (floor?.length) this.outline(pen, floor);
+    const all = (points) => points.map((each) => this.place(each));
+    if (floor?.length) this.line(pen, all(floor), "#56616e", 1.5, "#1b222a");
     pen.fillStyle = "#6d7a88";
-    for (const point of slice) pen.fillRect(...this.place(point).map((each) => each - 0.75), 1.5, 1.5);
-    this.path(pen, group);
+    for (const [x, y] of all(slice)) pen.fillRect(x - 0.75, y - 0.75, 1.5, 1.5);
+    this.line(pen, all(group.map((each) => this.points[each])), "#3a4552", 1);
     const here = this.place(this.points[index]);
     this.wedge(pen, here, yaw, halfView);
-    if (hit) this.ray(pen, here, this.place(hit));
-    for (const each of group) this.camera(pen, each, each === index);
+    if (hit) {
+      this.line(pen, [here, this.place(hit)], "#e69f00", 1.2);
+      this.dot(pen, this.place(hit), 3, "#e69f00");
+    }
+    for (const each of group) this.dot(pen, this.place(this.points[each]), ...(each === index ? [5, "#7cc0ff"] : [3, "#8d98a5"]));
     this.heading(pen, here, rotation);
     this.bar(pen, scale);
   }
 
-  outline(pen, floor) {
+  // A line through places of the canvas, or an area.
+  line(pen, places, color, width, fill = null) {
     pen.beginPath();
-    floor.forEach((corner) => pen.lineTo(...this.place(corner)));
-    pen.closePath();
-    [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = ["#1b222a", "#56616e", 1.5];
-    pen.fill();
+    places.forEach((place) => pen.lineTo(...place));
+    [pen.strokeStyle, pen.lineWidth] = [color, width];
+    if (fill) {
+      pen.closePath();
+      pen.fillStyle = fill;
+      pen.fill();
+    }
     pen.stroke();
   }
 
-  path(pen, group) {
+  dot(pen, place, size, color) {
     pen.beginPath();
-    group.forEach((each) => pen.lineTo(...this.place(this.points[each])));
-    [pen.strokeStyle, pen.lineWidth] = ["#3a4552", 1];
-    pen.stroke();
+    pen.arc(...place, size, 0, 2 * Math.PI);
+    pen.fillStyle = color;
+    pen.fill();
   }
 
   wedge(pen, [x, y], yaw, half) {
@@ -65,37 +73,13 @@ class Plan {
     pen.fill();
   }
 
-  ray(pen, from, to) {
-    pen.beginPath();
-    pen.moveTo(...from);
-    pen.lineTo(...to);
-    [pen.strokeStyle, pen.lineWidth] = ["#e69f00", 1.2];
-    pen.stroke();
-    pen.beginPath();
-    pen.arc(...to, 3, 0, 2 * Math.PI);
-    pen.fillStyle = "#e69f00";
-    pen.fill();
-  }
-
-  camera(pen, index, current) {
-    pen.beginPath();
-    pen.arc(...this.place(this.points[index]), current ? 5 : 3, 0, 2 * Math.PI);
-    pen.fillStyle = current ? "#7cc0ff" : "#8d98a5";
-    pen.fill();
-  }
-
   // The frustum of the camera itself: the way its z axis points.
   heading(pen, [x, y], rotation) {
     const [dx, dy] = [-rotation[1][2], -rotation[0][2]], size = Math.hypot(dx, dy);
     if (size < 0.2) return; // up or down
     const [a, b] = [dx / size, dy / size];
-    pen.beginPath();
-    pen.moveTo(x, y);
-    pen.lineTo(x + 15 * a - 7 * b, y + 15 * b + 7 * a);
-    pen.lineTo(x + 15 * a + 7 * b, y + 15 * b - 7 * a);
-    pen.closePath();
-    [pen.strokeStyle, pen.lineWidth] = ["#e9edf2", 1.4];
-    pen.stroke();
+    const ends = [[x + 15 * a - 7 * b, y + 15 * b + 7 * a], [x + 15 * a + 7 * b, y + 15 * b - 7 * a]];
+    this.line(pen, [[x, y], ...ends, [x, y]], "#e9edf2", 1.4);
   }
 
   bar(pen, scale) {
