@@ -10,7 +10,7 @@ from omniscv import light, modalities
 from omniscv.compose.cache import Once
 from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
-from omniscv.compose.layers import Canvas, derived_layers, inexact, mark_beyond_reach, round_depth
+from omniscv.compose.layers import Canvas, derived_layers, mark_beyond_reach, round_depth
 from omniscv.compose.light_checks import BITS, compare
 from omniscv.compose.nearest import boundaries
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
@@ -20,7 +20,7 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, KnownDepth, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
-from omniscv.planning.relief import depth_relief, lone_labels, planar_errors
+from omniscv.planning.relief import depth_relief, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report
@@ -246,18 +246,13 @@ class Composing:
         precision, rays = codecs.precision(captures[0]), len(viewpoint.pixels)
 
         def pictures_of() -> DepthPictures:
-            return DepthPictures.of(faces, views, precision, rays, planar_errors(captures))
+            off, relief = planar_errors(captures), depth_relief(captures)
+            return DepthPictures.of(faces, views, precision, rays, off, relief)
 
         pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
         if viewpoint.check is None or offsets_w is None:
-            depth = sampler.sample_depth(self._filter, pictures, offsets_w)
-            relief = self._once("relief", captures, lambda: depth_relief(captures))
-            if relief.size:
-                off = sampler.sample("nearest", relief)
-                beside = 0 if offsets_w is None else depth.error  # the ray meets another part of the relief
-                error = np.maximum(depth.error, off + beside)
-                depth = depth._replace(error=error, relief=inexact(depth.distance, off))
-            known: KnownDepth | SeenPoints = depth
+            known: KnownDepth | SeenPoints
+            known = depth = sampler.sample_depth(self._filter, pictures, offsets_w)
         else:
             depth = sampler.sample_depth(self._filter, pictures, None)
             rays_w = viewpoint.center_w + offsets_w, self._plan.directions_w(viewpoint.pixels)
@@ -304,17 +299,16 @@ class Composing:
             )
         if not row.marked_by:
             return
-        changes = self._once("boundaries", captures, lambda: boundaries(faces))
+        lone = bool(known.relief.any()) if isinstance(known, KnownDepth) else False
+        changes = self._once(("boundaries", lone), captures, lambda: boundaries(faces, lone))
         if isinstance(known, SeenPoints):
             blocks = self._plan.rays.blocks(viewpoint.pixels, known.toward_w)
             views = tuple(capture.view for capture in captures)
             there = self._make_sampler(lambda: blocks, np.eye(3), views, False)
             edges = known.label_edges(there, faces, changes, values)
         else:
-            edges = sampler.label_edges(changes, known.direction_error) | known.grazes
-            if known.relief.any():
-                lone = self._once("lone labels", captures, lambda: lone_labels(faces))
-                edges |= known.relief & sampler.sample("nearest", lone)
+            relief = known.relief if lone else None
+            edges = sampler.label_edges(changes, known.direction_error, relief) | known.grazes
         self._canvas.put(row.marked_by, viewpoint.pixels, edges)
 
     def _checked_sampler(self, mode: str, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Sampler:

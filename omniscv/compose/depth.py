@@ -9,10 +9,11 @@ the first by the plane's slope, the second by the depths within the parallax.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
@@ -29,7 +30,7 @@ from omniscv.geometry.surfaces import (
     turns,
 )
 from omniscv.parallel import side_by_side
-from omniscv.planning.hits import KnownDepth
+from omniscv.planning.hits import DOUBTFUL, KnownDepth
 from omniscv.sources.base import View
 
 _AHEAD_PX = 1.5
@@ -57,6 +58,7 @@ class DepthPictures(NamedTuple):
         projections: (V, 4) fx, fy, cx, cy, px.
         precision: of the depth.
         off: (V h w,) float32 metres that it may be off beside that; or empty.
+        relief: (V h w,) float32 metres that depth along the ray may be off by relief; or empty.
         bends: (V h w,) uint32, how much 1/z bends between a pixel, its neighbours to the right and below, and
             the one between these: across, and down, 1/m, rounded up to the upper half of a float32 each.
             :data:`_BENT` where that does not say how far depth may be off. Empty if rays read few pixels.
@@ -67,21 +69,32 @@ class DepthPictures(NamedTuple):
     projections: Array
     precision: Precision
     off: Floats
+    relief: Floats
     bends: Ints
 
     @classmethod
     def of(
-        cls, faces: Faces, views: Sequence[View], precision: Precision, rays: int, off: Sequence[Floats] = ()
+        cls,
+        faces: Faces,
+        views: Sequence[View],
+        precision: Precision,
+        rays: int,
+        off: Sequence[Floats] = (),
+        relief: Sequence[Floats] | Floats = (),
     ) -> DepthPictures:
-        """Return pictures, one per view, that so many rays read; ``off`` (h, w) of each, or empty."""
+        """Return pictures, one per view, that so many rays read; ``off`` and ``relief`` (h, w) of each, or
+        empty."""
         stack, projections = stacked(faces), np.array([view.projection for view in views])
         bends = np.full(0 if rays * _FEW < stack.size else stack.size, _BENT, np.uint32)
         if bends.size:
             of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
             side_by_side(lambda of: _find_bends(*of, precision), of_faces)
         bends.flags.writeable = False
-        known = np.concatenate([each.reshape(-1) for each in off] or [np.empty(0, np.float32)])
-        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, known, bends)
+        known, rough = (
+            np.concatenate([each.reshape(-1) for each in of] or [np.empty(0, np.float32)])
+            for of in (off, relief)
+        )
+        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, known, rough, bends)
 
     @property
     def faces(self) -> Floats:
@@ -91,7 +104,7 @@ class DepthPictures(NamedTuple):
     @property
     def nbytes(self) -> int:
         """Bytes held in memory."""
-        return self.depth.nbytes + self.off.nbytes + self.bends.nbytes
+        return sum(each.nbytes for each in (self.depth, self.off, self.relief, self.bends))
 
 
 def sample_depth(
@@ -110,20 +123,23 @@ def sample_depth(
         nearest: take the nearest pixel's depth everywhere.
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
-    distance, error = np.empty_like(lookup.x), np.empty_like(lookup.x)
-    run(_sample, (lookup.view, lookup.x, lookup.y, distance, error), pictures, nearest)
-    if offsets_w is None or not len(offsets_w):
-        return KnownDepth(distance, error)
-    parallax, faces = np.empty_like(lookup.x), pictures.faces
+    distance, error, faces = np.empty_like(lookup.x), np.empty_like(lookup.x), pictures.faces
+    central, relief = offsets_w is None or not len(offsets_w), np.zeros(len(lookup.x), np.bool_)
+    rays: list[NDArray[Any]] = [lookup.view, lookup.x, lookup.y, distance, error]
+    at = lookup.nearest(faces.shape) if pictures.relief.size else lookup.view
+    run(_sample, [*rays, relief, at], pictures, nearest, central, as_one=True)
+    known = KnownDepth(distance, error, relief=relief)
+    if offsets_w is None or central:
+        return known
+    parallax = np.empty_like(lookup.x)
     least = max(float(faces.min()), LEAST_M)
     farthest_m = np.linalg.norm(offsets_w, axis=-1).max()
     reach_px = int(np.ceil(farthest_m * pictures.projections[:, :2].max() / least * _MARGIN)) + 2
     around = [_surroundings(face, reach_px) for face in faces]
     R_c_w = np.array([view.pose.R_w_c.T for view in views])
-    rays = lookup.view, lookup.x, lookup.y, distance, error, parallax, offsets_w
     surroundings = tuple(map(np.stack, zip(*around, strict=True)))
-    run(_displace, rays, pictures, surroundings, R_c_w, as_one=True)
-    return KnownDepth(distance, error, parallax)
+    run(_displace, [*rays, parallax, offsets_w], pictures, surroundings, R_c_w, as_one=True)
+    return known._replace(direction_error=parallax)
 
 
 def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
@@ -180,10 +196,9 @@ def _upper_half(value: np.float32) -> np.uint32:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sample(
-    view: Ints, x: Floats, y: Floats, distance: Floats, error: Floats, pictures: DepthPictures, nearest: bool
-) -> None:
+def _sample(rays: Rows, pictures: DepthPictures, nearest: bool, central: bool) -> None:
     """Sample rays that follow each other in one view together, in vector instructions."""
+    view, x, y, distance, error, relief, pixels = rays
     block = (
         np.empty((4, _BLOCK), np.float32),
         np.empty((3, _BLOCK)),
@@ -213,6 +228,11 @@ def _sample(
                 distance[i] = stored
             if pictures.off.size:
                 error[i] += _nearest(pictures.off, pictures, k, px, py) * _ray_length(pictures, k, px, py)
+        for i in range(first, last if k >= 0 and pictures.relief.size else first):
+            off = pictures.relief[pixels[i]]
+            relief[i] = not off <= np.float32(DOUBTFUL) * distance[i] or off == np.inf
+            # A ray from elsewhere meets another part of the relief.
+            error[i] = max(error[i], off) if central else error[i] + off
         first = last
 
 

@@ -15,6 +15,7 @@ from omniscv import modalities
 from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
+from omniscv.planning.hits import DOUBTFUL
 from omniscv.sources.base import Color, ObjectTable
 from omniscv.sources.labels import labels_of, labels_of_ids
 
@@ -22,7 +23,6 @@ _ROWS = 64
 """Rows whose directions are turned at a time: they are float64 meanwhile."""
 
 
-_DOUBTFUL = 0.01  # of the depth
 MARKS = "label_edge", "unsure"
 """Layers whose pixels are in doubt."""
 
@@ -40,7 +40,7 @@ def doubt_of(layers: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Mask
 
 def inexact(depth: NDArray[Any], error: NDArray[Any]) -> Mask:
     """Return where depth may be off by more than 1 %, or is not bounded."""
-    return np.asarray(~np.isfinite(error) | (error > _DOUBTFUL * depth))
+    return np.asarray(~np.isfinite(error) | (error > DOUBTFUL * depth))
 
 
 class Canvas:

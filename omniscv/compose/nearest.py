@@ -13,10 +13,10 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
 from omniscv.geometry.surfaces import fitted_plane, nearest_pixel, plane_of
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import label_relief, packed, unlike
+from omniscv.planning.relief import label_relief, lone_labels
 from omniscv.sources.base import View
 
-_BESIDE = 1
+_BESIDE, _LONE = 1, 32
 _AROUND_PX = 3
 """Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _ONE_SURFACE = 0.95
@@ -59,14 +59,19 @@ def _take(pixels: Ints, out: Pixels, values: Pixels) -> None:
                 out[i, j] = values[count * pixels[i] + j] if pixels[i] >= 0 else 0
 
 
-def boundaries(faces: Faces) -> Pixels:
+def boundaries(faces: Faces, lone: bool = False) -> Pixels:
     """Return (V, h, w) which neighbours of each pixel have another value, of V masks: 1 for one of the four
-    beside it, and 2 to 16 for those above left, above right, below left and below right."""
-    return stacked(side_by_side(_boundary, list(faces)))
+    beside it, and 2 to 16 for those above left, above right, below left and below right; 32 for
+    :func:`lone_labels`, if they are asked for."""
+    return stacked(side_by_side(lambda face: _boundary(face, lone), list(faces)))
 
 
 def label_edges(
-    boundaries: Pixels, lookup: RayLookup, views: Sequence[View], parallax: Floats | None = None
+    boundaries: Pixels,
+    lookup: RayLookup,
+    views: Sequence[View],
+    parallax: Floats | None = None,
+    relief: Mask | None = None,
 ) -> Mask:
     """Return (N,) whether rays lie within a pixel of a label boundary: there the label may be the
     neighbour's. Of the pixels at the corners, only the nearest to a ray counts.
@@ -76,9 +81,11 @@ def label_edges(
         lookup: of N rays.
         views: those of the masks.
         parallax: (N,) radians, how far from the ray its surface may show; None: nowhere else.
+        relief: (N,) where relief makes lone labels doubtful, too; None for nowhere.
     """
-    out = np.empty(len(lookup.x), np.bool_)
-    run(_at_edge, (lookup.nearest(boundaries.shape), lookup.x, lookup.y, out), boundaries.reshape(-1))
+    pixels = lookup.nearest(boundaries.shape)
+    out = np.zeros(len(pixels), np.bool_) if relief is None else relief.copy()
+    run(_at_edge, (pixels, lookup.x, lookup.y, out), boundaries.reshape(-1))
     if parallax is None:
         return out
 
@@ -96,28 +103,34 @@ def label_edges(
 
 @njit(cache=True, nogil=True)
 def _at_edge(pixels: Ints, x: Floats, y: Floats, out: Mask, marks: Pixels) -> None:
+    """Write whether rays are at an edge, in place of whether they are in relief."""
     for i in range(pixels.shape[0]):
         corner = 2 * (y[i] - np.floor(y[i]) >= 0.5) + (x[i] - np.floor(x[i]) >= 0.5)
-        out[i] = pixels[i] >= 0 and (marks[pixels[i]] & (1 | 2 << corner)) != 0
+        out[i] = pixels[i] >= 0 and (marks[pixels[i]] & (1 | 2 << corner | _LONE * out[i])) != 0
 
 
-def _boundary(face: Pixels) -> Pixels:
+def _boundary(face: Pixels, lone: bool) -> Pixels:
     """Return (h, w) what :func:`boundaries` returns of a face; where labels are relief, 1."""
-    values = packed(face)
+    values = face.reshape(*face.shape[:2], -1)
+    if face.dtype == np.uint8 and values.shape[2] == 3:  # as one number a pixel: five times as fast
+        values = cv2.cvtColor(values, cv2.COLOR_RGB2RGBA).view(np.uint32)
     marks = np.zeros(face.shape[:2], np.uint8)
 
     def differ(here: Any, there: Any, mark: int, back: int) -> Mask:
         """Mark pixels that differ from others, and these."""
-        other = unlike(values[here], values[there])
+        differs = values[here] != values[there]
+        other = differs.any(axis=2) if differs.shape[2] > 1 else differs[..., 0]
         marks[here] |= other * np.uint8(mark)
         marks[there] |= other * np.uint8(back)
-        return other
+        return np.asarray(other)
 
     first, last, every = slice(None, -1), slice(1, None), slice(None)
     across = differ((every, first), (every, last), _BESIDE, _BESIDE)
     down = differ((first, every), (last, every), _BESIDE, _BESIDE)
     differ((first, first), (last, last), 16, 2)
     differ((first, last), (last, first), 8, 4)
+    if lone:
+        marks |= lone_labels(across, down, face.shape[:2]) * np.uint8(_LONE)
     relief = label_relief(across, down, face.shape[:2])
     return marks if relief is None else marks | relief
 

@@ -99,16 +99,19 @@ class Sampler:
 
         def sample(block: _Block) -> Sequence[Any]:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
-            return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)[:3]
+            return sample_depth(pictures, block.lookup, self._views, filter == "nearest", offsets)
 
         return KnownDepth(*self._sampled(sample))
 
-    def label_edges(self, boundaries: Pixels, parallax: Floats | None) -> Mask:
+    def label_edges(self, boundaries: Pixels, parallax: Floats | None, relief: Mask | None = None) -> Mask:
         """Return (N,) marks of label boundaries; see :func:`omniscv.compose.nearest.label_edges`."""
 
         def sample(block: _Block) -> Mask:
-            near = None if parallax is None else parallax[block.rays.part]
-            return label_edges(boundaries, block.lookup, self._views, near)
+            part = block.rays.part
+            near = None if parallax is None else parallax[part]
+            return label_edges(
+                boundaries, block.lookup, self._views, near, None if relief is None else relief[part]
+            )
 
         return self._values(sample)
 

@@ -15,6 +15,9 @@ _SHORT = 0.25
 
 _NOWHERE: Mask = np.zeros((), np.bool_)
 
+DOUBTFUL = 0.01
+"""Of the depth: it is inexact where it may be off by more."""
+
 FAR_M = 1e12
 """Distance at which the direction to a point of the sky is the ray's own."""
 

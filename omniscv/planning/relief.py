@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import njit
-from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels
+from omniscv.geometry.arrays import Floats, Mask
 from omniscv.geometry.precision import COMPUTED, FLOAT32, LEAST_M, Precision, stored_length
 from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
@@ -56,8 +56,6 @@ _NEAR_PX = 8
 """On every side, the neighbourhood that bounds depth."""
 
 _BESIDE = np.ones((3, 3), np.uint8)
-_BESIDES = (np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])
-"""Pixels, and their neighbours across and down."""
 
 Marks = NDArray[np.uint8]
 
@@ -93,32 +91,13 @@ def label_relief(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask | Non
     return _grown(fired, _GROWN_PX) | (_grown(beats, _BEAT_PX) if beats.any() else np.False_)
 
 
-def lone_labels(faces: Faces) -> Mask:
-    """Return (V, h, w) where many labels of V masks differ from those on both sides, near a change of labels.
+def lone_labels(across: Mask, down: Mask, shape: tuple[int, int]) -> Mask:
+    """Return (h, w) where many labels differ from those on both sides, near a change of labels.
 
-    That alone is no sign of relief; where depth is, the label may be another one, too.
+    That alone is no sign of relief; where depth is, the label may be another one, too. Arguments are those of
+    :func:`label_relief`.
     """
-    return np.stack(side_by_side(_lone_labels, list(faces)))
-
-
-def packed(mask: Pixels) -> NDArray[Any]:
-    """Return (h, w, C) a mask whose labels compare fast: 8-bit colours as one number a pixel."""
-    values = mask.reshape(*mask.shape[:2], -1)
-    if mask.dtype == np.uint8 and values.shape[2] == 3:
-        return np.asarray(cv2.cvtColor(values, cv2.COLOR_RGB2RGBA)).view(np.uint32)
-    return values
-
-
-def unlike(here: NDArray[Any], there: NDArray[Any]) -> Mask:
-    """Return (h, w) where two parts (h, w, C) of a :func:`packed` mask differ."""
-    differs = here != there
-    return np.asarray(differs.any(axis=2) if differs.shape[2] > 1 else differs[..., 0])
-
-
-def _lone_labels(face: Pixels) -> Mask:
-    values = packed(face)
-    across, down = (unlike(values[a], values[b]) for a, b in _BESIDES)
-    lone, changes = np.zeros((2, *face.shape[:2]), np.uint8)
+    lone, changes = np.zeros((2, *shape), np.uint8)
     lone[:, 1:-1] |= across[:, 1:] & across[:, :-1]
     lone[1:-1] |= down[1:] & down[:-1]
     changes[:, 1:] |= across
