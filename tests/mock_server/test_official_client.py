@@ -6,8 +6,6 @@ from collections import Counter
 import pytest
 from support.wire import leave, official_api
 
-import mock_server
-
 MODERN = ("M", "N1", "N2", "N3")
 SIZE = (48, 36)
 
@@ -34,31 +32,14 @@ def test_the_official_client(start, connect, dialect):
 # The high-level API
 
 
-@pytest.fixture(scope="module")
-def server():
-    with mock_server.serve("four-wall", size=SIZE) as server:
-        yield server
-
-
-@pytest.fixture(scope="module")
-def api(server):
-    api = official_api(server, SIZE)
-    yield api
-    leave(api.client)
-
-
-def test_construction_asks_for_what_the_reference_says(server, api):
+def test_construction_asks_for_what_the_reference_says(start):
+    server = start(size=SIZE)
+    leave(official_api(server, SIZE).client)
     asked = list(server.statistics.counts)
     assert asked[0] == "vget /unrealcv/commands"
     assert server.statistics.counts["vget /unrealcv/commands"] == 2
-    assert asked[1:7] == [
-        "vget /unrealcv/version",
-        "vget /cameras",
-        "vget /camera/0/location",
-        "vget /camera/0/rotation",
-        "vget /camera/0/fov",
-        "vget /objects",
-    ]
+    whats = "unrealcv/version", "cameras", "camera/0/location", "camera/0/rotation", "camera/0/fov", "objects"
+    assert asked[1:7] == [f"vget /{what}" for what in whats]
 
 
 @pytest.fixture(params=MODERN)

@@ -21,8 +21,9 @@ SIZE = (24, 18)
 DIALECTS = ("L", "N1", "N3")
 
 
-def decode_png(data):
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+def size_of(data):
+    """Width and height of a PNG."""
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape[1::-1]
 
 
 OLD = os.environ.get("UNREALCV_0_3_10", "")
@@ -55,7 +56,7 @@ def test_files_have_their_names_and_leave_the_folder_only_if_the_server_was_told
     (folder / "link").symlink_to(outside)
     for name in ("run/7/lit.PNG", "../out/a.png", f"{outside}/b.png", "link/c.png", "x/../../out/d.png"):
         assert not request(f"vget /camera/0/lit {name}").startswith("error")
-    assert decode_png((folder / "run/7/lit.PNG").read_bytes()).shape[:2] == SIZE[::-1]
+    assert size_of((folder / "run/7/lit.PNG").read_bytes()) == SIZE
     written = sorted(path.stem for path in outside.glob("*.png"))
     assert written == (list("abcd") if files == "anywhere" else [])
     assert [r.levelno for r in caplog.records if "--files anywhere" in r.message] == (
@@ -69,10 +70,10 @@ def test_the_window_takes_the_size_of_the_console_and_is_shot_into_files(talk, t
     window = "vget /camera/0/object_mask png" if dialect == "L" else "vget /screenshot png"
     for command, size in (("vrun setres 32x20w", (32, 20)), ("vrun r.SetRes 40x30", (40, 30))):
         assert request(command) == "ok"
-        assert decode_png(request(window)).shape[1::-1] == size
+        assert size_of(request(window)) == size
     request("vrun HighResShot 2")
     shots = list(tmp_path.glob("Saved/Screenshots/*.png"))
-    assert [decode_png(shot.read_bytes()).shape[1::-1] for shot in shots] == [(80, 60)]
+    assert [size_of(shot.read_bytes()) for shot in shots] == [(80, 60)]
 
 
 def test_the_right_eye_is_beside_the_left_one(talk):
@@ -153,12 +154,12 @@ def test_a_level_is_another_scene_of_the_package(talk, caplog, dialect):
     assert request("vset /action/game/level /Game/Maps/six-wall") == "ok"
     request("vget /unrealcv/version")
     window = "vget /camera/0/object_mask png" if dialect == "L" else "vget /screenshot png"
-    assert decode_png(request(window)).shape[1::-1] == (32, 20)  # as before the level was opened
+    assert size_of(request(window)) == (32, 20)  # as before the level was opened
     assert request("vget /objects").split() == list(mock_server.load_scene("six-wall").objects) != room
     assert request("vget /camera/0/lit png") != picture
     assert request("vget /scene/name") == "four-wall"  # of the project
     if dialect == "L":
-        assert decode_png(request("vget /camera/1/lit png")).shape[1::-1] == SIZE
+        assert size_of(request("vget /camera/1/lit png")) == SIZE
     else:
         assert request("vget /level/name") == "six-wall"
 

@@ -32,15 +32,10 @@ unit = st.floats(-1, 1)
 angle = st.floats(0, 2 * np.pi)
 
 
-def alone(kind):
-    return Scene(
-        "alone", {"sky": list(SKY), "objects": {"It": {"solids": [SOLIDS[kind] | {"at": CENTER.tolist()}]}}}
-    )
-
-
-SCENES = {kind: alone(kind) for kind in SOLIDS}
-
-
+SCENES = {
+    kind: Scene("it", {"sky": [*SKY], "objects": {"It": {"solids": [solid | {"at": CENTER.tolist()}]}}})
+    for kind, solid in SOLIDS.items()
+}
 FOUR_WALL = mock_server.load_scene("four-wall")
 
 
@@ -77,19 +72,12 @@ def surface_point(kind, a, b, turn, face):
 
 @pytest.mark.parametrize("kind", SOLIDS)
 @given(
-    a=unit,
-    b=unit,
-    turn=angle,
-    face=st.integers(0, 5),
-    tilt=st.floats(0, 1.5),
-    spin=angle,
-    s=st.floats(1e-3, 50),
-    where=st.floats(0.05, 1.0),
+    st.tuples(unit, unit, angle, st.integers(0, 5)),
+    st.tuples(st.floats(0, 1.5), angle, st.floats(1e-3, 50), st.floats(0.05, 1.0)),
 )
-def test_rays_to_a_surface_point_meet_it_and_one_that_leaves_it_meets_the_sky(
-    kind, a, b, turn, face, tilt, spin, s, where
-):
+def test_rays_to_a_surface_point_meet_it_and_one_that_leaves_it_meets_the_sky(kind, place, ray):
     """From both sides. The solids are convex: outside, nothing is before a point or behind it."""
+    (a, b, turn, face), (tilt, spin, s, where) = place, ray
     q, n = surface_point(kind, a, b, turn, face)
     side = np.linalg.svd(n[None])[2][1:]
     away = np.cos(tilt) * n + np.sin(tilt) * (np.cos(spin) * side[0] + np.sin(spin) * side[1])
@@ -232,11 +220,8 @@ def test_shapes_broadcast_and_lengths_do_not_matter():
 def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
     scene = FOUR_WALL
     (c, s), (e, g), (h, k) = [(np.cos(t), np.sin(t)) for t in turns]
-    R_w_c = (
-        np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        @ [[1, 0, 0], [0, e, -g], [0, g, e]]
-        @ [[h, -k, 0], [k, h, 0], [0, 0, 1]]
-    )
+    about_z, about_x = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), [[1, 0, 0], [0, e, -g], [0, g, e]]
+    R_w_c = about_z @ about_x @ [[h, -k, 0], [k, h, 0], [0, 0, 1]]
     view = scene.view((0.1, 0.2, 1.5), *pinhole_rays(R_w_c, fov_deg, (width, height)))
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
@@ -247,9 +232,8 @@ def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
     assert same.mean() >= 0.99
     np.testing.assert_allclose(view.distance[same], hits.distance[same], rtol=1e-9)
     # Planar depth is the third coordinate in the camera; rays_c has it 1.
-    np.testing.assert_allclose(
-        view.depth[same] * np.linalg.norm(rays_c, axis=-1)[same], hits.distance[same], rtol=1e-9
-    )
+    far = view.depth * np.linalg.norm(rays_c, axis=-1)
+    np.testing.assert_allclose(far[same], hits.distance[same], rtol=1e-9)
     assert view.codes.shape == (height, width, 3)
     assert view.codes.dtype == np.uint8
     assert np.abs(view.codes - 255 * hits.color)[same].max() <= 0.5 + 1e-6
@@ -278,9 +262,8 @@ def test_waves_repeat_after_their_period():
 def colors_of(texture, points, normal=(0, 0, 1)):
     """Colours without the shade of the surface's direction."""
     normals = np.tile(np.array(normal, float), (len(points), 1))
-    dark = textures.paint(
-        textures.Texture("plain", (1.0,) * 3, (1.0,) * 3, 1.0, 0.0), points, normals, normals
-    )
+    white = textures.Texture("plain", (1.0,) * 3, (1.0,) * 3, 1.0, 0.0)
+    dark = textures.paint(white, points, normals, normals)
     return textures.paint(texture, points, normals, normals) / dark
 
 

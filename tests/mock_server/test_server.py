@@ -9,12 +9,10 @@ import pytest
 import mock_server
 from mock_server.server import MAX_WAITING, Statistics
 
+NO_SECONDS = [float("inf"), float("nan"), -1, True, "x"]
 WRONG = {
     **{key: [None, "double", 3] for key in ("dialect", "depth", "platform", "shared_memory", "files")},
-    **{
-        key: [float("inf"), float("nan"), -1, True, "x"]
-        for key in ("latency_ms", "frames_per_s", "time_step_s")
-    },
+    **dict.fromkeys(("latency_ms", "frames_per_s", "time_step_s"), NO_SECONDS),
     "port": [65536, 0.5, -1, "9000"],
     "fov_deg": [180.0, 0, None],
     "size": [(64, 0), (64,), (1 << 16, 8), 64],
