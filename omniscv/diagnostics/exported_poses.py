@@ -110,7 +110,7 @@ def _colmap(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
 
 def _trajectories(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     file = out / f"{frames[0].camera_name}.keys"
-    keys = file.read_text("utf-8").split() if file.is_file() else []
+    keys = file.read_text("utf-8").splitlines() if file.is_file() else []
     for suffix in ("tum", "euroc", "kitti") if keys else ():
         path = read_trajectory(file.with_suffix(f".{suffix}"), Pose(np.zeros(3), np.eye(3)))
         poses = dict(zip(keys, path.poses, strict=True))
