@@ -48,10 +48,7 @@ def test_an_option_overrides_its_key(options, field, value, job, capsys):
 @pytest.mark.parametrize(
     ("setting", "says"),
     [
-        (
-            "face_size",
-            "--set: expected KEY=VALUE such as strategy=exact or camera.fov_deg=185, got 'face_size'",
-        ),
+        ("face_size", "KEY=VALUE such as strategy=exact or camera.fov_deg=185, got 'face_size'"),
         ("a..b=1", "--set: expected KEY=VALUE"),
         ("modes=[lit", "--set modes: line 2: expected YAML"),
         ("strateg=cube", "unknown key 'strateg'; did you mean strategy? known keys: source, "),
@@ -89,9 +86,8 @@ def test_each_written_file_is_listed_once(job, capsys):
 
 
 def test_a_command_renders_what_options_make_of_a_job(job, capsys):
-    assert (
-        run(["render", str(job), "--size", "16x8", "--modes", "depth", "--stem", "small", "--out", "x"]) == 0
-    )
+    options = ["--size", "16x8", "--modes", "depth", "--stem", "small", "--out", "x"]
+    assert run(["render", str(job), *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == (
         f"omniscv: {job}: --size overrides cameras.*.width and cameras.*.height; --modes overrides modes; "

@@ -102,18 +102,8 @@ def run_tests(texts, folder):
     path = folder / "test_document.py"
     path.write_text(shrunk("\n\n".join(texts)), encoding="utf-8")
     (folder / "pytest.ini").touch()
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "--record-mode=once",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:hypothesispytest",  # a second's import
-        path.name,
-    ]
+    options = ["-q", "--record-mode=once", "-p", "no:cacheprovider", "-p", "no:hypothesispytest"]
+    command = [sys.executable, "-m", "pytest", *options, path.name]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

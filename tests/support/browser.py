@@ -5,14 +5,8 @@ import shutil
 from contextlib import contextmanager
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-_OPTIONS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",  # WebGL without a graphics card
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-)
+_OPTIONS = ("--no-sandbox", "--disable-background-networking", "--no-first-run", "--disable-component-update",
+            "--use-angle=swiftshader", "--enable-unsafe-swiftshader")  # fmt: skip  # WebGL without a card
 
 
 def found():

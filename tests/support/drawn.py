@@ -66,19 +66,11 @@ def _parameters(name, rng, width):
         case "scaramuzza":
             scale = width / 384 * between(0.8, 1.3)
             powers = scale ** (1.0 - np.arange(5))
-            return {
-                "coefficients": [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers,
-                "fov_deg": between(120, 190),
-            }
+            terms = [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers
+            return {"coefficients": terms, "fov_deg": between(120, 190)}
         case "kannala-brandt":
-            fx = width * between(0.2, 0.5)
-            return {
-                "fx": fx,
-                "fy": fx * between(0.97, 1.03),
-                "k": (0.02, -0.008, 0.002, -0.0004),
-                "fov_deg": between(100, 185),
-                "skew": between(-0.02, 0.02),
-            }
+            focals, k = _focals(between, width, 0.2, 0.5), (0.02, -0.008, 0.002, -0.0004)
+            return {**focals, "k": k, "fov_deg": between(100, 185), "skew": between(-0.02, 0.02)}
         case "fisheye624":
             terms = {"p": rng.uniform(-1e-3, 1e-3, 2).tolist(), "s": rng.uniform(-1e-3, 1e-3, 4).tolist()}
             k = (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4)
@@ -87,19 +79,11 @@ def _parameters(name, rng, width):
             scaled = width * between(0.25, 0.5) * np.array([1, between(-0.02, 0.02), between(-0.04, 0.02)])
             return {"polynomial": [0.0, *scaled.tolist()], "max_angle_deg": between(50, 95)}
         case "double-sphere":
-            return {
-                **_focals(between, width, 0.25, 0.6),
-                "xi": between(-0.3, 0.9),
-                "alpha": between(0.5, 0.7),
-                "fov_deg": between(100, 200),
-            }
+            shape = {**_focals(between, width, 0.25, 0.6), "xi": between(-0.3, 0.9)}
+            return {**shape, "alpha": between(0.5, 0.7), "fov_deg": between(100, 200)}
         case "extended-unified":
-            return {
-                **_focals(between, width, 0.25, 0.6),
-                "alpha": between(0.5, 0.8),
-                "beta": between(0.8, 1.5),
-                "fov_deg": between(100, 190),
-            }
+            shape = {**_focals(between, width, 0.25, 0.6), "alpha": between(0.5, 0.8)}
+            return {**shape, "beta": between(0.8, 1.5), "fov_deg": between(100, 190)}
         case "field-of-view":
             return {**_focals(between, width, 0.3, 0.5), "omega": between(0.4, 1.3)}
         case "unified":
@@ -127,15 +111,9 @@ def _parameters(name, rng, width):
         case "noncentral-panorama":
             return {"radius": between(0, 1.5)}
         case "noncentral-spherical-mirror":
-            return {
-                "mirror_radius": between(0.05, 0.4),
-                "distance": between(0.1, 0.5),
-                "focal": between(0.3, 1.0) * width,
-            }
+            ball = {"mirror_radius": between(0.05, 0.4), "distance": between(0.1, 0.5)}
+            return {**ball, "focal": between(0.3, 1.0) * width}
         case "noncentral-conical-mirror":
-            return {
-                "half_angle_deg": between(48, 65),
-                "distance": between(0.1, 0.4),
-                "focal": between(0.3, 0.8) * width,
-            }
+            cone = {"half_angle_deg": between(48, 65), "distance": between(0.1, 0.4)}
+            return {**cone, "focal": between(0.3, 0.8) * width}
     return {"fov_deg": between(60, _MOST_DEG[name])}

@@ -13,21 +13,10 @@ FIXED = Capabilities(can_set_size=False, can_set_fov=False, image_size=(512, 512
 
 
 _ALIKE = {
-    "fisheye-stereographic",
-    "fisheye-orthographic",
-    "fisheye-equisolid",
-    "catadioptric-parabolic",
-    "catadioptric-planar",
-    "kannala-brandt",
-    "fisheye624",
-    "ftheta",
-    "double-sphere",
-    "extended-unified",
-    "division",
-    "field-of-view",
-    "equiangular-cube",
-    "vr180",
-}
+    "fisheye-stereographic", "fisheye-orthographic", "fisheye-equisolid", "catadioptric-parabolic",
+    "catadioptric-planar", "kannala-brandt", "fisheye624", "ftheta", "double-sphere", "extended-unified",
+    "division", "field-of-view", "equiangular-cube", "vr180",
+}  # fmt: skip
 """To composition, which knows nothing of models but their rays, others stand for these."""
 
 

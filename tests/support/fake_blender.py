@@ -43,16 +43,9 @@ def answer(asked, path, faults):
         if "refuse_scene" in faults:
             return {"error": faults["refuse_scene"]}
         about = {"scene": "Scene", "frame": 1, "objects": OBJECTS, "metres": 1.0, "camera": None}
-        return {
-            **about,
-            "lights": {},
-            "materials": {},
-            "transfer": "unknown",
-            "world": faults.get("world", True),
-            "libraries": [],
-            "missing": faults.get("missing", []),
-            **faults.get("opened", {}),
-        }
+        about |= {"lights": {}, "materials": {}, "transfer": "unknown", "libraries": []}
+        about |= {"world": faults.get("world", True), "missing": faults.get("missing", [])}
+        return about | faults.get("opened", {})
     if asked["do"] == "boxes":
         boxes = {"Floor": [[0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 10, 0]]}
         return {"places": {"Floor": [0, 0, 0]}, "boxes": faults.get("boxes", boxes)}
@@ -117,9 +110,8 @@ def write(file, passes):
     specs = []
     for name, letters, pixels in passes:
         height, width = pixels.shape[:2]
-        spec = OpenImageIO.ImageSpec(
-            width, height, len(letters), "float" if file.endswith("exr") else "uint8"
-        )
+        form = "float" if file.endswith("exr") else "uint8"
+        spec = OpenImageIO.ImageSpec(width, height, len(letters), form)
         if name:
             spec.channelnames = [f"ViewLayer.{name}.{letter}" for letter in letters]
             spec.attribute("name", f"ViewLayer.{name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from omniscv.compose.image import OmniImage
 
 Mask = NDArray[np.bool_]
 
-_RIM_PX = 1
 _CREASE = np.cos(np.radians(20))
 _A_PIXEL = 4
 """Steps of rays that are traced beside another within a captured pixel."""
@@ -66,11 +66,6 @@ class Errors:
     def __init__(self, image: OmniImage, scene: Tracer, focal_px: float | None = None) -> None:
         hits = traced(scene, image.camera, image.pose)
         depth, bound, labels = image.depth, image.depth_error, image.labels
-        assert depth is not None
-        assert bound is not None
-        assert labels is not None
-        assert image.label_edge is not None
-        assert image.unsure is not None
         self.image, self.hits = image, hits
         both = np.isposinf(depth) & np.isposinf(hits.distance)
         with np.errstate(invalid="ignore"):
@@ -86,14 +81,10 @@ class Errors:
     def judgement(self) -> Judgement:
         """Return the errors in numbers."""
         image, valid, hits = self.image, self.image.valid, self.hits
-        assert image.depth_error is not None
-        assert image.unsure is not None
-        assert image.label_edge is not None
         error, bound = self.depth_m[valid], image.depth_error[valid]
         finite = np.isfinite(error) & np.isfinite(hits.distance[valid])
         with np.errstate(invalid="ignore"):
             off = self.depth_m > 0.01 * hits.distance
-        wrong = off | self.label
         unsure = image.unsure & valid
         if not finite.any():  # all of it is sky
             finite = np.ones_like(finite)
@@ -108,7 +99,7 @@ class Errors:
             uncovered=float(self.uncovered[valid].mean()),
             thin=float(self.thin[valid].mean()),
             unsure=float(unsure[valid].mean()),
-            unsure_wrong=float(wrong[unsure].mean()) if unsure.any() else 1.0,
+            unsure_wrong=float((off | self.label)[unsure].mean()) if unsure.any() else 1.0,
             label_edge=float(image.label_edge[valid].mean()),
             tightness=float(most / least) if least > 0 else float("inf"),
         )
@@ -150,8 +141,7 @@ def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
         return np.zeros(image.valid.shape, np.bool_)
     own_w = image.normals @ image.pose.R_w_c.T
     near = np.zeros(image.valid.shape, np.bool_)
-    for down in range(-_RIM_PX, _RIM_PX + 1):
-        for across in range(-_RIM_PX, _RIM_PX + 1):
-            other = np.roll(normals_w, (down, across), axis=(0, 1))
-            near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= _CREASE
+    for step in product((-1, 0, 1), repeat=2):
+        other = np.roll(normals_w, step, axis=(0, 1))
+        near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= _CREASE
     return image.valid & ~near & np.isfinite(image.depth if image.depth is not None else 0.0)

@@ -75,12 +75,12 @@ _BOX = np.array(list(np.ndindex(2, 2, 2)), float)[
 
 def _boxes(random, boxes):
     """Triangles (T, 3, 3) of a room of 6 x 5 x 3 m and its boxes, none of them in the way."""
-    low = np.array(
-        [[-3.0, -2.5, 0], *([*random.uniform(-2.6, 2.2, 2), random.uniform(0, 1.6)] for _ in range(boxes))]
-    )
-    size = np.array(
-        [[6.0, 5, 3], *([*random.uniform(0.3, 1.1, 2), random.uniform(0.3, 1.4)] for _ in range(boxes))]
-    )
+
+    def drawn(*ends):
+        return [[*random.uniform(*ends[:2], 2), random.uniform(*ends[2:])] for _ in range(boxes)]
+
+    low = np.array([[-3.0, -2.5, 0], *drawn(-2.6, 2.2, 0, 1.6)])
+    size = np.array([[6.0, 5, 3], *drawn(0.3, 1.1, 0.3, 1.4)])
     away = np.abs((low + size / 2)[:, :2]).max(axis=1) > 1.75
     away[0] = True
     return _met([a + b * _BOX for a, b in zip(low[away], size[away], strict=True)])
@@ -95,11 +95,8 @@ def _mesh(random, boxes):
 
     def thrown(shape, size):
         angle, turn = random.uniform(0.6, 5.7), Rotation.from_rotvec(random.normal(size=3)).as_matrix()
-        return shape * random.uniform(*size, 3) @ turn + [
-            2.2 * np.cos(angle),
-            2.2 * np.sin(angle),
-            random.uniform(0.4, 2.4),
-        ]
+        turned = shape * random.uniform(*size, 3) @ turn
+        return turned + np.array([2.2 * np.cos(angle), 2.2 * np.sin(angle), random.uniform(0.4, 2.4)])
 
     prisms = [thrown(_BOX[[0, 1, 4, 5, 8, 9]], (0.4, 0.9)) for _ in range(7)]
     loose = [thrown(random.normal(size=(1, 3, 3)), (0.2, 0.4)) for _ in range(20)]
@@ -145,22 +142,17 @@ def meet(origins, rays, corners):
 def _mujoco(random, boxes):
     """A room with round things that MuJoCo meets."""
     mujoco = pytest.importorskip("mujoco")
-    rows = [
-        ("box", [9, 9, 9], at, [0, 0, 0]) for at in np.array([12.5, 11.8, 10.6]) * [*np.eye(3), *-np.eye(3)]
-    ]
+    sides = np.array([12.5, 11.8, 10.6]) * [*np.eye(3), *-np.eye(3)]
+    rows = [("box", [9, 9, 9], at, [0, 0, 0]) for at in sides]
     for kind in ("sphere", "capsule", "cylinder", "ellipsoid") * 3:
         at = 2.2 * np.exp(1j * random.uniform(0, 6.3))
         size, turn = random.uniform(0.15, 0.45, 3), random.uniform(0, 180, 3)
         rows.append((kind, size, [at.real, at.imag, random.uniform(-1.2, 1)], turn))
-    text = "".join(
-        '<geom type="{}" size="{}" pos="{}" euler="{}"/>'.format(
-            kind, *(" ".join(map(str, each)) for each in numbers)
-        )
-        for kind, *numbers in rows
-    )
-    model = mujoco.MjModel.from_xml_string(
-        f"<mujoco><worldbody><body pos='0 0 1.5'>{text}</body></worldbody></mujoco>"
-    )
+    geom, text = '<geom type="{}" size="{}" pos="{}" euler="{}"/>', ""
+    for kind, *numbers in rows:
+        text += geom.format(kind, *(" ".join(map(str, each)) for each in numbers))
+    body = f"<body pos='0 0 1.5'>{text}</body>"
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     mujoco.mj_forward(model, data := mujoco.MjData(model))
 
     def trace(origins, rays):

@@ -18,19 +18,10 @@ U_SHAPE = [[-3, -2], [3, -2], [3, 3], [1, 3], [1, 0], [-1, 0], [-1, 3], [-3, 3]]
 PLAIN = [[-2, -3], [2, -3], [2, 3], [-2, 3]]
 
 FAMILIES = (
-    "equirectangular",
-    "cube-map",
-    "pinhole",
-    "kannala-brandt",
-    "fisheye-equisolid",
-    "catadioptric-hyperbolic",
-    "orthographic",
-    "rolling-shutter",
-    "push-broom",
-    "noncentral-panorama",
-    "noncentral-conical-mirror",
-    "noncentral-spherical-mirror",
-)
+    "equirectangular", "cube-map", "pinhole", "kannala-brandt", "fisheye-equisolid", "orthographic",
+    "catadioptric-hyperbolic", "rolling-shutter", "push-broom", "noncentral-panorama",
+    "noncentral-conical-mirror", "noncentral-spherical-mirror",
+)  # fmt: skip
 """A camera model of each kind: panoramas, lenses, mirrors, lines, of one optical centre or many."""
 
 

@@ -37,8 +37,7 @@ class Failing:
 
     def __call__(self, environ: Any, start_response: Any) -> Any:
         with self.counting:
-            self.requests += 1
-            self.waiting += 1
+            self.requests, self.waiting = self.requests + 1, self.waiting + 1
             number, self.most_waiting = self.requests, max(self.waiting, self.most_waiting)
         self.ended.wait(self.latency_s)
         with self.counting:
@@ -83,10 +82,8 @@ class Failing:
         body, status, headers = self._answer(environ)
         if environ["REQUEST_METHOD"] == "GET" and not environ.get("QUERY_STRING"):
             body = body[: len(body) // 2]
-            headers = [
-                each for each in headers if not re.match("content-length|x-amz-checksum", each[0], re.I)
-            ]
-            headers.append(("Content-Length", str(len(body))))
+            kept = [row for row in headers if not re.match("content-length|x-amz-checksum", row[0], re.I)]
+            headers = [*kept, ("Content-Length", str(len(body)))]
         start_response(status, headers)
         return [body]
 
@@ -173,11 +170,14 @@ def names_at(where: str) -> list[str]:
 def tree_at(where: str) -> dict[str, str]:
     """:func:`support.datasets.tree` of a path or URL, by another reader."""
     fs, root = fsspec.core.url_to_fs(where)
-    contents = fs.cat([f"{root}/{name}" for name in sorted(names_at(where))])
-    return {
-        path.removeprefix(root).lstrip("/"): hashlib.md5(content).hexdigest()
-        for path, content in contents.items()
-    }
+    contents = fs.cat([f"{root}/{name}" for name in sorted(names_at(where))]).items()
+    return {path.removeprefix(root).lstrip("/"): hashlib.md5(data).hexdigest() for path, data in contents}
+
+
+def _at_times(name: str) -> Any:
+    """Return a method of :class:`FailingStore` that does what the store in memory does, or fails."""
+    operation = getattr(MemoryFileSystem, name)
+    return lambda self, *values, **options: self._served(operation, self, *values, **options)
 
 
 class FailingStore(MemoryFileSystem):
@@ -190,6 +190,7 @@ class FailingStore(MemoryFileSystem):
     requests: ClassVar[int] = 0
     capacity: ClassVar[int | None] = None
     counting: ClassVar[threading.Lock] = threading.Lock()
+    info, find, cat_file, get_file = map(_at_times, ("info", "find", "cat_file", "get_file"))
 
     def _served(self, operation: Any, *values: Any, **options: Any) -> Any:
         with self.counting:
@@ -203,18 +204,6 @@ class FailingStore(MemoryFileSystem):
             raise ConnectionResetError(errno.ECONNRESET, "reset after it was served")
         return result
 
-    def info(self, path: str, **options: Any) -> Any:
-        return self._served(super().info, path, **options)
-
-    def find(self, path: str, *values: Any, **options: Any) -> Any:
-        return self._served(super().find, path, *values, **options)
-
-    def cat_file(self, path: str, *values: Any, **options: Any) -> Any:
-        return self._served(super().cat_file, path, *values, **options)
-
-    def get_file(self, path: str, *values: Any, **options: Any) -> Any:
-        return self._served(super().get_file, path, *values, **options)
-
     def pipe_file(self, path: str, value: bytes, *values: Any, **options: Any) -> Any:
         self._check_space(len(value))
         return self._served(super().pipe_file, path, value, *values, **options)
@@ -224,10 +213,8 @@ class FailingStore(MemoryFileSystem):
         return self._served(super().put_file, lpath, rpath, *values, **options)
 
     def _check_space(self, size: int) -> None:
-        if (
-            self.capacity is not None
-            and sum(each.size for each in self.store.values()) + size > self.capacity
-        ):
+        held = sum(each.size for each in self.store.values())
+        if self.capacity is not None and held + size > self.capacity:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
