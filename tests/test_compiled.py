@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from support.full_disk import largest_file
 
 import omniscv
@@ -138,6 +139,7 @@ for owner, name in [
 """
 
 
+@pytest.mark.soak
 def test_where_a_private_part_of_numba_is_missing_kernels_use_its_own_cache(tmp_path):
     """Slower to load, as it prepares to compile, with the same results."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}

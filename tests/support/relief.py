@@ -110,21 +110,20 @@ def _rods(rays, rods, labels, distance, label):
                     distance[i], label[i] = t, labels[k]
 
 
-def _turned(rng, parts, most_deg=12.0, about=(0.0, 0.0, AWAY)):
-    """Yield parts of a structure, turned together by a random small rotation."""
+def _turned(rng, parts, most_deg=12.0):
+    """Yield parts of a structure, turned together by a random small rotation about its middle."""
     angle, axis = np.radians(rng.uniform(-most_deg, most_deg)), rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     K = np.cross(np.eye(3), axis)
     R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-    about = np.asarray(about)
-    return [
-        (kind, np.concatenate([R @ (part[:3] - about) + about, *(R @ part[k : k + 3] for k in (3, 6))]))
-        if kind == "quad"
-        else (kind, np.concatenate([R @ (part[:3] - about) + about, part[3:]]))
-        if kind == "ball"
-        else (kind, np.concatenate([*(R @ (part[k : k + 3] - about) + about for k in (0, 3)), part[6:]]))
-        for kind, part in parts
-    ]
+    for kind, part in parts:
+        points, triples = _POINTS[kind], part[: len(part) // 3 * 3].reshape(-1, 3)
+        about = np.where(np.arange(len(triples))[:, None] < points, (0.0, 0.0, AWAY), 0.0)
+        yield kind, np.concatenate([((triples - about) @ R.T + about).ravel(), part[triples.size :]])
+
+
+_POINTS = {"quad": 1, "ball": 1, "rod": 2}
+"""How many of a part's first triples are points; others are edges, and the rest is a radius."""
 
 
 def quad(p, u, v):
@@ -218,9 +217,8 @@ def louver(rng, p):
 
 
 def packed(rng, p):
-    return [
-        ball((x, y, AWAY), p / 2) for x in across(p)[::1] for y in across(p) if max(abs(x), abs(y)) < 40 * p
-    ]
+    at = [x for x in across(p) if abs(x) < 40 * p]
+    return [ball((x, y, AWAY), p / 2) for x in at for y in at]
 
 
 def gravel(rng, p):
@@ -368,13 +366,11 @@ def world(kind, px, seed, turn_deg=12.0, objects=200):
     parts = _turned(rng, KINDS[kind](rng, px * AWAY / (EDGE_PX / 2)), turn_deg)
     wall = quad((-9, -9, BEHIND), (18, 0, 0), (0, 18, 0))
     every = [(*wall, 1), *((*part, 2 + k % objects) for k, part in enumerate(parts))]
-    of = {
-        name: [(part, label) for each, part, label in every if each == name]
-        for name in ("quad", "ball", "rod")
-    }
-    arrays = [np.array([part for part, _ in of[name]]).reshape(-1, size) for name, size in
-              (("quad", 9), ("ball", 4), ("rod", 7))]  # fmt: skip
-    return World(*arrays, tuple(np.array([label for _, label in of[name]], np.int64) for name in of))
+    arrays, labels = [], []
+    for name, size in (("quad", 9), ("ball", 4), ("rod", 7)):
+        arrays.append(np.array([part for each, part, _ in every if each == name]).reshape(-1, size))
+        labels.append(np.array([label for each, _, label in every if each == name], np.int64))
+    return World(*arrays, tuple(labels))
 
 
 FLOATS, HALF_FLOATS, MILLIMETRES = "npy", "npy planar cm", "png uint16 1000"
