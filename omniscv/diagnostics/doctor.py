@@ -12,7 +12,6 @@ from omniscv import storage
 from omniscv.arguments import shown
 from omniscv.diagnostics import Finding, agreement
 from omniscv.diagnostics.blender_scene import examine_blender
-from omniscv.diagnostics.moving import MovingWorld
 from omniscv.diagnostics.posed_pictures import examine_folder
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.diagnostics.self_calibration import Picture, fitted_fov, misfit
@@ -20,6 +19,7 @@ from omniscv.diagnostics.server import (
     EDGE_PX,
     FACES,
     NEVER,
+    MovingWorld,
     RawCamera,
     across,
     alike,

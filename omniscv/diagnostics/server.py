@@ -1,14 +1,15 @@
-"""Raw access to a server: replies to commands, and a camera's frames without repairs of stale ones."""
+"""Raw access to a server: replies, frames without repairs of stale ones, and a world that may move."""
 
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.arguments import shown
+from omniscv.diagnostics import Finding
 from omniscv.errors import BadReplyError, ServerRefusedError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.sources.base import Color, View
@@ -16,7 +17,10 @@ from omniscv.sources.codecs import decode, picture_size
 from omniscv.sources.registry import Deadlines
 from omniscv.sources.unreal import open_connection
 from omniscv.sources.unreal.client import Connection
-from omniscv.sources.unreal.protocol import Reply, checked, described, fov
+from omniscv.sources.unreal.driver import SETTLED
+from omniscv.sources.unreal.instants import clock_of, movable_objects, object_names, object_poses
+from omniscv.sources.unreal.objects import colors
+from omniscv.sources.unreal.protocol import IS_PAUSED, VERSION, Reply, checked, described, fov, numbers
 from omniscv.sources.unreal.source import open_driver
 
 FACES = {
@@ -29,6 +33,9 @@ _LARGEST_PX = 1 << 13
 _FRAMES = 8  # after so many frames at one pose a camera shows it, if it ever does
 NEVER = _FRAMES - 1  # so many stale frames mean that a camera does not rest
 _NOISE, _MOVING = 0.01, 0.05  # relative depth, and share of a frame, by which frames of one pose may differ
+_TICKS = 6  # for how long to watch objects
+_AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
+_LISTED = 3  # objects that a finding names
 
 
 def replies_to(address: str, commands: Iterable[str], **deadlines: Unpack[Deadlines]) -> Iterator[str]:
@@ -153,3 +160,92 @@ def alike(depth: NDArray[Any], other: NDArray[Any]) -> bool:
 def across(width: int, height: int) -> float:
     """Return the horizontal field of view that sees 90 degrees up and down, degrees."""
     return pinhole.fov_deg(width, height / 2)
+
+
+class MovingWorld:
+    """The objects and the clock of a game that the doctor examines; it is left as it was."""
+
+    def __init__(self, connection: Connection, camera: RawCamera) -> None:
+        self._connection, self._camera = connection, camera
+        self._clock = clock_of(camera.driver)
+        self._can_stop = False  # whether it moves, and can be paused
+
+    def findings(self) -> list[Finding]:
+        """Return three findings: the world moves, the world pauses, captures follow a move."""
+        moving = self._moving()
+        value = f"yes: {_listed(moving)}" if moving else "no"
+        moves = Finding.unless(not moving, "world moves", value, "warning", "--set freeze=puppet, or pause")
+        try:
+            with self._paused():
+                self._can_stop = bool(moving)
+                return [moves, self._pauses(), self._follows()]
+        except ServerRefusedError as refused:
+            pauses = Finding("world pauses", f"no: {refused}", "warning", "--set freeze=batch, or none")
+            return [moves, pauses, self._follows()]
+
+    def still(self) -> AbstractContextManager[None]:
+        """Return a context in which a moving world is paused, after :meth:`findings`."""
+        return self._paused() if self._can_stop else nullcontext()
+
+    def _pauses(self) -> Finding:
+        if moving := self._moving():
+            self._can_stop = False
+            value = f"no: {_listed(moving)} still moving"
+            return Finding("world pauses", value, "bad", "--set freeze=batch, with branch 5.2; or stop them")
+        how = "pauses" if self._connection.supports(IS_PAUSED) else "toggles"
+        return Finding("world pauses", f"yes, by a command that {how}")
+
+    def _follows(self) -> Finding:
+        """Move the movable object with the most pixels, and count the frames that do not show it yet."""
+        title = "captures follow a move"
+        movable = movable_objects(self._connection)
+        table = {name: color for name, color in colors(self._connection).items() if name in movable}
+        name = largest_object(self._camera, table)
+        if name is None:
+            return Finding(title, "unknown: nothing in sight can be moved", "warning", "give --position")
+
+        def move(*at_cm: float) -> None:
+            self._connection.text(" ".join([f"vset {location}", *(f"{value:.6f}" for value in at_cm)]))
+
+        location = f"/object/{name}/location"
+        start = np.array(numbers(self._connection.text(f"vget {location}"), 3))
+        before = self._camera.pixels("depth")
+        try:
+            move(*start + _AWAY_CM)
+            frames = [self._camera.pixels("depth") for _ in range(_FRAMES)]
+        finally:
+            move(*start)
+        changed = ~np.isclose(before, frames[-1], rtol=_NOISE)
+        if not changed.any():
+            return Finding(title, f"never: {name} stays", "warning", "set its mobility to Movable")
+        late = [np.isclose(frame, frames[-1], rtol=_NOISE)[changed].mean() <= 0.5 for frame in frames]
+        count = max((i + 1 for i, stale in enumerate(late) if stale), default=0)
+        value = f"stale ticks: {count}" if count else "at once"
+        remedy = f"at most {SETTLED} are waited for: raise the frame rate"
+        return Finding.unless(count <= SETTLED, title, value, "bad", remedy)
+
+    def _moving(self) -> list[str]:
+        """Return the names of objects that move while some ticks go by."""
+        names = object_names(self._connection)
+        first = object_poses(self._connection, names)
+        moving = set()
+        for ticks in (_TICKS, 1):  # an object that swings may be back at its pose once, but not twice
+            for _ in range(ticks):
+                self._connection.text(VERSION)
+            poses = object_poses(self._connection, names)
+            moving |= {name for name in names if first[name].to_dict() != poses[name].to_dict()}
+        return [name for name in names if name in moving]
+
+    @contextmanager
+    def _paused(self) -> Iterator[None]:
+        before = self._clock.paused
+        self._clock.set(True)
+        try:
+            yield
+        finally:
+            self._clock.set(before)
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -13,8 +13,7 @@ import omniscv
 from mock_server.faults import KINDS
 from omniscv.cli import run
 from omniscv.diagnostics import agreement, doctor, server
-from omniscv.diagnostics.moving import MovingWorld
-from omniscv.diagnostics.server import RawCamera
+from omniscv.diagnostics.server import MovingWorld, RawCamera
 from omniscv.errors import ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources import Request, View
