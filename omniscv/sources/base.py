@@ -92,11 +92,7 @@ class Source(ABC):
     """
 
     def __repr__(self) -> str:
-        parts = (
-            self.scene_identity.name,
-            self.capabilities.dialect,
-            " ".join(sorted(self.capabilities.modes)),
-        )
+        parts = self.scene_identity.name, self.capabilities.dialect, " ".join(sorted(self.capabilities.modes))
         return f"<{type(self).__name__} {', '.join(part for part in parts if part)}>"
 
     @property
@@ -223,16 +219,14 @@ class Source(ABC):
         Raises ArgumentError if this is no live server, SourceError for an error, or no reply within the
         deadlines.
         """
-        raise ArgumentError(
-            f"source: expected a live server to send {shown(text)} to, got {type(self).__name__}"
-        )
+        expected = f"expected a live server to send {shown(text)} to"
+        raise ArgumentError(f"source: {expected}, got {type(self).__name__}")
 
     @property
     def world(self) -> World:
         """The running world behind a live source; ArgumentError for other sources."""
-        raise ArgumentError(
-            f"source: expected a live server, whose world can be changed, got {type(self).__name__}"
-        )
+        expected = "expected a live server, whose world can be changed"
+        raise ArgumentError(f"source: {expected}, got {type(self).__name__}")
 
     def share_exposure(self, shared: SharedExposure) -> None:  # noqa: B027 - most sources set none
         """Use an exposure that other sources use, too, where cameras find the one that matches the game's."""
@@ -405,10 +399,8 @@ def check_modes(source: Source, modes: Iterable[str]) -> None:
     needed = (modalities.get(mode).captured_as or mode for mode in modes)
     lacking = [mode for mode in needed if mode not in offered]
     if lacking:
-        raise ArgumentError(
-            f"modes: expected some of {', '.join(sorted(offered))}, which the source delivers; "
-            f"got {', '.join(lacking)}"
-        )
+        known = f"expected some of {', '.join(sorted(offered))}, which the source delivers"
+        raise ArgumentError(f"modes: {known}; got {', '.join(lacking)}")
 
 
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:

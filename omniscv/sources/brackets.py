@@ -20,12 +20,9 @@ from omniscv.sources.requests import Response, exposures_of, merge_exposures
 _PROBED_PX = 128
 _PROBED = {True: (0.0, 1.0), False: (-2.0, -1.0, 0.0, 1.0, 2.0)}
 """Stops at which the exposure is tried, where the transfer is known, and where it must be solved."""
-_CODES = 30, 200
-"""Darkest and brightest code that are compared."""
-_FEWEST = 100
-"""Samples below which two exposures are not compared."""
-_OFF = 0.02
-"""Largest relative error of the factor 2 between two stops."""
+_CODES = 30, 200  # darkest and brightest code that are compared
+_FEWEST = 100  # samples below which two exposures are not compared
+_OFF = 0.02  # largest relative error of the factor 2 between two stops
 
 
 def bracketed(source: Source, stops: Sequence[float], path: Path | str | None = None) -> Source:

@@ -64,9 +64,8 @@ def precision(capture: Capture) -> Precision:
         return of_codec
     off_m, share = numbers("depth_error", capture.provenance["depth_error"], (2,)).tolist()
     if min(off_m, share) < 0:
-        raise ArgumentError(
-            f"depth_error: expected metres and a share of 0 or more, got {off_m:g}, {share:g}"
-        )
+        got = f"{off_m:g}, {share:g}"
+        raise ArgumentError(f"depth_error: expected metres and a share of 0 or more, got {got}")
     return of_codec._replace(off_m=of_codec.off_m + off_m, share=of_codec.share + share)
 
 

@@ -17,10 +17,8 @@ _POSITION_DECIMALS = 6  # a micrometre
 _SAME = 1e-6  # matrix entries, and relative to the focal length
 _AXES = np.array([R_w_c[:, 2] for _, R_w_c in cube_rotations()])
 _R_D_FRONT = cube_rotations()[0][1]
-_SAME_CENTER_M = 1e-3
-"""Recorded views so near to a position serve as views from it."""
-_SUPPORT_PX = 2.0
-"""Between a ray's pixel and the edge of its view, for every filter."""
+_SAME_CENTER_M = 1e-3  # recorded views so near to a position serve as views from it
+_SUPPORT_PX = 2.0  # between a ray's pixel and the edge of its view, for every filter
 
 _BEAT = 1.37
 """How many times finer views of ``checks: beat`` are: no simple fraction, so that a structure that meets all

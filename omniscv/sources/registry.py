@@ -176,9 +176,8 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         one_of("transfer", transfer, TRANSFERS)
     source = opener(text, **options)
     if not isinstance(source, Source):
-        raise ArgumentError(
-            f"{scheme}: expected it to return a Source for {shown(text)}, got {shown(source)}"
-        )
+        expected = f"expected it to return a Source for {shown(text)}"
+        raise ArgumentError(f"{scheme}: {expected}, got {shown(source)}")
     return source if transfer is None else _WithTransfer(source, transfer)
 
 
@@ -210,9 +209,8 @@ def split_address(
     for key, text in parse_qsl(query, keep_blank_values=True):
         if key not in readers:
             known = ", ".join(readers)
-            raise ArgumentError(
-                f"source: expected options among {known} in {shown(address)}, got {shown(key)}"
-            )
+            expected = f"expected options among {known} in {shown(address)}"
+            raise ArgumentError(f"source: {expected}, got {shown(key)}")
         try:
             value = readers[key](text)
         except ValueError as wrong:

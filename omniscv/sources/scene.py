@@ -195,13 +195,8 @@ class SceneSource(Source):
         from mock_server.pixels import pinhole_rays
 
         def block(rows: slice) -> dict[str, NDArray[Any]]:
-            rays, lengths = pinhole_rays(
-                view.pose.R_w_c,
-                view.fov_deg,
-                (view.width, view.height),
-                rows=rows,
-                projection=view.projection if view.lens else None,
-            )
+            size, lens = (view.width, view.height), view.projection if view.lens else None
+            rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, size, rows=rows, projection=lens)
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
             pixels: dict[str, NDArray[Any]] = {
                 "object_mask": self._mask_values.take(hits.label, axis=0),

@@ -130,9 +130,8 @@ class World:
         use_device(self.scene, self.settings["device"])
         if self.settings["threads"]:
             render.threads_mode, render.threads = "FIXED", self.settings["threads"]
-        self.look = {
-            name: getattr(cycles, name) for name in ("pixel_filter_type", "filter_width", "max_bounces")
-        }
+        names = "pixel_filter_type", "filter_width", "max_bounces"
+        self.look = {name: getattr(cycles, name) for name in names}
 
     def render(self, request: Message) -> Message:
         """Render one view into a file: colours, or all data at the centres of the pixels."""

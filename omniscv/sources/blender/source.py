@@ -36,8 +36,7 @@ from omniscv.sources.codecs import check_depth, decode_png
 from omniscv.sources.pool import SourcePool
 from omniscv.storage.bounded import library_error, read_bytes
 
-_DATA = ("object_mask", "depth", "normals")
-"""Modalities that one render of a view gives together."""
+_DATA = ("object_mask", "depth", "normals")  # modalities that one render of a view gives together
 _AHEAD = 24  # requests that are read ahead, to render a view once for all its data
 _LEAST_PX, _MOST_PX = 4, 65_536  # of a side, as Blender has it
 CAPABILITIES = Capabilities(
@@ -51,8 +50,7 @@ _TO_BLENDER = np.diag([1.0, -1.0, -1.0])
 
 _log = logging.getLogger("omniscv")
 
-_SKY = 0.99e10
-"""Blender's depth where there is no surface is 1e10, in units of the scene."""
+_SKY = 0.99e10  # Blender's depth where there is no surface is 1e10, in units of the scene
 _MOST_ID = 0xFFFF
 _MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
 _MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file

@@ -120,9 +120,8 @@ class Developed(SourceWrapper):
         if (at := center_w.tobytes()) not in self._turns:
             cube = Cube.recorded(self._source, center_w, capture.request.state)
             turns = {} if cube is None else proven_turns(cube)
-            self._turns[at] = (
-                [(cube.views[face].pose.R_w_c, turn) for face, turn in turns.items()] if cube else []
-            )
+            views = () if cube is None else cube.views
+            self._turns[at] = [(views[face].pose.R_w_c, turn) for face, turn in turns.items()]
         turn = next((turn for R, turn in self._turns[at] if np.abs(R - R_w_c).max() < _SAME), None)
         return capture if turn is None else straightened(capture, turn)
 

@@ -105,10 +105,8 @@ class Cube:
 
     def lines(self, edge: Edge, depth: int = 2) -> tuple[Array, Array]:
         """Return (depth, s, 3) rows of both faces, the outermost first, in the same order along the edge."""
-        a, b = (
-            np.rot90(self.pixels[face], side)[:depth].astype(np.float64)
-            for face, side in ((edge.a, edge.side_a), (edge.b, edge.side_b))
-        )
+        faces = (edge.a, edge.side_a), (edge.b, edge.side_b)
+        a, b = (np.rot90(self.pixels[face], side)[:depth].astype(np.float64) for face, side in faces)
         return a, b[:, ::-1]
 
     def at_edge(self, edge: Edge) -> tuple[Array, Array]:

@@ -189,18 +189,16 @@ def mend(
     colors = np.stack(pixels)
     gains = estimate_in_overlap(views, colors, transfer) if fades else estimate_gains(cube, transfer)
     if vignette and not fades:
-        gains = gains._replace(
-            gains=gains.gains if gains.proven else np.ones(6), vignette=vignette, proven=True
-        )
+        factors = gains.gains if gains.proven else np.ones(6)
+        gains = gains._replace(gains=factors, vignette=vignette, proven=True)
     known = transfer != "unknown" and _GAINS[0] < gains.gains.min() and gains.gains.max() < _GAINS[1]
     report: dict[str, Any] = {"steps": _in_numbers(cube.steps()), "explained": gains.explained}
     if gains.proven and known:
         colors = apply_gains(colors, gains, transfer)
         report |= {"gains": gains.gains.round(4).tolist(), "vignette": round(gains.lost, 4)}
     elif method == "gains":
-        return _refused(
-            pixels, f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}", report
-        )
+        why = f"gains explain {gains.explained:.2f} of the steps, transfer {transfer}"
+        return _refused(pixels, why, report)
     border = cube.border
     if method == "close" and fades:
         report["faded_px"] = border
@@ -228,11 +226,8 @@ def _refused(pixels: Sequence[NDArray[Any]], why: str, report: dict[str, Any] | 
 
 def _in_numbers(steps: Array) -> dict[str, float]:
     """Median, 90th percentile and largest of steps, levels."""
-    return {
-        "median": float(np.median(steps)),
-        "p90": float(np.quantile(steps, 0.9)),
-        "worst": float(steps.max()),
-    }
+    quantiles = {"median": np.median(steps), "p90": np.quantile(steps, 0.9), "worst": steps.max()}
+    return {name: float(step) for name, step in quantiles.items()}
 
 
 def close(cube: Cube) -> NDArray[np.uint8]:
@@ -242,9 +237,8 @@ def close(cube: Cube) -> NDArray[np.uint8]:
     size = cube.pixels.shape[1]
     cells = min(_CELLS, size)
     membrane = _membrane(cube, cells)
-    corrected = cube.pixels + np.stack(
-        [cv2.resize(face, (size, size), interpolation=cv2.INTER_LINEAR) for face in membrane]
-    )
+    smooth = [cv2.resize(face, (size, size), interpolation=cv2.INTER_LINEAR) for face in membrane]
+    corrected = cube.pixels + np.stack(smooth)
     fade = np.clip(1 - np.arange(min(_FADE_PX, size // 2)) / _FADE_PX, 0, 1)[:, None, None] ** 2
     left = np.zeros_like(corrected)
     for edge in cube.edges:
@@ -299,12 +293,8 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
     from scipy.sparse import coo_array, csc_array, diags_array
     from scipy.sparse.linalg import splu
 
-    means = np.stack(
-        [
-            cv2.resize(face.astype(np.float32), (cells, cells), interpolation=cv2.INTER_AREA)
-            for face in cube.pixels
-        ]
-    )
+    size, area = (cells, cells), cv2.INTER_AREA
+    means = np.stack([cv2.resize(face.astype(np.float32), size, interpolation=area) for face in cube.pixels])
     index = np.arange(6 * cells * cells).reshape(6, cells, cells)
     middles = ((np.arange(cells) + 0.5) * cube.pixels.shape[1] / cells).astype(int)
     labels = cube.labels[:, middles[:, None], middles]

@@ -62,9 +62,8 @@ class Model:
         drawn = (self.groups[model.geom_group] > 0) & (_alpha(model) > 0)
         self.ids = {name: 1 + i for i, name in enumerate(sorted({names[i] for i in object_of[drawn]}))}
         if len(self.ids) > _MOST_OBJECTS:
-            raise ArgumentError(
-                f"by: expected at most {_MOST_OBJECTS} objects, got {len(self.ids)}; use body"
-            )
+            got = f"{len(self.ids)}; use body"
+            raise ArgumentError(f"by: expected at most {_MOST_OBJECTS} objects, got {got}")
         labels = [self.ids.get(names[i], 0) for i in object_of]
         self.label_of_geom = np.array([*labels, 0], np.uint16)  # the last one of no geom
         self._object_of = object_of

@@ -17,8 +17,7 @@ DEPTH_ERROR = 1.2e-6
 """Of the renderer's depth, relative: its buffer and its matrices are float32."""
 POSITION_ERROR = 2.0**-23
 """Of vertices and cameras, relative to the coordinates: likewise."""
-_STEEPEST = 1e-3
-"""Cosine of the angle between a ray and the normal below which it is not told from 0."""
+_STEEPEST = 1e-3  # cosine of the angle between a ray and the normal below which it is not told from 0
 _FIRST_PX = 256
 _LIT, _DATA = "lit", "data"
 _no_opengl: list[str] = []
@@ -127,10 +126,8 @@ class Renderer:
             camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
             camera.frustum_center = NEAR_M * (view.width / 2 - p.cx) / p.fx
             camera.frustum_width = NEAR_M * view.width / 2 / p.fx
-            camera.frustum_top, camera.frustum_bottom = (
-                NEAR_M * p.cy / p.fy,
-                -NEAR_M * (view.height - p.cy) / p.fy,
-            )
+            camera.frustum_top = NEAR_M * p.cy / p.fy
+            camera.frustum_bottom = -NEAR_M * (view.height - p.cy) / p.fy
 
     def _set_effects(self, is_lit: bool) -> None:
         flags, names = self._scene.flags, self._mujoco.mjtRndFlag
@@ -191,10 +188,8 @@ def _cosines(depth: Array, lengths: Array, view: View) -> Array:
     slopes = []
     for axis, focal in ((1, p.fx), (0, p.fy)):
         step = np.diff(w, axis=axis) * focal
-        first, last = (
-            np.insert(step, 0, 0, axis=axis),
-            np.append(step, np.zeros_like(np.take(step, [0], axis)), axis),
-        )
+        none = np.zeros_like(np.take(step, [0], axis))
+        first, last = np.insert(step, 0, 0, axis=axis), np.append(step, none, axis)
         slopes.append(np.where(np.abs(first) > np.abs(last), first, last))
     x = (np.arange(view.width) + 0.5 - p.cx) / p.fx
     y = (np.arange(view.height)[:, None] + 0.5 - p.cy) / p.fy

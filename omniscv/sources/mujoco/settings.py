@@ -15,15 +15,13 @@ from omniscv.storage.bounded import read_bytes, read_text
 By = Literal["body", "geom"]
 Data = Literal["rays", "raster"]
 Headlight = Literal["center", "ambient", "camera", "off"]
-_MOST_BYTES = 1 << 28
-"""Of a file of ``qpos``."""
+_MOST_BYTES = 1 << 28  # of a file of ``qpos``
 
 
 def _groups(name: str, value: object) -> str:
     if not str(value) or not set(str(value)) <= set("012345"):
-        raise ArgumentError(
-            f"{name}: expected groups of geoms, digits of 0 to 5 such as 12, got {shown(value)}"
-        )
+        expected = "expected groups of geoms, digits of 0 to 5 such as 12"
+        raise ArgumentError(f"{name}: {expected}, got {shown(value)}")
     return str(value)
 
 

@@ -301,11 +301,9 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
         unshifted = {score.convention: score.of_depth for score in scores}
         shifted = search.ranked([each._replace(shift=by) for each in likely for by in _SHIFTS], *_READ[0])
         # Where depth does not agree better, colours are late, and not poses.
-        kept += [
-            score.convention
-            for score in shifted
-            if score.of_depth > unshifted[score.convention._replace(shift=0)]
-        ]
+        before = [unshifted[score.convention._replace(shift=0)] for score in shifted]
+        pairs = zip(shifted, before, strict=True)
+        kept += [score.convention for score, of_depth in pairs if score.of_depth > of_depth]
         scores = search.ranked(kept, *_READ[0])
     first, kept = scores[0], [*(score.convention for score in scores[:_FINAL]), said]
     for finer in _READ[1:]:

@@ -188,11 +188,8 @@ class Choice:
         """Return what was chosen, in lines for people; ``names`` of the pictures, in the layout's order."""
         first = f"layout {self.layout.name}: step across edges {self.step:.2f} levels; {self.alternative}"
         pairs = zip(names, self.layout.arrangement, self.arrangement, strict=True)
-        return [first] + [
-            f"{name} shows {face}, not {expected}: put right"
-            for name, expected, face in pairs
-            if face != expected
-        ]
+        others = [pair for pair in pairs if pair[1] != pair[2]]
+        return [first, *(f"{name} shows {face}, not {due}: put right" for name, due, face in others)]
 
 
 def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) -> Choice:
@@ -239,18 +236,15 @@ def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) 
     flipped = Seams([picture[:, ::-1] for picture in pictures]).step(layout.arrangement)
     mirrored = ", and so it is if all pictures are mirrored (--mirrored)" if flipped <= least + _SAME else ""
     arrangement = max((turned for one in alike for turned in _rotations(one)), key=agreement)
-    return replace(
-        choice, arrangement=arrangement, step=least, alternative=f"as the layout says: {step:.2f}{mirrored}"
-    )
+    alternative = f"as the layout says: {step:.2f}{mirrored}"
+    return replace(choice, arrangement=arrangement, step=least, alternative=alternative)
 
 
 def _rotations(arrangement: Arrangement) -> list[Arrangement]:
     """The arrangement in all 24 orientations of the cube, itself first."""
     rows = np.array([face.R_w_c for face in arrangement])
-    known = {
-        np.round(Face(row, k).R_w_c).astype(int).tobytes(): Face(row, k)
-        for row, k in product(range(6), range(4))
-    }
+    faces = [Face(row, k) for row, k in product(range(6), range(4))]
+    known = {np.round(face.R_w_c).astype(int).tobytes(): face for face in faces}
     turned = []
     for row, quarters in product(range(6), range(4)):
         R = Face(row, quarters).R_w_c @ Face(0).R_w_c.T

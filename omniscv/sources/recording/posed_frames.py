@@ -44,9 +44,8 @@ def listed_numbers(name: str, value: Any) -> tuple[float, ...]:
 def missing_numbers(name: str, value: Any) -> tuple[float, ...]:
     """Return the finite ones of some numbers: no others are a surface anyway."""
     items = value if isinstance(value, list | tuple) else [value]
-    return listed_numbers(
-        name, [item for item in items if str(item).lower().strip("+-.") not in ("nan", "inf")]
-    )
+    finite = [item for item in items if str(item).lower().strip("+-.") not in ("nan", "inf")]
+    return listed_numbers(name, finite)
 
 
 def _form(name: str, value: Any) -> DepthForm | None:

@@ -323,9 +323,8 @@ class RecordedSource(Source):
             return merge_exposures(request, [self._replay(exposure) for exposure in exposures])
         if capture := self._store.get(request):
             return capture
-        advice = (
-            f"'omniscv recording places {self._name}' lists what is there, 'omniscv record' adds captures"
-        )
+        there = f"'omniscv recording places {self._name}' lists what is there"
+        advice = f"{there}, 'omniscv record' adds captures"
         raise MissingCaptureError(self._explain(request), self._name, advice)
 
     def _explain(self, request: Request) -> str:

@@ -260,9 +260,8 @@ class Store(files.Forkable):
 
     def exposure(self) -> Exposure | None:
         """Return the exposure of the last colours; None without any."""
-        rows = self._query(
-            f"SELECT {_WITHOUT_PAYLOAD} FROM capture WHERE mode = 'lit' ORDER BY number DESC LIMIT 1"
-        )
+        last = "WHERE mode = 'lit' ORDER BY number DESC LIMIT 1"
+        rows = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture {last}")
         with files.errors_of(self.path, advice=_ADVICE):
             provenances = [Row._make(row).description()[2] for row in rows]
         return exposure_from_text(provenances[0].get("exposure")) if provenances else None
@@ -303,9 +302,8 @@ class Store(files.Forkable):
 
     def _check_named(self, scene: object) -> None:
         """Raise OtherSceneError if a capture's provenance names another scene than that of an earlier one."""
-        latest = (
-            "SELECT provenance FROM capture WHERE instr(provenance, '\"scene\"') ORDER BY number DESC LIMIT 1"
-        )
+        last = "instr(provenance, '\"scene\"') ORDER BY number DESC LIMIT 1"
+        latest = f"SELECT provenance FROM capture WHERE {last}"
         for (text,) in self._query(latest):
             known = object_from_json(text).get("scene")
             if known and known != scene:

@@ -28,10 +28,8 @@ _LONGEST_JSON = 1 << 25  # characters of boxes and poses: enough for MOST_OBJECT
 
 def checksum(values: Iterable[str | int | bytes]) -> int:
     """Return the CRC-32 of values, each as ``LENGTH:BYTES``: texts in UTF-8, numbers in decimals."""
-    texts = (
-        value if isinstance(value, bytes) else str(value).encode("utf-8", "surrogatepass") for value in values
-    )
-    return zlib_ng.crc32(b"".join([b"%d:%b" % (len(text), text) for text in texts]))
+    coded = (v if isinstance(v, bytes) else str(v).encode("utf-8", "surrogatepass") for v in values)
+    return zlib_ng.crc32(b"".join([b"%d:%b" % (len(part), part) for part in coded]))
 
 
 @record(eq=False)

@@ -293,9 +293,8 @@ class Connection:
         def text(command: str, reply: Reply) -> str:
             if isinstance(reply, str):
                 return reply
-            raise BadReplyError(
-                f"{self.address}: expected text from {shown(command)}, got {shown(reply[:80])}"
-            )
+            expected = f"expected text from {shown(command)}"
+            raise BadReplyError(f"{self.address}: {expected}, got {shown(reply[:80])}")
 
         return self.read(commands, text)
 

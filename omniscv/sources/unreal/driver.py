@@ -190,10 +190,8 @@ class CameraDriver(ABC):
         if view.lens is not None:
             raise ArgumentError(f"lens: expected none of a game's camera, got {view.lens}")
         if view.height > view.width:
-            raise ArgumentError(
-                f"size: expected a view at least as wide as high, got {view.width} x {view.height}: engines "
-                "take the field of view of higher ones as vertical"
-            )
+            got = f"{view.width} x {view.height}: engines take the field of view of higher ones as vertical"
+            raise ArgumentError(f"size: expected a view at least as wide as high, got {got}")
         if request.mode not in modes:
             known = f"{', '.join(modes[:-1])} or {modes[-1]}"
             raise self._refused(f"a request for {known}, got {request.mode}, which has no picture")

@@ -125,10 +125,8 @@ class LegacyDriver(CameraDriver):
             if count >= _POLLS and reading == before:
                 return reading
             before = reading
-        raise self._bad_reply(
-            f"a camera that comes to rest, but it still moves: {_excerpt(before)}; "
-            "use a flying pawn (UE4CVGameMode)"
-        )
+        moving = f"it still moves: {_excerpt(before)}; use a flying pawn (UE4CVGameMode)"
+        raise self._bad_reply(f"a camera that comes to rest, but {moving}")
 
     def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
         """Return what the camera reports, and captures; refuse a moving one. Masks are answered out of order:
@@ -145,27 +143,20 @@ class LegacyDriver(CameraDriver):
         pictures.update(zip(others, images, strict=True))
         self._expect("ok", LIT_VIEW_MODE, restored)
         if afterwards != reading:
-            raise self._bad_reply(
-                f"a camera that stays at {_excerpt(reading)} while it captures, got "
-                f"{_excerpt(afterwards)}; is a player controlling the pawn?"
-            )
+            got = f"{_excerpt(afterwards)}; is a player controlling the pawn?"
+            raise self._bad_reply(f"a camera that stays at {_excerpt(reading)} while it captures, got {got}")
         window = View(pose, self.mask_fov_deg or view.fov_deg, *self._window)
         fov_deg = protocol.fov(fov)
         actual = View(pose, view.fov_deg if abs(fov_deg - view.fov_deg) <= _PRINTED else fov_deg, *self._size)
-        return (reading, fov), [
-            self._capture(
-                request, window if request.mode == "object_mask" else actual, pictures[request.mode]
-            )
-            for request in requests
-        ]
+        views = (window if request.mode == "object_mask" else actual for request in requests)
+        shown_by = zip(requests, views, strict=True)
+        return (reading, fov), [self._capture(each, seen, pictures[each.mode]) for each, seen in shown_by]
 
     def _checked_size(self, payload: bytes) -> tuple[int, int]:
         width, height = picture_size(payload)
         if width < height:
-            raise self._refused(
-                f"pictures at least as wide as high, got {width} x {height}; set Width and Height in "
-                "unrealcv.ini, and make the game's window as large"
-            )
+            advice = "set Width and Height in unrealcv.ini, and make the game's window as large"
+            raise self._refused(f"pictures at least as wide as high, got {width} x {height}; {advice}")
         return width, height
 
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
@@ -175,10 +166,8 @@ class LegacyDriver(CameraDriver):
         read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]
         off = np.abs(target - read)
         if off[:3].max() > _STRAY_CM:
-            raise self._refused(
-                f"a camera at {location_cm} cm, got {_excerpt(reading)}; a pawn that falls or collides "
-                "cannot be used, nor a level with a CineCameraActor"
-            )
+            why = "a pawn that falls or collides cannot be used, nor a level with a CineCameraActor"
+            raise self._refused(f"a camera at {location_cm} cm, got {_excerpt(reading)}; {why}")
         actual = np.where(off <= _PRINTED, target, read)
         return Pose.from_unreal(actual[:3], actual[3:])
 

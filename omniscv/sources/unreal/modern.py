@@ -18,8 +18,7 @@ from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 
 _log = logging.getLogger("omniscv")
 
-_LIMITS_DEG = (1.0, 179.0)
-"""Fields of view that engines do not clamp in silence."""
+_LIMITS_DEG = (1.0, 179.0)  # fields of view that engines do not clamp in silence
 _TRIED_PX, _TRIED_DEG = (64, 48), 100.0  # are set once, to be read back
 _TRIED = {"fov": "a field of view, degrees, of", "size": "a size, px, of"}
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision

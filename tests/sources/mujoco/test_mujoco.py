@@ -176,6 +176,9 @@ def test_what_is_placed_is_there_with_what_hangs_on_it_and_put_back_to_the_bit(r
 def test_hidden_objects_are_in_no_layer(room):
     with room.without(["ball"]) as source:
         seen = pictures(source)
+    with room.at(Instant.drawn({"objects": {"ball": {"shown": False}}})) as source:
+        drawn = pictures(source)
+    assert all(np.array_equal(pixels, drawn[mode]) for mode, pixels in seen.items())
     assert not (seen["object_mask"] == label(room, "ball")).any()
     shown = pictures(room)
     ball = shown["object_mask"] == label(room, "ball")
