@@ -52,11 +52,9 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Cube:
-    """Views at one centre along the axes of a frame d.
+    """Views at one centre along the axes of a frame d, ``R_w_d`` (3, 3).
 
-    Attributes:
-        R_w_d: (3, 3); the identity if the cube is aligned with the world.
-        faces: by shape and by row of ``cube_rotations()``. Each may be turned by quarters about its axis.
+    ``faces`` are by shape and by row of ``cube_rotations()``; each may be turned by quarters about its axis.
     """
 
     R_w_d: Array

@@ -48,11 +48,11 @@ _openers: dict[str, Opener | str] = {
 
 
 class Deadlines(TypedDict, total=False):
-    """How long to wait for a live server.
+    """How long, in seconds, to wait for a live server.
 
     Attributes:
-        timeout_s: how long connecting, and each reply, may take; 15 s if not given.
-        patience_s: for how long to connect and send again after a fault, until there is a reply; 10 s.
+        timeout_s: connecting, and each reply, may take so long; 15 if not given.
+        patience_s: connect and send again so long after a fault, until there is a reply; 10.
     """
 
     timeout_s: float

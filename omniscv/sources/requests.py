@@ -24,12 +24,7 @@ MOST_STOPS = 20.0
 
 
 class ViewKey(NamedTuple):
-    """The numbers of a view, rounded: equal views have equal keys.
-
-    Attributes:
-        position: 3 coordinates, metres.
-        rotation: ``R_w_c``, 9 entries row by row.
-    """
+    """The numbers of a view, rounded: equal views have equal keys; ``rotation`` is ``R_w_c``, row by row."""
 
     width: int
     height: int
@@ -42,9 +37,8 @@ class ViewKey(NamedTuple):
 class Lens(NamedTuple):
     """How a picture differs from square pixels whose optical axis is in the middle; the same at every size.
 
-    Attributes:
-        squeeze: the focal length down, in px, as a part of that across.
-        x, y: the principal point, right of and below the middle, in widths and heights.
+    ``squeeze`` is the focal length down, in px, as a part of that across; ``x``, ``y`` the principal point,
+    right of and below the middle, in widths and heights.
     """
 
     squeeze: float = 1.0

@@ -90,12 +90,8 @@ def _part(name: str, value: object) -> str:
 
 @record
 class SceneIdentity:
-    """The scene that a source shows; parts that the source does not know are empty.
-
-    Attributes:
-        name: of the project or scene.
-        level: of the level, or map, in it.
-        content: a digest of everything visible.
+    """The scene that a source shows: the ``name`` of the project or scene, the ``level``, or map, in it, and
+    a digest of its visible ``content``; parts that the source does not know are empty.
     """
 
     name: str = checked(_part, default="")

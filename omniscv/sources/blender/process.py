@@ -48,14 +48,13 @@ _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 
 @dataclass(frozen=True)
 class Opened:
-    """The reply to ``open``: what is known of the scene before anything is rendered.
+    """The reply to ``open``: what is known of the scene, named ``scene``, before anything is rendered.
 
     Attributes:
-        scene, frame: its name, and the frame of its animation.
+        frame: of its animation.
         objects: by name, the id that pictures show.
-        world: whether it has one.
-        lights, materials: by name, the settings that can be varied, and how many numbers each has; the world
-            is a light.
+        lights, materials: by name, the settings that can be varied, and how many numbers each has; the
+            ``world``, if there is one, is a light.
         metres: of a unit of the scene.
         transfer: what 8-bit colours say of light, by the scene's view transform.
         camera: where the scene's own camera is, metres; None without one.

@@ -32,10 +32,10 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cube:
-    """Six square pictures that together see every direction once.
+    """Six square pictures, of 90 degrees, at one centre, in any orientation, that together see every
+    direction once.
 
     Attributes:
-        views: of 90 degrees, at one centre, in any orientation.
         pixels: (6, s, s, 3) uint8.
         border: px that were captured beyond the 90 degrees on every side, and are left out.
         labels: (6, s, s) of the objects; all 0 without masks.

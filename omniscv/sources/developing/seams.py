@@ -148,12 +148,10 @@ def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArr
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """Colours of one place whose faces agree at their edges.
+    """Colours of one place, (h, w, 3) each, whose faces agree at their edges.
 
-    Attributes:
-        pixels: as captured, (h, w, 3) each.
-        relit: (h, w) uint8 each, 255 where the colour changed.
-        report: for the image's JSON: steps across edges before and after, gains, changes; why it was refused.
+    ``relit`` (h, w) uint8 is 255 where the colour changed; ``report`` is for the image's JSON: steps across
+    edges before and after, gains, changes, or why it was refused.
     """
 
     pixels: tuple[NDArray[Any], ...]

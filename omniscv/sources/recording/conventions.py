@@ -39,8 +39,7 @@ class Convention(NamedTuple):
     """What the numbers of poses and depth mean.
 
     Attributes:
-        inverse: from the world to the camera.
-        transposed: rotations are the transposes of those.
+        inverse: from the world to the camera; ``transposed`` rotations are the transposes of those.
         axes: (9,) C of :func:`omniscv.geometry.trajectory_columns.axes_of`, row by row.
         ratio: of the unit of depth to that of positions, over the ratio that is said.
         along: depth is along the ray.
@@ -79,14 +78,14 @@ class Words:
     """What is said of poses and depth.
 
     Attributes:
-        axes: a name of :func:`omniscv.geometry.trajectory_columns.axes_of`.
-        inverse: world to camera.
-        along: depth along the ray.
-        per_m: whole numbers of depth in a metre; 1 where depth is in floats of metres.
+        axes: a name of :func:`omniscv.geometry.trajectory_columns.axes_of`; poses are ``inverse``: world to
+            camera.
+        metres: of one of positions.
+        along: depth along the ray, of which ``per_m`` whole numbers are a metre; 1 where it is in floats of
+            metres.
         quaternions: whether rotations are quaternions.
         fixed: whether only units and kinds may be others, as of faces.
         asks: whether the words are a guess that pictures may correct.
-        metres: of one of positions.
     """
 
     axes: str = "camera"
@@ -121,16 +120,14 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What pictures say.
+    """What pictures say of words, or ``why`` they cannot tell.
 
     Attributes:
-        words: what was said.
         best: the hypothesis of most agreement; of those that are tied with it, the nearest to the words.
         said: that of the words.
         following: the best of those that are not tied; None if all are.
         tied: conventions that pictures cannot tell from the best.
         median: of depth, as read.
-        why: why pictures cannot tell; empty where they can.
     """
 
     words: Words

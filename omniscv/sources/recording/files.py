@@ -84,10 +84,8 @@ def create(path: Path) -> None:
 
 
 def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
-    """Return a connection that has read the header, and with it a journal.
-
-    ``mode`` is as in SQLite's addresses; a ``torn`` file may be shorter than its header says, because a
-    change was interrupted.
+    """Return a connection that has read the header, and with it a journal, in a mode of SQLite's addresses;
+    ``torn``: the file may be shorter than its header says.
     """
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(
@@ -207,11 +205,8 @@ def check_schema(database: sqlite3.Connection) -> None:
 
 @contextlib.contextmanager
 def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[None]:
-    """Raise errors of SQLite and of the file system as errors of a recording, and name the file in them.
-
-    Args:
-        path, write: of the recording, and whether it is written.
-        advice: what to do about damage.
+    """Raise errors of SQLite and of the file system as errors of a recording, which is written or read, and
+    name the file in them; ``advice`` is on damage.
     """
     try:
         yield

@@ -97,11 +97,9 @@ def info(path: Path | str) -> Info:
 
 @dataclass(frozen=True)
 class Center:
-    """An optical centre of a recording.
+    """An optical centre of a recording, metres, world frame, in a state of the world.
 
     Attributes:
-        center: metres, world frame.
-        state: of the world; empty for the still one.
         captures: number of captures by mode.
         fov_deg: the least and the greatest field of view of a view.
         last: when it was captured last, ISO 8601, UTC; empty where that is not recorded.

@@ -168,11 +168,10 @@ class Seams:
 
 @dataclass(frozen=True)
 class Choice:
-    """What six pictures show.
+    """What six pictures, in the order of a layout, show.
 
     Attributes:
         layout: by names or shape.
-        pictures: in the layout's order.
         arrangement: of the pictures; it differs from the layout's where the seams say so.
         step: mean step across the edges, grey levels.
         alternative: the next best reading, in words.

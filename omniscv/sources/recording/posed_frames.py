@@ -131,15 +131,13 @@ class Frame:
 
 @dataclass(frozen=True)
 class Sequence:
-    """Pictures with poses.
+    """Pictures with poses, in the order of ``frames``.
 
     Attributes:
-        frames: in order.
         objects: of masks; empty: as the masks show.
         says: lines for people.
         of_openexr: as :func:`to_faces`.
-        layout: its name.
-        words: of its poses; depth is as :meth:`form`.
+        layout, words: its name, and what it says of its poses; depth is as :meth:`form`.
         options: of the user.
     """
 

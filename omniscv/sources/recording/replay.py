@@ -115,21 +115,18 @@ def differences(recorded: View, requested: View) -> str:
     a, b = recorded.key(), requested.key()
     metres, *radians, _ = _distances(recorded, requested)
     turn_deg, opening_deg = np.degrees(radians)
-    parts = []
-    if a.position != b.position:
-        positions = recorded.pose.position, requested.pose.position
-        parts.append(f"position by {metres:.3g} m{_both(*positions)}")
-    if a.rotation != b.rotation:
-        angles = recorded.pose.angles(), requested.pose.angles()
-        parts.append(f"orientation by {turn_deg:.3g} deg of yaw, pitch, roll{_both(*angles)}")
-    if a.fov_deg != b.fov_deg:
-        angles_deg = (recorded.fov_deg,), (requested.fov_deg,)
-        parts.append(f"field of view by {opening_deg:.3g} deg{_both(*angles_deg)}")
-    if a.lens != b.lens:
-        parts.append(f"lens: {recorded.lens} recorded, {requested.lens} requested")
-    if (a.width, a.height) != (b.width, b.height):
-        parts.append(f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested")
-    return "; ".join(parts)
+    positions = _both(recorded.pose.position, requested.pose.position)
+    angles = _both(recorded.pose.angles(), requested.pose.angles())
+    fovs = _both([recorded.fov_deg], [requested.fov_deg])
+    size = f"size: {a.width} x {a.height} recorded, {b.width} x {b.height} px requested"
+    parts = {
+        f"position by {metres:.3g} m{positions}": a.position != b.position,
+        f"orientation by {turn_deg:.3g} deg of yaw, pitch, roll{angles}": a.rotation != b.rotation,
+        f"field of view by {opening_deg:.3g} deg{fovs}": a.fov_deg != b.fov_deg,
+        f"lens: {recorded.lens} recorded, {requested.lens} requested": a.lens != b.lens,
+        size: (a.width, a.height) != (b.width, b.height),
+    }
+    return "; ".join(part for part, differs in parts.items() if differs)
 
 
 def in_words(view: View) -> str:

@@ -241,8 +241,8 @@ class Connection:
     def attempts(self) -> Iterator[Callable[[SourceError | None], None]]:
         """Yield a function to call after each attempt of an operation, with its fault or None for progress.
 
-        After a fault of ``RETRIED`` it disconnects and pauses, so that late replies are dropped. It raises
-        the fault after too many without progress, or if no server has ever been reached.
+        After a fault of ``RETRIED`` it disconnects and pauses; after too many, or if no server has ever been
+        reached, it raises the fault.
         """
         outer, failures = self._until, 0
 

@@ -105,8 +105,8 @@ class CameraOptions:
 
     Attributes:
         fix_exposure: whether to switch off vignette and auto exposure of the whole game.
-        exposure: of the spawned camera: manual with a bias in stops, or with one that matches the game's, or
-            the game's own. None: the matching one where the plugin can set it.
+        exposure: of the spawned camera, as :data:`CameraExposure`; None: ``auto`` where the plugin can set
+            it.
         warmup: frames of colour to drop after each move, where temporal effects blend them.
     """
 

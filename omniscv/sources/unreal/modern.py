@@ -25,13 +25,10 @@ _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
 
 class Step(NamedTuple):
-    """A command of a batch.
+    """A command of a batch, and the request of its picture, None for one that moves the camera.
 
-    Attributes:
-        command: what is sent.
-        use: of the reply. ``check``: it must be ok; ``skip``: it may be stale or garbage; ``reference``: it
-            shows what the camera sees before it moves; ``keep``: it is a capture.
-        request: of the picture; None for a command that moves the camera.
+    ``use`` is of the reply. ``check``: it must be ok; ``skip``: it may be stale or garbage; ``reference``: it
+    shows what the camera sees before it moves; ``keep``: it is a capture.
     """
 
     command: str

@@ -203,11 +203,9 @@ def described(reply: Reply) -> str:
 
 @dataclass(frozen=True)
 class Dialect:
-    """What a release of the plugin answers.
+    """What releases of the ``plugin``, built for versions of the ``engine``, answer.
 
     Attributes:
-        plugin: the releases that speak it.
-        engine: the versions of Unreal that these were built for.
         batches: whether ``vbatch`` has the next requests answered in one tick; no list of commands says so.
         commands: of the templates that not every dialect has, those that it has; for servers without help.
     """
