@@ -25,9 +25,8 @@ def folder(tmp_path):
     (tmp_path / "f" / "images").mkdir(parents=True)
     Image.new("RGB", (W, H), (90, 120, 30)).save(tmp_path / "f/images/a.png")
     Image.fromarray(np.full((H, W), 1500, np.uint16)).save(tmp_path / "f/images/a-depth.png")
-    Image.fromarray(np.uint8(np.arange(W) >= W // 2)[None].repeat(H, 0) * 255).save(
-        tmp_path / "f/images/a-mask.png"
-    )
+    left = np.uint8(np.arange(W) >= W // 2)[None].repeat(H, 0) * 255
+    Image.fromarray(left).save(tmp_path / "f/images/a-mask.png")
     return tmp_path / "f"
 
 

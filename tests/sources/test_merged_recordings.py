@@ -19,10 +19,8 @@ from omniscv.sources.recording import merge, part_file, split
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
-REQUESTS = [
-    *face_requests(size=16, modes=("lit", "object_mask", "depth")),
-    *face_requests(size=16, modes=("lit", "depth"), center=(1.5, 0.2, 1.4)),
-]
+REQUESTS = face_requests(size=16, modes=("lit", "object_mask", "depth"))
+REQUESTS += face_requests(size=16, modes=("lit", "depth"), center=(1.5, 0.2, 1.4))
 CAMERA = omniscv.cameras.create("equirectangular", width=32, height=16)
 PLACES = ((0.0, 0.0, 1.5), (1.5, 0.2, 1.4))
 

@@ -6,6 +6,7 @@ What a row means is computed here by SciPy, from the conventions' own words.
 """
 
 import json
+from itertools import product
 
 import numpy as np
 import pytest
@@ -57,18 +58,14 @@ def drawn(draw, spelling, count=3):
 
 def entry(row):
     """A row as JSON: a matrix in four lines."""
-    return (
-        {"transform_matrix": [[row[m] for m in MATRIX[i : i + 4]] for i in (0, 4, 8, 12)]}
-        if "m0" in row
-        else row
-    )
+    matrix = [[row[m] for m in MATRIX[i : i + 4]] for i in (0, 4, 8, 12)] if "m0" in row else None
+    return {"transform_matrix": matrix} if matrix else row
 
 
 def table(rows, names=()):
     """Rows as CSV: without a header for matrices."""
-    lines = [
-        ",".join([*names[i : i + 1], *(str(value) for value in row.values())]) for i, row in enumerate(rows)
-    ]
+    cells = ([*names[i : i + 1], *map(str, row.values())] for i, row in enumerate(rows))
+    lines = [",".join(line) for line in cells]
     if "m0" in rows[0]:
         return "\n".join(lines).replace(",", " ") + "\n"
     return "\n".join([",".join(["name"] * bool(names) + [*rows[0]]), *lines]) + "\n"
@@ -177,14 +174,8 @@ CHANGES = {
     "transposed": lambda row, name: transposed(row),
     "last row": lambda row, name: row.update({"m12" if "m0" in row else name: float("inf")}),
 }
-KEPT = {
-    ("transposed", "angles"),
-    ("transposed", "quaternion"),
-    ("long", "angles"),
-    ("mirrored", "angles"),
-    ("mirrored", "quaternion"),
-    ("more", "matrix"),
-}
+KEPT = {*product(("transposed", "mirrored"), ("angles", "quaternion"))}
+KEPT |= {("long", "angles"), ("more", "matrix")}
 
 
 def check_changed(door, seed, count, folder):

@@ -33,19 +33,15 @@ def exr(path, channels, **spec):
 def encoded(suffix):
     """Bytes of a valid picture."""
     if suffix in ("npy", "hdr", "png16"):
-        pixels = {
-            "npy": COLORS,
-            "hdr": COLORS.astype(np.float32) / 99,
-            "png16": COLORS.astype(np.uint16) * 257,
-        }
+        floats, wide = COLORS.astype(np.float32) / 99, COLORS.astype(np.uint16) * 257
+        pixels = {"npy": COLORS, "hdr": floats, "png16": wide}
         if suffix != "npy":
             return cv2.imencode("." + suffix[:3], pixels[suffix])[1].tobytes()
         np.save(buffer := io.BytesIO(), COLORS)
         return buffer.getvalue()
     buffer = io.BytesIO()
-    Image.fromarray(COLORS).save(
-        buffer, suffix.replace("tga", "TGA"), **({"lossless": True} if suffix == "webp" else {})
-    )
+    lossless = {"lossless": True} if suffix == "webp" else {}
+    Image.fromarray(COLORS).save(buffer, suffix.replace("tga", "TGA"), **lossless)
     return buffer.getvalue()
 
 
@@ -53,9 +49,8 @@ def judged(data, suffix):
     """Pixels (H, W, 3) as Pillow, OpenCV or NumPy reads them."""
     if suffix == "npy":
         pixels = np.load(io.BytesIO(data), allow_pickle=False)
-        return np.repeat(
-            pixels.reshape(*pixels.shape[:2], -1)[..., :3], 1 if pixels.shape[2:] > (1,) else 3, axis=2
-        )
+        colors = pixels.reshape(*pixels.shape[:2], -1)[..., :3]
+        return np.repeat(colors, 1 if pixels.shape[2:] > (1,) else 3, axis=2)
     if suffix in ("hdr", "png16"):
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)[..., 2::-1]
     with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data)) as image:
@@ -72,13 +67,8 @@ def changed(data, suffix, draw):
         return data[:at] if way == 1 else data[:at] + bytes(draw.integers(0, 256, 3, np.uint8)) + data[at:]
     kind = draw.choice(["?", "i8", "u4", ">u2", ">f8", "c8", "f2", "O", "S3"])
     pixels = np.where(COLORS > 127, COLORS, 9).astype(kind if way == 3 else "u1")
-    order = [
-        lambda a: a,
-        np.asfortranarray,
-        lambda a: a.transpose(2, 0, 1),
-        lambda a: a[0, 0],
-        lambda a: a[..., :2],
-    ]
+    order = (np.asarray, np.asfortranarray, lambda a: a.transpose(2, 0, 1), lambda a: a[0, 0],
+             lambda a: a[..., :2])  # fmt: skip
     np.save(buffer := io.BytesIO(), order[draw.integers(0, 5)](pixels))
     return buffer.getvalue()
 

@@ -14,17 +14,15 @@ from support.recordings import contents, provenances
 import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, ServerConnectionError, SourceError
-from omniscv.sources import Capabilities, Capture, ObjectTable, Source
+from omniscv.sources import Capabilities, Capture, ObjectTable, Request, Source
 from omniscv.sources.pool import SourcePool
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
 
 BATCH_OF_24 = 836  # px of a face; replicas get 2^24 pixels at once
-REQUESTS = [
-    request
-    for step in range(20)
-    for request in face_requests(size=BATCH_OF_24, modes=("lit", "depth"), center=(0.1 * step, 0.0, 1.5))
-]
+REQUESTS = list[Request]()
+for step in range(20):
+    REQUESTS += face_requests(size=BATCH_OF_24, modes=("lit", "depth"), center=(0.1 * step, 0.0, 1.5))
 
 
 class Game(Source):
@@ -162,11 +160,8 @@ def test_one_that_cannot_be_opened_is_an_error_at_once():
 
 def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path, caplog):
     """Over TCP, into one recording: the same as from one server alone."""
-    requests = [
-        request
-        for step in range(6)
-        for request in face_requests(32, ("lit", "object_mask", "depth"), center=(0.1 * step, 0.0, 1.5))
-    ]
+    modes, places = ("lit", "object_mask", "depth"), [(0.1 * step, 0.0, 1.5) for step in range(6)]
+    requests = [request for place in places for request in face_requests(32, modes, center=place)]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
     with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=5) as second:
         with omniscv.open_source(first.uri) as live, omniscv.record(live, alone) as source:

@@ -31,12 +31,10 @@ def along(shots, k):
 def beside(shots, scale=1.0, x=0.0, y=0.0):
     """Shots whose colours are larger than depth, and lie beside it, px."""
     height, width = shots.depth.shape[1:]
-    M = np.array(
-        [[scale, 0, (1 - scale) * (width - 1) / 2 + x], [0, scale, (1 - scale) * (height - 1) / 2 + y]]
-    )
-    lit = [
-        cv2.warpAffine(each, M, (width, height), flags=cv2.INTER_CUBIC, borderMode=2) for each in shots.lit
-    ]
+    a, b = (1 - scale) * (width - 1) / 2 + x, (1 - scale) * (height - 1) / 2 + y
+    M = np.array([[scale, 0, a], [0, scale, b]])
+    how = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REFLECT}
+    lit = [cv2.warpAffine(each, M, (width, height), **how) for each in shots.lit]
     return replace(shots, lit=np.stack(lit))
 
 
@@ -126,9 +124,8 @@ def test_nothing_is_named_in_sound_pictures_or_from_few_frames():
 
 def examined(shots):
     """The findings on shots by name."""
-    return {
-        finding.name: finding for finding in examine_pictures(read(shots, pairs=PAIRS, most=WIDTH), Words())
-    }
+    found = examine_pictures(read(shots, pairs=PAIRS, most=WIDTH), Words())
+    return {finding.name: finding for finding in found}
 
 
 def check_other(name, make):
@@ -157,9 +154,8 @@ def test_the_doctor_takes_a_folder(tmp_path, capsys):
         cv2.imwrite(str(tmp_path / f"rgb/{i}.png"), shots.lit[i][..., ::-1])
         cv2.imwrite(str(tmp_path / f"depth/{i}.png"), np.uint16(np.round(5000 * shots.depth[i])))
     keys = dict(zip(("fx", "fy", "cx", "cy"), shots.lens, strict=True))
-    (tmp_path / "lens.json").write_text(
-        json.dumps({**keys, "width": SIZE["width"], "height": SIZE["height"]})
-    )
+    size = {"width": SIZE["width"], "height": SIZE["height"]}
+    (tmp_path / "lens.json").write_text(json.dumps(keys | size))
     args = ["doctor", str(tmp_path), "--intrinsics", str(tmp_path / "lens.json"), "--json"]
     assert cli.run(args) == 1
     values = {row["name"]: row for row in json.loads(capsys.readouterr().out)}

@@ -72,9 +72,8 @@ def test_flat_pictures_are_views_with_their_lens_and_pose(name, folder, file, ca
     with omniscv.open_source(file) as source:
         recorded = source.recorded_views()
         for view in wanted:
-            (same,) = (
-                v for v in recorded if v.width == view.width and np.allclose(v.pose.R_w_c, view.pose.R_w_c)
-            )
+            near = (v for v in recorded if v.width == view.width)
+            (same,) = (v for v in near if np.allclose(v.pose.R_w_c, view.pose.R_w_c))
             np.testing.assert_allclose(same.pose.position, view.pose.position, atol=1e-6)
             np.testing.assert_allclose(same.projection, view.projection, atol=1e-6)
             (lit,) = source.capture([Request(same, "lit")])

@@ -27,10 +27,8 @@ def hits():
 
 
 def captured(source):
-    return {
-        each.mode: each.pixels
-        for each in source.capture(Request(VIEW, m, source.state) for m in source.capabilities.modes)
-    }
+    captures = source.capture(Request(VIEW, mode, source.state) for mode in source.capabilities.modes)
+    return {each.mode: each.pixels for each in captures}
 
 
 @pytest.mark.parametrize("lit", ["uint8", "float32"])

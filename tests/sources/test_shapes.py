@@ -142,12 +142,8 @@ def test_vertices_are_fetched_up_to_a_bound():
     assert [found[name].source for name in SCENE.objects] == ["vertices"] * 8 + ["bounds"] * 12
 
 
-SOURCES = {
-    "scene": ["scene://four-wall"],
-    "mock": ["mock://four-wall"],
-    "0.3.10": [SMALL],
-    "pool": ["scene://four-wall", "scene://four-wall"],
-}
+SOURCES = {"scene": ["scene://four-wall"], "mock": ["mock://four-wall"], "0.3.10": [SMALL]}
+SOURCES["pool"] = SOURCES["scene"] * 2
 
 
 @pytest.mark.parametrize("uris", SOURCES.values(), ids=SOURCES)

@@ -186,9 +186,8 @@ def test_a_damaged_scene_is_one_clear_sentence(scenes, tmp_path):
     whole = Path(scenes("lit").removeprefix("blender://").partition("?")[0]).read_bytes()
     for data in (b"", b"no scene at all", whole[: len(whole) // 2]):
         path.write_bytes(data)
-        with pytest.raises(
-            SourceError, match=r"room\.blend: expected Blender to open the scene, got: "
-        ) as error:
+        refused = pytest.raises(SourceError, match=r"room\.blend: expected Blender to open the scene, got: ")
+        with refused as error:
             omniscv.open_source(f"blender://{path}")
         assert "\n" not in str(error.value)
 

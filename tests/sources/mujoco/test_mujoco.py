@@ -26,10 +26,8 @@ mujoco = pytest.importorskip("mujoco", reason="needs the extra mujoco")
 
 ROOM = Path(__file__).parent / "four-wall.xml"
 CENTER = (0.1, 0.2, 1.4)
-VIEWS = [
-    View(Pose.from_angles(CENTER, yaw, pitch), 90, 96, 96)
-    for yaw, pitch in ((20, -5), (120, -20), (250, -30))
-]
+ANGLES = (20, -5), (120, -20), (250, -30)
+VIEWS = [View(Pose.from_angles(CENTER, *angles), 90, 96, 96) for angles in ANGLES]
 DATA = ("object_mask", "depth", "normals")
 NORTH = 6
 """The label of the north wall."""
@@ -48,10 +46,8 @@ def raster():
 
 
 def pictures(source, view=VIEWS[0], modes=(*DATA, "lit")):
-    return {
-        capture.mode: capture.pixels
-        for capture in source.capture(Request(view, mode, source.state) for mode in modes)
-    }
+    captures = source.capture(Request(view, mode, source.state) for mode in modes)
+    return {capture.mode: capture.pixels for capture in captures}
 
 
 def label(source, name):
@@ -293,14 +289,9 @@ def test_without_opengl_there_are_data_and_a_line_that_says_what_to_do(backend, 
         "assert all(capture.pixels.any() for capture in source.capture(data))\n"
         "check_modes(source, ['lit']); next(source.capture([Request(view, 'lit')]))\n"
     )
-    there = {
-        key: value
-        for key, value in os.environ.items()
-        if key not in ("DISPLAY", "WAYLAND_DISPLAY", "PYOPENGL_PLATFORM")
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**there, "MUJOCO_GL": backend}, capture_output=True, text=True
-    )
+    gone = ("DISPLAY", "WAYLAND_DISPLAY", "PYOPENGL_PLATFORM")
+    there = {key: value for key, value in os.environ.items() if key not in gone} | {"MUJOCO_GL": backend}
+    done = subprocess.run([sys.executable, "-c", code], env=there, capture_output=True, text=True)
     if backend == "osmesa" and not done.returncode:
         pytest.skip("OSMesa is installed here")
     assert re.search(expected, done.stderr.splitlines()[-1]), done.stderr

@@ -202,9 +202,8 @@ def test_vertical_views_are_covered_by_two():
             if vertical:
                 first, second = (c.view.pose.R_w_c for c in source.capture(Request(v, "lit") for v in views))
                 middle = first[:, 2] + second[:, 2]
-                np.testing.assert_allclose(
-                    middle / np.linalg.norm(middle), request.view.pose.R_w_c[:, 2], atol=1e-6
-                )
+                middle /= np.linalg.norm(middle)
+                np.testing.assert_allclose(middle, request.view.pose.R_w_c[:, 2], atol=1e-6)
 
 
 def test_the_player_is_where_it_was_afterwards():

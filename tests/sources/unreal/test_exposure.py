@@ -65,10 +65,8 @@ def test_stops_are_of_colours_and_bounded(mode, stops):
 
 def colors(source, count=1, yaw_deg=0):
     """Captures of one view in colour, with another view before each."""
-    views = [
-        View(omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw), 90, 16, 16)
-        for yaw in (yaw_deg + 90, yaw_deg)
-    ]
+    poses = [omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw) for yaw in (yaw_deg + 90, yaw_deg)]
+    views = [View(pose, 90, 16, 16) for pose in poses]
     captures = list(source.capture([Request(view, "lit") for _ in range(count) for view in views]))
     return captures[1::2]
 

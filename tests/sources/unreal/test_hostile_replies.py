@@ -160,9 +160,8 @@ def test_the_command_line_gives_up_a_silent_server_when_its_patience_ends(
         assert run([command, *source, *limits]) == 1
         seconds = os.times().elapsed - started
     (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(
-        r"(no greeting|got none, or not all of it|within \S+ s).*gave up after [2-4] attempts", line
-    )
+    silence = "no greeting|got none, or not all of it|within \\S+ s"
+    assert re.search(f"({silence}).*gave up after [2-4] attempts", line)
     assert seconds < 20  # six attempts of 30 s were made
     assert not (tmp_path / "out").exists()
 

@@ -146,9 +146,8 @@ def test_settings_come_back_after_a_launch_and_after_a_killed_one(before, tmp_pa
             assert file.read_text().startswith(OURS)
             assert file.read_text().endswith("Port=2\n")
             assert (tmp_path / BACKUP).exists() == (before is not None)
-        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == (
-            {} if before is None else {"unrealcv.ini": before}
-        )
+        left = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+        assert left == ({} if before is None else {"unrealcv.ini": before})
 
 
 def test_settings_that_were_changed_after_a_kill_are_not_touched(tmp_path):

@@ -21,10 +21,8 @@ SLACK_S = 30  # for two attempts, however busy the machine: what takes longer ha
 def requests_by_viewpoint(count=5):
     """All modes at poses in the room whose pictures differ from all others."""
     rng = np.random.default_rng(7)
-    views = [
-        View(Pose.from_angles((x, y, 1.2), yaw, pitch), 90.0, SIZE, SIZE)
-        for x, y, yaw, pitch in rng.uniform((-1, -1, -180, -60), (1, 1, 180, 60), (count, 4))
-    ]
+    draws = rng.uniform((-1, -1, -180, -60), (1, 1, 180, 60), (count, 4))
+    views = [View(Pose.from_angles((x, y, 1.2), *turn), 90.0, SIZE, SIZE) for x, y, *turn in draws]
     return [Request(view, mode) for view in views for mode in MODES]
 
 
@@ -64,17 +62,9 @@ def live(server, **options):
 # Every fault of the line, now and then: nothing is lost, nothing is wrong.
 
 LINE = [
-    "delay=0.5@0.03",
-    "drip=0.5@0.03",
-    "missing@0.03",
-    "wrong-id@0.05",
-    "clicked@0.3",
-    "cut=0.99@0.05",
-    "bad-magic@0.05",
-    "reset@0.05",
-    "no-greeting@0.15",
-    "second-client=0.2@0.5",
-]
+    "delay=0.5@0.03", "drip=0.5@0.03", "missing@0.03", "wrong-id@0.05", "clicked@0.3", "cut=0.99@0.05",
+    "bad-magic@0.05", "reset@0.05", "no-greeting@0.15", "second-client=0.2@0.5",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", LINE)
