@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Ints
@@ -184,12 +183,6 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
         better = (z > 0) & (margin >= 0) & np.where(supported == before, finer, supported)
         index[better], edge_px[better], most[better] = k, margin[better], density[better]
     return index, edge_px
-
-
-def sees(view: View, directions_w: Array) -> NDArray[np.bool_]:
-    """(N,) whether a view shows directions (N, 3)."""
-    u, v, z = view.project(view.pose.t_w_c + directions_w).T
-    return np.asarray((z > 0) & (u >= 0) & (u <= view.width) & (v >= 0) & (v <= view.height))
 
 
 def _positions(positions: Sequence[Array]) -> list[Position]:

@@ -14,24 +14,22 @@ import queue
 import shutil
 import sys
 import threading
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import bpy  # type: ignore[import-not-found]
 import numpy as np
 from mathutils import Matrix  # type: ignore[import-not-found]
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from omniscv.sources.blender.inside_scene import (
-        make_instances_real,
-        named_objects,
-        select_scene,
-        show_as_rendered,
-        vertices_of,
-    )
-else:  # Blender runs this file as a program, and knows nothing of omniscv
-    sys.path.append(os.path.dirname(os.path.abspath(__file__)))
-    from inside_scene import make_instances_real, named_objects, select_scene, show_as_rendered, vertices_of
+sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # Blender knows nothing of omniscv
+
+from inside_scene import (  # type: ignore[import-not-found]
+    make_instances_real,
+    named_objects,
+    select_scene,
+    show_as_rendered,
+    vertices_of,
+)
 
 MARK = b"\n--omniscv-blender-1--\n"
 MOST_OBJECTS = 32_767  # what a pass index can be
