@@ -5,8 +5,6 @@ folder and returns only counts, or what is wrong with the job. Workers run at ``
 of a scheduler.
 """
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import re

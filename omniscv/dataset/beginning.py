@@ -1,7 +1,5 @@
 """The folder of a dataset that is written: how it is locked, begun, resumed, replaced and tidied."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext

@@ -1,7 +1,5 @@
 """Check a dataset, one line for each fault; count what it holds."""
 
-from __future__ import annotations
-
 import filecmp
 import tempfile
 from collections import Counter

@@ -1,7 +1,5 @@
 """The formats that datasets are exported to, by name, and exports: what other programs read."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

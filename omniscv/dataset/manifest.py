@@ -6,8 +6,6 @@ when it is there. ``frames.jsonl`` is written last of all, in the order of keys.
 clock, an address, or a path outside the dataset: the same frames make the same bytes.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -15,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from omniscv import modalities, storage
 from omniscv.arguments import one_of, shown, stem, texts, whole_number
@@ -157,7 +155,7 @@ class Manifest:
         }
 
     @classmethod
-    def from_dict(cls, data: Any) -> Manifest:
+    def from_dict(cls, data: Any) -> Self:
         """The inverse of :meth:`to_dict`; ArgumentError for anything else."""
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             got = data.get("format") if isinstance(data, dict) else data

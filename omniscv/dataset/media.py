@@ -4,8 +4,6 @@ Pictures get GPano fields, https://developers.google.com/streetview/spherical-me
 Spherical Video V2, https://github.com/google/spatial-media. Pixels stay as they are.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Pictures for other programs: colours, masks, and layers of the store ``fast``."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any

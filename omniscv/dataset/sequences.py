@@ -1,8 +1,6 @@
 """The frames of a dataset over time: those of each camera in order, and rigs of cameras that move
 together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Writes frames into a dataset: instance ids frozen by name, every file whole or not at all."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """Semantic classes of objects, by their names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

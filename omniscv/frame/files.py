@@ -1,12 +1,8 @@
 """The files of a frame, checked where they are read: the one border between a dataset and its readers.
 
-:class:`FrameFiles` gives the path of a file only if it is a regular file in the folder of the dataset, with
-the size and the checksum of the manifest, and, of a layer, a picture of the camera's size. So what makes,
-checks, exports, packs, shows and loads frames reads the same bytes or raises the same
+So what makes, checks, exports, packs, shows and loads frames reads the same bytes or raises the same
 :class:`~omniscv.errors.DatasetError`.
 """
-
-from __future__ import annotations
 
 import hashlib
 import os
@@ -15,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from omniscv import modalities, plugins
 from omniscv.arguments import shown, text, whole_number, within
@@ -59,18 +55,14 @@ class FileEntry:
             raise ArgumentError(f"sha256: expected 64 hexadecimal digits, got {shown(self.sha256)}")
 
     @classmethod
-    def of(cls, path: Path) -> FileEntry:
+    def of(cls, path: Path) -> Self:
         """Return the entry of a file as it is."""
         with path.open("rb") as file:
             return cls(path.name, os.fstat(file.fileno()).st_size, _checksum(file))
 
     def fault(self, folder: Path, deep: bool = True) -> str | None:
-        """Return what is wrong with the file in a local folder, in a few words; None if nothing is.
-
-        Args:
-            folder: of the dataset.
-            deep: whether its bytes are read.
-        """
+        """Return what is wrong with the file in the dataset's local folder, in a few words; None if nothing
+        is. Its bytes are read only if ``deep``."""
         try:
             with open_regular(folder / self.path, links=False) as file:
                 if (size := os.fstat(file.fileno()).st_size) != self.bytes:
@@ -87,18 +79,8 @@ class FileEntry:
 def read_entries(
     key: str, size: Size, files: Mapping[str, Any], endings: Mapping[str, Collection[str]]
 ) -> dict[str, FileEntry]:
-    """Return the files that the line of a frame lists, by kind.
-
-    Args:
-        key: of the frame.
-        size: of its camera's images.
-        files: of the line.
-        endings: as :func:`file_endings` returns them.
-
-    Raises:
-        ArgumentError: an unknown kind, a name that is not that of the key and the kind, or a file that is
-            larger than such a file can be.
-    """
+    """Return the files that the line of a frame lists, by kind, whose names end as :func:`file_endings` has
+    it; ArgumentError for another kind or name, or a file larger than such a file can be."""
     most = MOST_JSON_BYTES + _MOST_PIXEL_BYTES * size[0] * size[1]
     entries = {}
     for kind, values in files.items():
@@ -114,17 +96,12 @@ def read_entries(
 def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
     """Return, by the kinds of files that a frame may have, how their names go on after its key.
 
-    Layers are pictures or arrays, all else is JSON: loaders choose what to do with a file by its suffix, and
-    for some they run what it holds.
-
-    Args:
-        records: the kinds that are files of records.
+    Layers are pictures or arrays, all else, as the kinds of records, is JSON: loaders choose what to do with
+    a file by its suffix, and for some they run what it holds.
     """
     plugins.load()
-    suffixes = (*formats(), ARRAY)
-    layers = {
-        row.name: frozenset(f".{row.name}.{suffix}" for suffix in suffixes) for row in modalities.layers()
-    }
+    suffixes, names = (*formats(), ARRAY), [row.name for row in modalities.layers()]
+    layers = {name: frozenset(f".{name}.{suffix}" for suffix in suffixes) for name in names}
     return {**layers, **{kind: frozenset([f".{kind}.json"]) for kind in records}, IMAGE: frozenset([".json"])}
 
 
@@ -134,9 +111,8 @@ def _checksum(file: BufferedReader) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ImageFiles(Mapping[str, Path]):
-    """The files of an image by kind; one is checked when its path is accessed.
-
-    It must be a regular file. A layer must be a picture of the camera's size.
+    """The files of an image by kind; access checks that one is a regular file, and of a layer a picture of
+    the camera's size.
 
     Attributes:
         entries: paths by kind.
@@ -172,8 +148,7 @@ class ImageFiles(Mapping[str, Path]):
 class FrameFiles(ImageFiles):
     """The files of a frame of a dataset by kind: paths in a local folder, or of copies of a store's files.
 
-    Access also compares a file with its size and checksum in the manifest, once. It raises DatasetError for
-    one that is missing or differs, and StorageError for a store that fails.
+    Access also compares a file with its size and checksum in the manifest, once; DatasetError if it differs.
 
     Attributes:
         entries: the manifest's entries by kind.
@@ -204,10 +179,7 @@ class FrameFiles(ImageFiles):
         return path
 
     def fault(self, kind: str, deep: bool = True) -> str | None:
-        """Return what is wrong with a file in a local folder, in a few words; None if nothing is.
-
-        Its bytes are read only if ``deep``.
-        """
+        """Return what is wrong with a file in a local folder, as :meth:`FileEntry.fault`."""
         local, entry = self.folder.local, self.entries[kind]
         if local is None or (deep and kind in self._checked):
             return None
@@ -215,10 +187,8 @@ class FrameFiles(ImageFiles):
         return _layer_fault(local / entry.path, kind, self.size) if deep and wrong is None else wrong
 
     def reference(self, kind: str, out: Path) -> str:
-        """Return the name of a file as seen from a folder; of a store its URL, unless it has a stand-in.
-
-        A local file is checked, one of a store is not fetched.
-        """
+        """Return the name of a local file, which is checked, as seen from a folder; of a store the file's
+        URL, unless it has a stand-in."""
         if self.folder.local is not None:
             return relative(self[kind], out)
         name = self.entries[kind].path

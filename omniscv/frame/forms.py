@@ -4,8 +4,6 @@ Truths write them, and files of records are checked when they are read: readers 
 whether a key is there. Records of truths that other packages register have any form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, get_args

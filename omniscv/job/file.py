@@ -10,8 +10,6 @@ frame (x right, y down, z forward), angles degrees from where the rig looks::
                 position: [0.1, 0, 0], yaw_deg: -90, time_offset: 0.002}
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, replace

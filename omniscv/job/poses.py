@@ -13,12 +13,10 @@ by object::
       Door: door.tum                      # a trajectory file; relative to the job's
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -53,7 +51,7 @@ class Posed(NamedTuple):
     sampling: SampledPoses | None = None
     assumed: str = ""
 
-    def later(self, by_ns: int) -> Posed:
+    def later(self, by_ns: int) -> Self:
         """Return the same at other times."""
         return self._replace(times_ns=self.times_ns and tuple(time + by_ns for time in self.times_ns))
 

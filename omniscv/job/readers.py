@@ -1,7 +1,5 @@
 """Readers of the keys of a job that no other module has."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import fields

@@ -4,8 +4,6 @@ Names and options of truths and formats are checked by :func:`omniscv.make.check
 registries.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

@@ -15,8 +15,6 @@ One of the three. Positions are metres, world frame; angles are numbers, or ``[l
 This module computes positions and angles. Free space is tested by a function that the caller passes in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import product

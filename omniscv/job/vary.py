@@ -16,8 +16,6 @@ sigma]}``; ``{choice: [...]}``; or ``{box: [[X, Y, Z], [X, Y, Z]]}``, a point of
 and the frame or place. So shards, orders and further rules change no other draw.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -36,11 +36,8 @@ _SPLIT_OFF = 0.02  # of all frames: how far shares of splits may be off without 
 
 
 def check(job: Job) -> Contents:
-    """Refuse a job that cannot be rendered, as far as that is known without its source; return its contents.
-
-    Raises:
-        ArgumentError: no such strategy, image format, truth or format of datasets, or wrong classes.
-    """
+    """Refuse a job that cannot be rendered, as far as that is known without its source; return its
+    contents."""
     planning.get(job.options.strategy)
     check_format(job.image_format, job.store, job.depth_format)
     return Contents.of(job)
@@ -48,13 +45,7 @@ def check(job: Job) -> Contents:
 
 def check_dataset(job: Job) -> Contents:
     """Refuse a job whose dataset cannot be made, as far as that is known without its source; return its
-    contents.
-
-    Raises:
-        ArgumentError: as :func:`check`; a camera's name that cannot start a key; a truth or classes that need
-            other modes; a format that cannot carry a camera or needs files that frames will not have; a wrong
-            option; or two exports into one folder.
-    """
+    contents."""
     contents = check(job)
     for name in job.cameras:
         stem("camera", name)
@@ -99,19 +90,16 @@ def _unrecorded(world: Job) -> Job:
 def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unrecorded) -> Job:
     """Refuse a job that cannot be run, world by world, before anything but free space is captured.
 
-    Each source is opened and closed. A packaged game is not launched: its file must be there.
+    Each source is opened and closed. A packaged game is not launched: its file must be there. A world that
+    cannot be opened is accepted if some frames may fail.
 
     Args:
-        job: whose worlds are checked; a world that cannot be opened is accepted if some frames may fail.
+        job: whose worlds are checked.
         dataset: whether it makes a dataset, not images alone.
         opens: returns the job of a world with the recording that it is opened with; none if not given.
 
     Returns:
         The job with the poses that were sampled.
-
-    Raises:
-        ArgumentError: as :func:`check_dataset` or :func:`check`, and :func:`check_source`.
-        SourceError, RecordingError: a source cannot be opened.
     """
     contents = []
     for world in job.each:
@@ -160,22 +148,15 @@ def frame_count(world: Job) -> int:
 
 
 def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequence[SharedFrames]) -> None:
-    """Refuse a job that a renderer's open source cannot give, before anything is captured or written.
-
-    Raises:
-        ArgumentError: the source lacks a modality, an object that moves, or what a truth needs.
-        UnmatchedNamesError: no rule of the classes matches some objects.
-        MissingCaptureError: it is a recording, and lacks a view of an image.
-    """
+    """Refuse a job that a renderer's open source cannot give, before anything is captured or written."""
     modes, source = job.options.sampled(job.modes), renderer.source
     check_modes(source, modes)
     if job.motions:
         known_objects(job.motions, source.objects().names(), "motions")
     if contents.classes is not None:
         contents.classes.table(source.objects().names())
-    geometry = (
-        source.geometry() if any(truths.get(name).check for name in contents.truth) else SceneGeometry()
-    )
+    asks = any(truths.get(name).check for name in contents.truth)
+    geometry = source.geometry() if asks else SceneGeometry()
     for name, options in contents.truth.items():
         truth = truths.get(name)
         if truth.check is not None:
@@ -189,11 +170,7 @@ def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequ
 
 
 def check_face_size(job: Job, source: Source) -> None:
-    """Refuse a size of faces that a recording, the job's source, does not have, nor strips of it.
-
-    Raises:
-        ArgumentError: it has others.
-    """
+    """Refuse a size of faces that a recording, the job's source, does not have, nor strips of it."""
     wanted, scale, views = job.options.face_size, job.options.truth_scale, source.recorded_views() or ()
     if wanted == "auto" or not views:
         return
@@ -242,11 +219,7 @@ class Contents:
 
     @classmethod
     def of(cls, job: Job) -> Contents:
-        """Return the contents of a job's dataset; in a world that moves, with the poses of objects.
-
-        Raises:
-            ArgumentError: an unknown truth or format, or wrong classes.
-        """
+        """Return the contents of a job's dataset; in a world that moves, with the poses of objects."""
         recipe = job.recipe
         given = mapping("truth", recipe.truth or {}, (*truths.names(), "tolerance"))
         truth = {name: dict(given[name]) for name in truths.names() if name in given}

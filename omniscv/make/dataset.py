@@ -6,8 +6,6 @@ markers of all its parts into ``frames.jsonl``. Then they are removed, so that a
 however it was made.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

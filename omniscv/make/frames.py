@@ -1,7 +1,5 @@
 """Compose the frames of a dataset, derive their truths, and write them."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext

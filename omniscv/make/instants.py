@@ -1,7 +1,5 @@
 """Group a job's images by instant of the world, and compose each group from one set of captures."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The source of a job: opened, recorded, and searched for free space where poses are sampled."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace

@@ -25,15 +25,10 @@ def encode(
     names: Sequence[str] = (),
     attributes: Mapping[str, str | Sequence[float]] | None = None,
 ) -> bytes:
-    """Return the file of (H, W) or (H, W, C) pixels.
+    """Return the file of (H, W) or (H, W, C) pixels, float16, float32 or uint32.
 
-    Args:
-        pixels: float16, float32 or uint32.
-        names: of the channels; ``Y``, or R, G, B and A, if not given.
-        attributes: of the file: texts, or the chromaticities of its colours.
-
-    Raises:
-        ArgumentError: pixels of another type, or without names.
+    ``names`` of the channels are ``Y``, or R, G, B and A, if not given; ``attributes`` are texts, or the
+    chromaticities of its colours.
     """
     planes = pixels if pixels.ndim == 3 else pixels[..., None]
     height, width, channels = planes.shape

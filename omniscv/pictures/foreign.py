@@ -1,7 +1,5 @@
 """Pictures that anybody may have made, read with care: what would come in otherwise is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path

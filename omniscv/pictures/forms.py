@@ -4,8 +4,6 @@ Files are opened strictly: each has the form that its suffix says. :mod:`omniscv
 pictures that anybody may have made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -58,16 +58,10 @@ def header(start: bytes) -> Header:
 
 
 def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return (H, W, C) pixels: grey, grey with alpha, RGB or RGBA; a palette gives RGB.
+    """Return (H, W, C) pixels of ``depth`` bits, 8 or 16: grey, grey with alpha, RGB or RGBA; a palette gives
+    RGB. BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
 
     Memory is taken for the size in the header, which the caller has checked, with the signature.
-
-    Args:
-        payload: the file.
-        depth: bits of a channel, 8 or 16.
-
-    Raises:
-        BadReplyError: another kind of PNG, a wrong checksum, or data for less or more than the picture.
     """
     width, height, bits, kind, *methods = struct.unpack_from(">IIBBBBB", payload, 16)
     if bits != depth or kind not in _CHANNELS or (kind == _PALETTE and depth != 8) or any(methods):
@@ -192,15 +186,8 @@ def deflated(data: NDArray[np.uint8]) -> bytes:
 
 
 def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -> bytes:
-    """Return the PNG of grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4) pixels.
-
-    Args:
-        pixels: uint8 or uint16.
-        srgb: whether the file says that they are sRGB.
-
-    Raises:
-        ArgumentError: other pixels.
-    """
+    """Return the PNG of uint8 or uint16 pixels: grey (H, W) or (H, W, 1), RGB (H, W, 3) or RGBA (H, W, 4);
+    ``srgb``: the file says that they are sRGB."""
     kind = _COLOR_TYPE.get(pixels.shape[2:])
     if kind is None or pixels.dtype not in (np.uint8, np.uint16) or not pixels.size:
         wanted = "expected uint8 or uint16 pixels, grey, RGB or RGBA, for PNG"

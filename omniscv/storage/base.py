@@ -1,7 +1,5 @@
 """Folders of files: the operations that local folders and object stores share."""
 
-from __future__ import annotations
-
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -71,7 +69,7 @@ class Folder(ABC):
         ``most``, or without it, another number than the store says."""
 
     @abstractmethod
-    def below(self, name: str) -> Folder:
+    def below(self, name: str) -> "Folder":
         """Return an inner folder, which need not exist."""
 
     @property

@@ -1,7 +1,5 @@
 """Local folders: atomic writes, locks, and scratch folders."""
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets
@@ -96,7 +94,7 @@ class LocalFolder(Folder):
         with storage_errors(source := self.path / checked_name(name)):
             shutil.copyfile(source, path)
 
-    def below(self, name: str) -> LocalFolder:
+    def below(self, name: str) -> "LocalFolder":
         return LocalFolder(self.path / checked_name(name))
 
 
@@ -114,10 +112,7 @@ def _temporary(path: Path) -> Iterator[Path]:
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to, and rename it to ``path`` at the end: the one atomic write.
-
-    Raises:
-        StorageError: the disk is full.
-    """
+    StorageError: the disk is full."""
     try:
         with _temporary(path) as part:
             yield part
@@ -128,11 +123,16 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise StorageError(refusal(cause, path)) from cause
 
 
-def write_text(path: Path, text: str) -> Path:
-    """Write a text as UTF-8, whole or not at all, and return the path."""
+def write_bytes(path: Path, content: bytes) -> Path:
+    """Write a file, whole or not at all, and return the path."""
     with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(content)
     return path
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text as UTF-8, as :func:`write_bytes`."""
+    return write_bytes(path, text.encode())
 
 
 def remove_parts(path: Path) -> None:

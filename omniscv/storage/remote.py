@@ -1,7 +1,5 @@
 """Object stores: folders by URL, through fsspec, and URLs that are safe to print."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random
@@ -171,7 +169,7 @@ class RemoteFolder(Folder):
 
         self._retry(checked_name(name), download, seconds)
 
-    def below(self, name: str) -> RemoteFolder:
+    def below(self, name: str) -> "RemoteFolder":
         return RemoteFolder(f"{self.url.rstrip('/')}/{checked_name(name)}")
 
     def _opened(self, name: str) -> tuple[Any, str]:

@@ -1,7 +1,5 @@
 """The captures of one optical centre as tensors, and images of any central camera from them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from importlib.util import find_spec

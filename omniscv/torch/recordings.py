@@ -1,7 +1,5 @@
 """Images that are composed from a recording on access, each with a random camera and orientation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path

@@ -4,8 +4,6 @@ Of WebDataset shards a process opens a group at a time, by the headers of their 
 from any position in them.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing

@@ -4,8 +4,6 @@ On a processor the kernels of :mod:`omniscv.compose` sample, on other devices th
 :mod:`omniscv.torch.kernels`. Values are sampled as omniscv composes them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

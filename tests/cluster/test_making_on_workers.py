@@ -61,8 +61,8 @@ def threads(sources):
 
 @pytest.fixture
 def job(tmp_path, monkeypatch):
-    """Three parts of two poses each."""
-    monkeypatch.setattr(make_dataset, "_FRAMES", 4)
+    """Six parts of a pose each."""
+    monkeypatch.setattr(make_dataset, "_FRAMES", 2)
     omniscv.sources.register("failing", Failing)
     for counter in (OPENED, CLOSED, FAULTS):
         counter.clear()
@@ -98,7 +98,7 @@ def test_repeated_failures_end_the_run(job):
 
 
 def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
-    job, started = replace(job, source="scene://four-wall"), []
+    job, started = replace(job, source="scene://four-wall", poses=job.poses * 3), []
     soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
 
     @contextmanager

@@ -6,8 +6,6 @@ mask. Readers ignore further keys: ``instance_id``, ``name``, those of ``_FROM_T
 object's name is one, with its instance id. Objects without a class, and stuff, have no annotation.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

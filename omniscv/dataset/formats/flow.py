@@ -29,7 +29,7 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.modalities import Modality
 from omniscv.planning.densities import unproject
-from omniscv.storage.local import whole_file
+from omniscv.storage.local import write_bytes
 from omniscv.truth.optical_flow import INVALID, Flow, FlowOptions, flow, motion
 
 _FLOW = Modality("flow", ("float32",), 3, "nearest", "exr", ("flow.X", "flow.Y", "mask"), {"unit": "px"})
@@ -120,9 +120,7 @@ def _object_poses(frame: Frame) -> dict[str, Pose]:
 
 def _write_one(folder: Path, stem: str, flow: Flow, options: FlowOptions) -> Iterator[Path]:
     pixels = flow.pixels.astype(np.float32)
-    with whole_file(flo := folder / f"{stem}.flo") as part:
-        part.write_bytes(flo_bytes(pixels))
-    yield flo
+    yield write_bytes(folder / f"{stem}.flo", flo_bytes(pixels))
     mask = flow.mask[..., None].astype(np.float32)
     yield write_picture(folder / f"{stem}.exr", np.concatenate([pixels, mask], axis=-1), _FLOW)
     if options.scene:

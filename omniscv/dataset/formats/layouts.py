@@ -4,8 +4,6 @@
 upright walls. Source: sunset1995/HorizonNet, README_PREPARE_DATASET.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -35,7 +35,7 @@ from omniscv.frame import Frame
 from omniscv.geometry import R_LEVEL, Pose
 from omniscv.geometry.trajectory_files import write_kitti, write_kitti_times
 from omniscv.records import checked, record
-from omniscv.storage.local import whole_file, write_text
+from omniscv.storage.local import write_bytes, write_text
 from omniscv.truth.point_cloud import lidar_of, sweep
 
 
@@ -46,13 +46,6 @@ class LidarOptions(PointOptions):
     intensity: bool = checked(
         flag, default=False, help="colour times the cosine of incidence, a stand-in; needs lit and normals"
     )
-
-
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file, whole or not at all, and return its path."""
-    with whole_file(path) as part:
-        part.write_bytes(content)
-    return path
 
 
 @register

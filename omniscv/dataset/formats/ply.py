@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from omniscv.arguments import flag, number
 from omniscv.cameras import Camera, Rays
 from omniscv.dataset.exporting import Format, PointOptions, register
-from omniscv.dataset.formats.lidar import write_bytes
 from omniscv.dataset.sequences import FAR_M
 from omniscv.errors import printable
 from omniscv.frame import Frame
 from omniscv.planning.densities import unproject
 from omniscv.records import checked, record
+from omniscv.storage.local import write_bytes
 from omniscv.truth.point_cloud import Points, merged, points_of
 
 _COLUMNS = {

@@ -5,8 +5,6 @@ frames make equal shards: USTAR, sorted members, no times, no owners. Frames wit
 ``frames-000000.tar``.
 """
 
-from __future__ import annotations
-
 import tarfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack

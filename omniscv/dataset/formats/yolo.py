@@ -10,8 +10,6 @@ The pose of an object is its box in the image, then the corners (:meth:`ObjectBo
 of its box in space: x, y, and 2 for seen, 1 for behind something nearer, or 0 0 0 for a point outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
