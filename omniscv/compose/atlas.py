@@ -135,18 +135,13 @@ class Atlas:
             top += int(slot[1]) * -(-len(views) // columns)
             right = max(right, int(slot[0]) * min(columns, len(views)))
         if max(top, right) > LARGEST_PX:
-            raise ArgumentError(
-                f"faces: expected {len(views)} views that fit into {LARGEST_PX} x {LARGEST_PX} px, got "
-                f"{views[0].width} x {views[0].height} each"
-            )
+            wanted = f"expected {len(views)} views that fit into {LARGEST_PX} x {LARGEST_PX} px"
+            raise ArgumentError(f"faces: {wanted}, got {views[0].width} x {views[0].height} each")
         self.shape = top, right
         self._is_full = len(levels) == 1 and len(views) % columns == 0
 
     def picture(self, faces: Faces, used: Mask | None = None) -> Pixels:
-        """Return the picture of (h, w) or (h, w, C) faces, one per view.
-
-        Faces that are not ``used`` (V,) may be left out.
-        """
+        """Return the picture of faces (h, w) or (h, w, C); those not ``used`` (V,) may be left out."""
         if faces[0].shape[:2] == self.shape and len(self.levels) == 1:
             return faces[0]
         guttered = any(level.gutter for level in self.levels)  # from every neighbour

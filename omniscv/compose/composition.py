@@ -129,12 +129,8 @@ class Composing:
         """Return the image as far as it is composed."""
         plan, valid = self._plan, self._canvas.valid
         sampled = self._canvas.layers()
-        layers, objects, unknown = derived_layers(
-            {mode: sampled[mode] for mode in self._shown if mode in sampled},
-            valid,
-            plan.pose.R_w_c,
-            self._source.objects,
-        )
+        shown = {mode: sampled[mode] for mode in self._shown if mode in sampled}
+        layers, objects, unknown = derived_layers(shown, valid, plan.pose.R_w_c, self._source.objects)
         marks = {"unsure", "occluded", "relit", "light"}
         marks |= {modalities.get(mode).marked_by for mode in self._shown}
         layers["unsure"] = np.zeros(valid.shape, np.bool_)
@@ -219,8 +215,7 @@ class Composing:
             self._canvas.put(name, viewpoint.pixels, marked)
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
-        """Put what is known of a viewpoint's pixels without captures, and where their depth is measured
-        from."""
+        """Put what is known of pixels without captures, and where their depth is measured from."""
         origins_w, known = viewpoint.center_w, viewpoint.known_depth
         if viewpoint.occluded is not None:
             self._canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
@@ -238,10 +233,7 @@ class Composing:
     def _put_depth(
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
     ) -> KnownDepth | SeenPoints:
-        """Sample depth, and return what it says to other modalities.
-
-        ``offsets_w`` (N, 3) are from the viewpoint's centre to the pixels' own.
-        """
+        """Sample depth, and return what it says to other modalities; ``offsets_w`` as :meth:`_offsets_w`."""
         faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
         precision, rays = codecs.precision(captures[0]), len(viewpoint.pixels)
 
@@ -251,8 +243,9 @@ class Composing:
 
         pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
         if viewpoint.check is None or offsets_w is None:
-            known: KnownDepth | SeenPoints
-            known = depth = sampler.sample_depth(self._filter, pictures, offsets_w)
+            known: KnownDepth | SeenPoints = (
+                depth := sampler.sample_depth(self._filter, pictures, offsets_w)
+            )
         else:
             depth = sampler.sample_depth(self._filter, pictures, None)
             rays_w = viewpoint.center_w + offsets_w, self._plan.directions_w(viewpoint.pixels)
@@ -265,8 +258,7 @@ class Composing:
         return known
 
     def _faces(self, viewpoint: Viewpoint, captures: Sequence[Capture]) -> Faces:
-        """Return the pixels of a viewpoint's captures: as one array where values are read in place of
-        colours, unless they are so few that a copy takes longer."""
+        """Return the pixels of captures: as one array, but for colours, and where few of them are read."""
         faces = [capture.pixels for capture in captures]
         if captures[0].mode == "lit" or reads_few(faces, len(viewpoint.pixels)):
             return faces
@@ -294,9 +286,7 @@ class Composing:
         if row.name == "lit" and self._plan.options.checks == "light" and faces[0].dtype == np.uint8:
             extreme = [np.where((face == 0) | (face == 255), np.uint8(255), np.uint8(0)) for face in faces]
             clipped = sampler.sample(self._filter, extreme).any(axis=-1)
-            self._canvas.put(
-                "light", viewpoint.pixels, np.where(clipped, np.uint8(BITS["clipped"]), np.uint8(0))
-            )
+            self._canvas.put("light", viewpoint.pixels, np.asarray(clipped * np.uint8(BITS["clipped"])))
         if not row.marked_by:
             return
         lone = bool(known.relief.any()) if isinstance(known, KnownDepth) else False
@@ -322,8 +312,7 @@ class Composing:
         return sampler
 
     def _sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
-        """Return the sampler of views at a viewpoint: one for all modes that are captured with these
-        views."""
+        """Return the sampler of views at a viewpoint, one for all modes."""
         if viewpoint is not self._viewpoint:
             self._viewpoint, self._samplers = viewpoint, {}
         if views in self._samplers:
@@ -352,16 +341,14 @@ def _unseen(
 ) -> MissingCaptureError:
     """Return the error of rays that no capture sees."""
     view = captures[0].view
-    if (planned.fov_deg, planned.width, planned.height) == (view.fov_deg, view.width, view.height):
-        advice = "capture with strategy 'cube'"
-    else:
-        advice = (
-            f"they came as {view.width} x {view.height} of {view.fov_deg:g} degrees; make the source deliver "
-            "square pictures of 90 degrees ('omniscv doctor' measures what a server delivers)"
-        )
+    advice = "capture with strategy 'cube'"
+    if (planned.fov_deg, planned.width, planned.height) != (view.fov_deg, view.width, view.height):
+        came = f"they came as {view.width} x {view.height} of {view.fov_deg:g} degrees"
+        square = "make the source deliver square pictures of 90 degrees"
+        advice = f"{came}; {square} ('omniscv doctor' measures what a server delivers)"
+    expected = f"expected {len(captures)} views at {viewpoint.center_w.tolist()} m to see all"
     return MissingCaptureError(
-        f"expected {len(captures)} views at {viewpoint.center_w.tolist()} m to see all "
-        f"{len(viewpoint.pixels)} rays, but {count} are seen by none; {advice}"
+        f"{expected} {len(viewpoint.pixels)} rays, but {count} are seen by none; {advice}"
     )
 
 

@@ -179,11 +179,8 @@ def versions() -> dict[str, str]:
 
 
 def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-    """Return the content of ``objects.json``, None if there is no file, and the same with more objects.
-
-    Raises:
-        ArgumentError: a label would get another object or mask colour, or an object another label.
-    """
+    """Return the content of ``objects.json``, None if there is no file, and the same with more objects;
+    ArgumentError where a label would get another object or mask colour, or an object another label."""
     named = ((name, list(objects.colors[name])) for name in objects.names())
     listed = {str(k): {"name": name, "mask_color": color} for k, (name, color) in enumerate(named, 1)}
     if not path.exists():
@@ -206,7 +203,7 @@ def _objects_with(path: Path, objects: ObjectTable) -> tuple[dict[str, Any] | No
 
 
 def _suffix(
-    row: modalities.Modality,
+    row: Modality,
     pixels: NDArray[Any],
     image_format: str = "png",
     store: str = "files",

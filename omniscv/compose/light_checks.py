@@ -150,9 +150,8 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
             findings.untested = dict.fromkeys(("dome", "translucent", "mismatch", "view_dependent"), why)
         else:
             if source.capabilities.moves:
-                findings.untested |= dict.fromkeys(
-                    ("translucent", "mismatch"), "expected a world that stands still"
-                )
+                why = "expected a world that stands still"
+                findings.untested |= dict.fromkeys(("translucent", "mismatch"), why)
             else:
                 examined = replace(examined, boxes=source.geometry().boxes)
             beside = _beside(examined, source, counted, findings)
@@ -168,11 +167,8 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
     if options.checks == "light":
         layers["light"] = np.where(image.valid, findings.bits, np.uint8(0))
     report = {"objects": findings.objects, "untested": findings.untested}
-    effort = replace(
-        image.effort,
-        captures=sum(effort.captures for effort in efforts),
-        megapixels=sum(effort.megapixels for effort in efforts),
-    )
+    captures, megapixels = (sum(getattr(each, of) for each in efforts) for of in ("captures", "megapixels"))
+    effort = replace(image.effort, captures=captures, megapixels=megapixels)
     provenance = {**image.provenance, "light": report}
     return replace(image, layers=layers, provenance=provenance, effort=effort)
 
@@ -219,8 +215,6 @@ def _beside(examined: Examined, source: Source, render: Render, findings: Findin
 
 def _mark_view_dependent(examined: Examined, beside: Examined, findings: Findings) -> None:
     """Mark objects of whose pixels many have colours that the same points do not have from beside."""
-    import cv2
-
     image, other, around = examined.image, beside.image, np.ones((5, 5), np.uint8)
     to_points = examined.points_w - other.pose.position
     pixels, seen = other.camera.project(to_points @ other.pose.R_w_c)

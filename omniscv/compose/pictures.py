@@ -113,9 +113,8 @@ def sheet(image: Layered) -> Image:
     height, width = image.valid.shape
     size = min(_TILE_PX, width), max(1, round(height * min(1, _TILE_PX / width)))
     transfers = {"lit": transfer_shown(image)} if "lit" in image.layers else {}
-    tiles = {
-        layer: resized(picture(image, layer), size, transfers.get(layer, "unknown")) for layer in image.layers
-    }
+    shown = {layer: picture(image, layer) for layer in image.layers}
+    tiles = {layer: resized(of, size, transfers.get(layer, "unknown")) for layer, of in shown.items()}
     return Image.fromarray(captioned(tiles, min(len(tiles), 2 if width > 1.5 * height else 3), _EM_PX))
 
 

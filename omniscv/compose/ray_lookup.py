@@ -11,10 +11,8 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, Rows, run
 from omniscv.sources.base import View
 
-_BLOCK = 64
-"""Rays that are looked up together."""
-_ALIGNED = 1e-9
-"""Rounding of cosines between axes."""
+_BLOCK = 64  # rays that are looked up together
+_ALIGNED = 1e-9  # rounding of cosines between axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +104,7 @@ def _nearest(view: Ints, x: Floats, y: Floats, pixels: Ints, height: int, width:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -> float:
-    """Look up rays block by block, and set which views are ``used``.
-
-    Most blocks lie in the view of the last ray: that loop is vectorized.
-    """
+    """Look up rays block by block; most blocks lie in the view of the last ray: that loop is vectorized."""
     R_c_d, projections, (half_width, half_height), sure, used = views
     last, most_u, most_v, block = 0, 0.0, 0.0, np.empty((3, _BLOCK))
     for first in range(0, directions.shape[0], _BLOCK):

@@ -19,13 +19,7 @@ from omniscv.compose.samplers import Blocks, Sampler
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory import Trajectory, nanoseconds
-from omniscv.planning import (
-    ImageRays,
-    Plan,
-    RenderKeywords,
-    RenderOptions,
-    share_captures,
-)
+from omniscv.planning import ImageRays, Plan, RenderKeywords, RenderOptions, share_captures
 from omniscv.planning.rays import BYTES_PER_RAY
 from omniscv.progress import Meter, Report
 from omniscv.sources.base import Capture, Source, View, check_modes
@@ -94,11 +88,7 @@ class Renderer:
         *,
         border_px: int | None = None,
     ) -> Plan:
-        """Return the plan of an image; see :class:`omniscv.planning.Plan`.
-
-        Raises:
-            ArgumentError: a camera, pose or options of another type.
-        """
+        """Return the plan of an image; ArgumentError for a camera, pose or options of another type."""
         options = RenderOptions() if options is None else options
         arguments = ("camera", camera, Camera), ("pose", pose, Pose), ("options", options, RenderOptions)
         for name, value, expected in arguments:
@@ -108,16 +98,9 @@ class Renderer:
         needed = BYTES_PER_RAY * camera.width * camera.height
         in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
         block_bytes = self._tile_bytes if in_blocks else None
-        return Plan(
-            self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes)),
-            pose,
-            self.source.capabilities,
-            options,
-            self.source.cover,
-            self._recorded,
-            border_px,
-            self.source.state,
-        )
+        rays, source = self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes)), self.source
+        of_source = source.cover, self._recorded, border_px, source.state
+        return Plan(rays, pose, source.capabilities, options, *of_source)
 
     def render(
         self,
@@ -171,14 +154,14 @@ class Renderer:
         names = modalities.chosen(modes)
         options = RenderOptions() if options is None else options
         check_modes(self.source, options.sampled(names))
-        if not self.source.capabilities.moves:
-            yield from self._rendered(self.source, shots, names, options, only, progress)
-            return
 
-        def make(source: Source) -> list[OmniImage]:
-            return list(self._rendered(source, shots, names, options, only, progress))
+        def make(source: Source) -> Iterator[OmniImage]:
+            return self._rendered(source, shots, names, options, only, progress)
 
-        yield from verify_still(self.source, options.sampled(names), make)
+        if self.source.capabilities.moves:
+            yield from verify_still(self.source, options.sampled(names), lambda source: list(make(source)))
+        else:
+            yield from make(self.source)
 
     def _rendered(
         self,
@@ -244,10 +227,7 @@ class Renderer:
     def _sampler_of(
         self, image: ImageRays, rays: Blocks, R_w_d: Array, views: tuple[View, ...], whole: bool
     ) -> Sampler:
-        """Return a sampler; it is kept if it serves a whole image whose rays are kept.
-
-        Positions do not count: the same orientation and views around another centre have the same lookup.
-        """
+        """Return a sampler; it is kept, for any centre, if it serves a whole image whose rays are kept."""
         if not whole or not image.kept:
             return self._sampler(rays, R_w_d, views)
         turned = tuple(view.key()._replace(position=()) for view in views)

@@ -35,19 +35,12 @@ _TEST_STRIDE, _TESTED = 7, 1 << 16
 
 
 class _Coverage(NamedTuple):
-    """How views see rays.
-
-    Attributes:
-        rays: how many they are.
-        unseen: how many valid rays no view sees.
-        margin: the least distance of a ray's pixel from its view's edges, px.
-        used: (V,) bool, the views that see rays.
-    """
+    """How views see rays."""
 
     rays: int
-    unseen: int
-    margin: float
-    used: Mask
+    unseen: int  # valid rays that no view sees
+    margin: float  # the least distance of a ray's pixel from its view's edges, px
+    used: Mask  # (V,) the views that see rays
 
 
 Keep = Callable[[Hashable, Callable[[], Pixels]], Pixels]
@@ -198,12 +191,7 @@ SAMPLE: dict[Interpolation, Callable[[Sampler, str, Faces], Pixels]] = {
 
 
 class _Block:
-    """A block of rays, looked up in views.
-
-    Args:
-        rays: in a frame d.
-        R_w_d, views: as :class:`Sampler`.
-    """
+    """A block of rays, looked up in views; arguments as :class:`Sampler`."""
 
     def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:
         self.rays, self._R_w_d, self._views = rays, R_w_d, views
@@ -261,14 +249,7 @@ class _Block:
 
 
 def _spanned_px(block: _Block, view: View, stride: int) -> Floats:
-    """Return how many px of a view the pixels of some rays span: of the same rays however an image is
-    divided.
-
-    Args:
-        block: the rays.
-        view: the size and field of view of all views.
-        stride: from one of these rays to the next.
-    """
+    """Return how many px of a view the pixels of every ``stride``-th ray of an image span."""
     lookup, start = block.lookup, -block.rays.first % stride
     some = np.flatnonzero(lookup.view[start::stride] >= 0) * stride + start
     focal, _, cx, cy = view.projection

@@ -30,12 +30,9 @@ _OVERSAMPLING = 1.2
 _PARALLEL_M = 2.0
 """Distance at which a step between parallel rays counts as an angle, metres: about as far are surfaces in
 rooms."""
-_GRID = 17
-"""Rows and columns of the pixels whose distances are measured."""
-_LEAST_TURN = 1e-7
-"""Radians over half a pixel: rays that turn by less are parallel."""
-_SUBRAYS = 8
-"""Rays per axis of a pixel at the rim, to find its part inside the field of view."""
+_GRID = 17  # rows and columns of the pixels whose distances are measured
+_LEAST_TURN = 1e-7  # radians over half a pixel: rays that turn by less are parallel
+_SUBRAYS = 8  # rays per axis of a pixel at the rim, to find its part inside the field of view
 
 
 def steps(directions: Array, origins: Array | None = None) -> Array:
@@ -165,12 +162,7 @@ def squares(directions: Array, steps: Floats) -> Footprints:
 
 
 def rim_of(camera: Camera, valid: Mask) -> Rim:
-    """Return the rim of an image, from 8 x 8 rays in each pixel beside an invalid one.
-
-    Args:
-        camera: of the image.
-        valid: (H, W).
-    """
+    """Return the rim of an image, (H, W) ``valid``, from 8 x 8 rays in each pixel beside an invalid one."""
     inner = cv2.erode(valid.astype(np.uint8), np.ones((3, 3)), borderValue=1)
     pixels = np.flatnonzero(valid.ravel() & (inner.ravel() == 0))
     at = (np.arange(_SUBRAYS) + 0.5) / _SUBRAYS - 0.5
@@ -209,10 +201,8 @@ def unproject(camera: Camera, pixels: Array) -> Rays:
 
 @njit(cache=True, nogil=True)
 def _measure(pixels: Ints, edges: Floats, directions: Array) -> None:
-    """Write the edges of pixels: the mean change to both neighbours along an axis.
-
-    Where rays jump, only the change to the nearer neighbour counts; at the border, to the only one.
-    """
+    """Write the edges of pixels: the mean change to both neighbours along an axis; to the nearer one where
+    rays jump, at the border to the only one."""
     height, width = directions.shape[:2]
     changes, lengths = np.empty((2, 3)), np.empty(2)
     for i in range(pixels.shape[0]):

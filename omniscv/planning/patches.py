@@ -139,10 +139,8 @@ def patches(
 
 
 def _axes(points: Array) -> Array:
-    """Return (C, 3, 3) great circles through pairs of rays, the same for the same rays.
-
-    Of each: its axis, and two unit vectors in its plane, from which azimuths count.
-    """
+    """Return (C, 3, 3) great circles through pairs of rays, the same for the same rays: the axis of each, and
+    two unit vectors in its plane, from which azimuths count."""
     rng = np.random.default_rng(0)
     first, second = rng.integers(len(points), size=(2, 8 * _CIRCLES))
     a, b = points[first], points[second]
@@ -173,19 +171,9 @@ def _turns(a: float, b: float) -> float:
 def _best_windows(
     points: Array, worth: Array, axes: Array, heights: Array, prices: Array, lengths: Ints
 ) -> tuple[Array, Array]:
-    """Return the most worth at a price on each circle, and where: the step of its start, height, length.
-
-    Args:
-        points: (N, 3) unit rays.
-        worth: (N,) of each, >= 0.
-        axes: (C, 3, 3) of the circles.
-        heights: (H,) sines of half the height of a window.
-        prices: (H, S) of windows.
-        lengths: (S,) of windows, steps.
-
-    Returns:
-        (C,) ratios, and (C, 3) windows.
-    """
+    """Return (C,) the most worth at a price on each circle, and (C, 3) where: the step of its start, height,
+    length. Rays are (N, 3), their worth (N,), axes (C, 3, 3); heights (H,) are sines of half a window's,
+    prices (H, S) and lengths (S,), in steps, those of windows."""
     ratios, windows = np.zeros(len(axes)), np.zeros((len(axes), 3), np.int64)
     before, by_step = np.empty(2 * _STEPS + 1), np.empty((len(heights), _STEPS))
     starts = np.empty(_STEPS, np.int64)

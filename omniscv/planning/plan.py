@@ -84,12 +84,9 @@ class Plan:
         return self.rays.face_size if size == "auto" else size
 
     def available(self, views: Sequence[View]) -> bool:
-        """Return whether the source can deliver views: if it is a recording, as colours or as ground
-        truth."""
-        scales = {1, self.options.truth_scale}
-        return self.recorded is None or any(
-            self.recorded.hold(view.scaled(scale) for view in views) for scale in scales
-        )
+        """Return whether the source can deliver views: a recording, as colours or as ground truth."""
+        recorded, scales = self.recorded, {1, self.options.truth_scale}
+        return recorded is None or any(recorded.hold(view.scaled(n) for view in views) for n in scales)
 
     @property
     def sets_views(self) -> bool:
@@ -111,9 +108,7 @@ class Plan:
     def rounds(self) -> Rounds:
         """Yield the rounds: those that were made, or new ones by the strategy if they depend on captures.
 
-        Raises:
-            ArgumentError: an unknown strategy, or ground truth or an accuracy that it, or the source, does
-                not reach.
+        ArgumentError: an unknown strategy, or truth or an accuracy that it, or the source, does not reach.
         """
         made, scale = self.made or (), self.options.truth_scale
         adapts = any(viewpoint.keep for round_ in made for viewpoint in round_.viewpoints)
@@ -160,10 +155,8 @@ class Plan:
         scale = self.options.truth_scale if viewpoint.truth_scale is None else viewpoint.truth_scale
         largest = max((max(view.width, view.height) for view in viewpoint.views), default=0)
         if scale > 1 and scale * largest > _LARGEST_PX:
-            raise ArgumentError(
-                f"truth_scale: expected views of at most {_LARGEST_PX} px, got {scale} x {largest}; "
-                "give a smaller face_size or truth_scale"
-            )
+            wanted = f"expected views of at most {_LARGEST_PX} px, got {scale} x {largest}"
+            raise ArgumentError(f"truth_scale: {wanted}; give a smaller face_size or truth_scale")
         compared = self.options.checks == "beat" and (len(viewpoint.pixels) > 0 or not viewpoint.keep)
         if compared and not self.capabilities.can_set_size:
             raise ArgumentError("checks: expected none or light of a source of one size, got beat")
@@ -252,11 +245,7 @@ def names() -> tuple[str, ...]:
 
 
 def get(name: str) -> Strategy:
-    """Return the strategy of a name.
-
-    Raises:
-        ArgumentError: no strategy has that name.
-    """
+    """Return the strategy of a name; ArgumentError if there is none."""
     if name not in _strategies and name not in names():
         one_of("strategy", name, names())
     return _strategies[name]()

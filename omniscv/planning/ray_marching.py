@@ -51,20 +51,13 @@ _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays 
 
 
 class _Arc(NamedTuple):
-    """A ray as seen from the centre: at angle psi to the ray lies ``h (toward sin psi + direction cos psi)``.
+    """A ray seen from the centre: at angle psi to it lies ``h (toward sin psi + direction cos psi)``."""
 
-    Attributes:
-        origin, direction: of the ray, from the centre, world frame.
-        toward: unit vector from the centre to the ray's nearest point, the foot.
-        h: metres from the centre to the foot.
-        foot: metres along the ray to the foot.
-    """
-
-    origin: tuple[float, float, float]
+    origin: tuple[float, float, float]  # from the centre, world frame
     direction: tuple[float, float, float]
-    toward: tuple[float, float, float]
-    h: float
-    foot: float
+    toward: tuple[float, float, float]  # unit, from the centre to the ray's nearest point, the foot
+    h: float  # metres from the centre to the foot
+    foot: float  # metres along the ray to the foot
 
 
 def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
@@ -215,10 +208,8 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
-    """Return the first angle from ``end`` down to 0 at which a surface hides the ray; -1 if there is none.
-
-    These points of the ray are farther from the centre than all captured surfaces.
-    """
+    """Return the first angle from ``end`` down to 0, farther than all captured surfaces, at which one hides
+    the ray; -1 if there is none."""
     psi = end
     while psi > 0.0:
         psi = max(0.0, psi - step)

@@ -64,10 +64,8 @@ class Search:
         hit = [faces_hit(group.directions, plan.pose.R_w_c) for group in groups]
         some = slice(None, None, max(1, len(self.origins_w) // tuned.SAMPLED_RAYS))
         for group in groups:  # and those that see parts of the rays' way
-            offset, directions_w = (
-                self.origins_w[some] - plan.pose.to_world(group.center_c),
-                self.directions_w[some],
-            )
+            offset = self.origins_w[some] - plan.pose.to_world(group.center_c)
+            directions_w = self.directions_w[some]
             away = np.linalg.norm(offset, axis=1, keepdims=True)
             hit += [faces_hit(offset + part * away * directions_w, np.eye(3)) for part in tuned.ON_THE_WAY]
         self._hit = np.any(hit, axis=0)
@@ -84,11 +82,7 @@ class Search:
         return [view for viewpoint in viewpoints for view in viewpoint.views_of("depth")]
 
     def march(self, depth: Sequence[Sequence[Capture]]) -> None:
-        """March the rays that are not yet certified through the nearest of all centres, if these are new.
-
-        Args:
-            depth: captures at each new centre.
-        """
+        """March rays that are not yet certified through depth captured at new centres, the nearest first."""
         first = len(self.shells)
         self.shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
         self._march(np.flatnonzero(~self.hits.sure), first)
@@ -114,12 +108,7 @@ class Search:
         return np.array([shell.center_w for shell in self.shells])
 
     def march_again(self, rows: Ints, finer: Mapping[int, Sequence[Capture]]) -> None:
-        """March rays anew, through depth that is finer now.
-
-        Args:
-            rows: (N,) the rays.
-            finer: further depth by the number of its centre.
-        """
+        """March rays (N,) anew, through depth that is ``finer`` now, by the number of its centre."""
         for number, captures in finer.items():
             self.shells[number] = self.shells[number].refined(captures)
         self.hits[rows] = Hits.unknown(len(rows))
@@ -179,13 +168,8 @@ class Search:
         self.hits[rows] = known
 
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
-        """Return the viewpoint of rays that one centre serves.
-
-        Args:
-            rows: of the rays.
-            views: that see what they meet; None: the faces that do.
-            occluded: (N,) whether their own optical centres are.
-        """
+        """Return the viewpoint of rays that one centre serves, with views that see what they meet; None: the
+        faces that do. ``occluded`` (N,) is whether their own optical centres are."""
         center_w, toward_w = self.shells[self.shell_of[rows[0]]].center_w, self.toward_w(rows)
         viewpoint = Viewpoint(
             center_w,
@@ -199,12 +183,8 @@ class Search:
         return self._plan.finished(viewpoint)
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
-        """Return (N, 3) from the centre of each of N rays to a point of it, metres, world frame.
-
-        Args:
-            rows: of the rays.
-            reach: (N,) metres along each ray; None: what it meets.
-        """
+        """Return (N, 3) from the centre of each of N rays to a point of it, ``reach`` (N,) metres along it;
+        None: what it meets."""
         reach = self.hits.reach[rows] if reach is None else reach
         far = np.where(np.isfinite(reach), reach, FAR_M)[:, None]
         points_w = self.origins_w[rows] + far * self.directions_w[rows]

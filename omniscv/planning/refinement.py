@@ -134,9 +134,8 @@ class Refinement(ABC):
 
     def _count(self, planned: Round) -> Round:
         # Views of finer truth are as fine as they are given here.
-        planned = planned.changed(
-            lambda each: self.plan.finished(replace(each, truth_scale=each.truth_scale or 1))
-        )
+        finished = self.plan.finished
+        planned = planned.changed(lambda each: finished(replace(each, truth_scale=each.truth_scale or 1)))
         requests = planned.requests(self.plan.modes)
         self._requests += len(requests)
         self._pixels += pixels_of(request.view for request in requests)
@@ -281,8 +280,10 @@ class OneCenter(Refinement):
         for each in choice.patches:
             self.focal_px[each.pixels] = choice.focal_px
         by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
+        centers_w = (each.view.pose.t_w_c for each in by_size)
         viewpoints = (
-            Viewpoint(each.view.pose.t_w_c, (each.view,), each.pixels, self.patched) for each in by_size
+            Viewpoint(center_w, (each.view,), each.pixels, self.patched)
+            for center_w, each in zip(centers_w, by_size, strict=True)
         )
         yield Round(tuple(viewpoints))
 
@@ -290,10 +291,8 @@ class OneCenter(Refinement):
         """Yield captures of all that the image shows: ground truth in the smallest faces."""
         plan = self.plan
         base, options = self._faces(plan.edge), plan.options
-        one_size = (
-            options.face_size != "auto" or options.truth_scale > 1 or not plan.capabilities.can_set_size
-        )
-        if base is None or one_size or not self.truth:
+        any_size = options.face_size == "auto" and options.truth_scale == 1 and plan.capabilities.can_set_size
+        if base is None or not any_size or not self.truth:
             yield from self.exact().rounds()
             return
         if self.colors:

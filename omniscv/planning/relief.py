@@ -193,20 +193,12 @@ def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _patterns(
-    depth: Floats,
-    focal: float,
-    precision: Precision,
-    off: Floats,
-    fired: Marks,
-    alone: Marks,
-    beats: Marks,
+    depth: Floats, focal: float, precision: Precision, off: Floats, fired: Marks, alone: Marks, beats: Marks
 ) -> tuple[int, int]:
-    """Mark patterns of second differences of 1/z; return how many pixels stand out alone, across and down.
+    """Mark patterns of second differences of 1/z of planar depth (h, w), which may be ``off`` beside its
+    precision; return how many pixels stand out alone, across and down.
 
     Args:
-        depth: (h, w) planar metres.
-        focal, precision: of the picture.
-        off: (h, w) how far it may be off beside that, metres; or empty.
         fired: (h, w), pixels from the first to the last of many turns, or of three equal steps.
         alone: (2, h, w), pixels that stand out from their row, or their column.
         beats: (h, w), pixels at the end of many turns, one at each pixel, or of three uneven steps.

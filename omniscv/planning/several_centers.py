@@ -86,10 +86,8 @@ class SeveralCenters(Refinement):
             yield Round((), why, "exact")
 
     def _groups(self) -> Groups | str:
-        """Return the pixels by the centres that are captured first: one, unless the options give others.
-
-        Else why the captures are not planned.
-        """
+        """Return the pixels by the centres that are captured first: one, unless the options give others; or
+        why the captures are not planned."""
         plan = self.plan
         if "depth" not in plan.capabilities.modes:
             return "the source captures no depth"
@@ -143,13 +141,8 @@ class SeveralCenters(Refinement):
             yield replace(self._viewpoint(mine), modes=modes)
 
     def _serve(self, rows: Ints, rate: float, again: bool = False) -> Rounds:
-        """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price.
-
-        Args:
-            rows: of the rays.
-            rate: ms that a pixel is worth.
-            again: whether coarse views are captured again for rays that no patch shows.
-        """
+        """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price, with
+        ``rate`` ms a pixel; coarse views ``again`` for rays that no patch shows."""
         search, viewpoints = self._search, []
         rows = rows[~self._doubtful(search.hits.of(rows))]
         for number in np.unique(search.shell_of[rows]):

@@ -53,10 +53,7 @@ def share_captures(plans: Sequence[Plan], modes: Sequence[str]) -> list[Plan]:
 
 
 def _groups(plans: Sequence[Plan]) -> list[list[int]]:
-    """Return the plans, by index, whose cameras share an optical centre, several each.
-
-    Central cameras are apart from others, which are captured from elsewhere.
-    """
+    """Return the plans, by index, whose cameras share an optical centre; central ones apart from others."""
     groups: list[list[int]] = []
     for i, plan in enumerate(plans):
         for group in groups:
@@ -80,10 +77,8 @@ def _cheapest(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
     cheapest = _cheapest_new(new, modes)
     if plans[0].recorded is None:
         return cheapest
-    replayed = [
-        replace(plan, options=best.options, shared=best.shared).make(modes)
-        for plan, best in zip(plans, cheapest, strict=True)
-    ]
+    pairs = zip(plans, cheapest, strict=True)
+    replayed = [replace(plan, options=best.options, shared=best.shared).make(modes) for plan, best in pairs]
     if all(plan.available([request.view for request in plan.requests]) for plan in replayed):
         return replayed
     return [plan.make(modes) for plan in plans]
@@ -135,14 +130,9 @@ class Cost:
 
     def __add__(self, other: Cost) -> Cost:
         """Return the cost of two sets of images that share no captures."""
-        return Cost(
-            self.way,
-            self.requests + other.requests,
-            self.pixels + other.pixels,
-            self.seconds + other.seconds,
-            self.most + other.most,
-            max(self.marked, other.marked),
-        )
+        counts = ("requests", "pixels", "seconds", "most")
+        sums = {of: getattr(self, of) + getattr(other, of) for of in counts}
+        return replace(self, **sums, marked=max(self.marked, other.marked))
 
 
 def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **changes: Any) -> Cost:
@@ -173,13 +163,8 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     for of_camera in apart.values():
         some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
         alone = reduce(add, (_cost_alone(plan, way) for plan in some))
-        times = len(of_camera) / len(some)
-        total += replace(
-            alone,
-            requests=round(times * alone.requests),
-            pixels=round(times * alone.pixels),
-            most=round(times * alone.most),
-        )
+        times, counts = len(of_camera) / len(some), ("requests", "pixels", "most")
+        total += replace(alone, **{of: round(times * getattr(alone, of)) for of in counts})
     total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0, len(shared))
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)
 

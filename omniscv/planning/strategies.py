@@ -78,10 +78,9 @@ class Exact(Strategy):
     def rounds(self, plan: Plan) -> Rounds:
         """Yield the viewpoints, after the round in which occluded centres are found."""
         if plan.scattered:
-            expected = "expected 'auto', of a source with depth, or a number of viewpoints for a camera"
-            raise ArgumentError(
-                f"strategy: {expected} whose every pixel has an optical centre of its own, got {self.name!r}"
-            )
+            wanted = "expected 'auto', of a source with depth, or a number of viewpoints"
+            why = "for a camera whose every pixel has an optical centre of its own"
+            raise ArgumentError(f"strategy: {wanted} {why}, got {self.name!r}")
         groups = plan.groups()
         around = yield from capture_around(plan, groups, shared=True)
         yield Round(self.viewpoints(plan, groups, around))
@@ -121,14 +120,8 @@ def capture_around(
 
 
 def occlusion(around: DepthShell, points_w: Array) -> tuple[Mask, Mask]:
-    """Return (N,) which points are visible from the camera's position, and which are occluded.
-
-    Points near an edge may be neither.
-
-    Args:
-        around: depth captured at the camera's position.
-        points_w: (N, 3) metres, world frame.
-    """
+    """Return (N,) which points (N, 3), world frame, are visible from where depth was captured ``around``, and
+    which are occluded; points near an edge may be neither."""
     toward = points_w - around.center_w
     away = np.linalg.norm(toward, axis=-1)
     least, most = distances(around, toward)
@@ -184,14 +177,12 @@ def _recorded_viewpoints(plan: Plan, recorded: RecordedViews, group: RayGroup) -
     if unseen.all() or (unseen.any() and plan.options.unseen == "refuse"):
         at, share = np.round(center_w, 6).tolist(), f"{100 * unseen.mean():.3g} %"
         advice = "render with unseen='blank' (unseen: blank in a job) for the image of what is seen"
-        raise MissingCaptureError(
-            f"expected recorded views at {at} m to see all rays, but {share} are seen by none", None, advice
-        )
+        expected = f"expected recorded views at {at} m to see all rays, but {share} are seen by none"
+        raise MissingCaptureError(expected, None, advice)
     for views, modes in modes_of.items():
         for k in np.unique(serving[views][~unseen]):
             mine = ~unseen & (serving[views] == k)
-            only = tuple(modes) if len(modes_of) > 1 else None
-            view = views[k]
+            only, view = tuple(modes) if len(modes_of) > 1 else None, views[k]
             yield Viewpoint(view.pose.t_w_c, (view,), group.pixels[mine], only, unsure=unsure[mine])
 
 
@@ -233,11 +224,8 @@ def _is_available(plan: Plan, viewpoints: tuple[Viewpoint, ...]) -> bool:
 
 
 def _cheapest_viewpoints(plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
-    """Return the viewpoints of groups of pixels with the fewest captured pixels.
-
-    Strips where the source can set size and field of view, and, if it is a recording, holds them; else faces.
-    Arguments as :func:`face_viewpoints`.
-    """
+    """Return the viewpoints of groups of pixels with the fewest captured pixels: strips where the source can
+    set size and field of view, and holds them if it is a recording; else faces."""
     if plan.sets_views:
         strips = strip_viewpoints(plan, groups, around)
         if _is_available(plan, strips):
@@ -281,11 +269,8 @@ def _claims(plan: Plan, group: RayGroup, around: DepthShell | None) -> dict[str,
 
 
 def _single_viewpoint(plan: Plan, group: RayGroup) -> Viewpoint | None:
-    """Return the viewpoint of all of a camera's pixels with one view, turned and narrowed to their rays.
-
-    None where no view holds them, and where the source cannot set size and field of view, or is a
-    recording without the view.
-    """
+    """Return the viewpoint of all pixels with one view, turned and narrowed to their rays; None where no view
+    holds them, the source cannot set size and field of view, or is a recording without the view."""
     R_c_v, half, focal_px = plan.rays.holding_view
     if not plan.sets_views or half.max() > STEEPEST:
         return None

@@ -70,9 +70,8 @@ class CubeFaces:
         width = height = edge + 2 * border_px if capabilities.can_set_fov else edge
         if not capabilities.can_set_size:
             if capabilities.image_size is None:
-                raise ArgumentError(
-                    "capabilities: expected the image_size of a source that cannot set it, got None"
-                )
+                expected = "expected the image_size of a source that cannot set it"
+                raise ArgumentError(f"capabilities: {expected}, got None")
             width, height = capabilities.image_size
         if capabilities.can_set_fov and height > 2 * border_px:
             # The shorter side must see 90 degrees and the border.
@@ -80,9 +79,10 @@ class CubeFaces:
         else:
             fov_deg = 90.0 if capabilities.fov_deg is None else capabilities.fov_deg
             if height / 2 - pinhole.focal_px(width, fov_deg) < -1e-6:
+                got = f"{width} x {height} of {fov_deg:g} degrees across"
+                advice = "set the server to a square size and a field of view of 90"
                 raise ArgumentError(
-                    f"faces: expected pictures of at least 90 degrees both ways, got {width} x {height} of "
-                    f"{fov_deg:g} degrees across; set the server to a square size and a field of view of 90"
+                    f"faces: expected pictures of at least 90 degrees both ways, got {got}; {advice}"
                 )
         self._shape = fov_deg, width, height
 
@@ -98,9 +98,8 @@ class CubeFaces:
         recorded = self._plan.recorded
         if recorded is not None:
             six = recorded.faces(center_w, six, self._plan.options.truth_scale)
-            if any(
-                view.pose.R_w_c[:, 2] @ R[:, 2] < _ALIGNED for view, R in zip(six, ROTATIONS, strict=True)
-            ):
+            axes = zip((view.pose.R_w_c[:, 2] for view in six), ROTATIONS, strict=True)
+            if any(axis @ R[:, 2] < _ALIGNED for axis, R in axes):
                 hit = ALL_FACES
         covers = [self._plan.cover(view) for view, is_hit in zip(six, hit, strict=True) if is_hit]
         return (*(cover[0] for cover in covers), *(view for cover in covers for view in cover[1:]))
