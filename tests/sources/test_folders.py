@@ -83,10 +83,8 @@ REFUSED = [
     ("captures", [GOOD | {"file": "none.png"}], "expected an image that can be read, got 'none.png'"),
     ("captures", [GOOD | {"file": "\ud800.png"}], r"captures\.json: expected texts of Unicode"),
     ("captures", [GOOD | {"mode": "beauty"}], "mode: expected one of lit.*got 'beauty'"),
-    ("captures", [GOOD | {"mode": "\x1b[31m" * 1000}], "mode: expected a name"),
     ("captures", [GOOD | {"mode": "depth"}], "depth"),
     ("captures", [GOOD | {"encoding": "pickle"}], "expected one of png"),
-    ("captures", [GOOD | {"provenance": "me"}], "provenance: expected a mapping"),
     ("captures", [GOOD | {"provenance": {"time": float("nan")}}], "expected JSON, got: 'NaN, which JSON"),
     ("captures", [GOOD, GOOD | {"view": {"position": [0, 0, 0]}}], r"\[1\]\.view: missing key 'fov_deg'"),
     ("captures", [GOOD | {"view": VIEW | {"width": 4.0}}], "whole number"),
@@ -101,7 +99,6 @@ REFUSED = [
     ("objects", {"a": [1, 2, 300]}, "a.*<= 255, got 300"),
     ("masks", {"tolerance": 3, "ids": {"a": 70000}}, "<= 65535, got 70000"),
     ("masks", {"tolerance": 3, "ids": {"b": 7}}, "expected objects of objects.json, got 'b'"),
-    ("scene", {"title": "x"}, r"scene\.json: unknown key 'title'; known keys: name, level, content"),
 ]
 
 

@@ -169,12 +169,6 @@ def test_an_instant_is_the_same_when_it_was_written(instant):
     assert (again.state, again.to_dict()) == (instant.state, instant.to_dict())
 
 
-@pytest.mark.parametrize("change", [None, {"poses": {"Crate": {}}}, {"time": "soon"}, {"hidden": "Crate"}])
-def test_what_is_no_instant_is_an_argument_error(change):
-    with pytest.raises(ArgumentError):
-        Instant.from_dict([] if change is None else Instant().to_dict() | change)
-
-
 class Found(SourceWrapper):
     """A world that is paused, not set: it is found where it is."""
 

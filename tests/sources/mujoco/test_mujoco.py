@@ -245,10 +245,8 @@ def test_a_program_has_images_of_the_state_that_it_is_in():
     ("options", "expected"),
     [
         ({"keyframe": "down"}, "keyframe: expected one of the model's: up; got 'down'"),
-        ({"by": "mesh"}, "options.by: expected one of body, geom; got 'mesh'"),
         ({"groups": "7"}, "options.groups: expected groups of geoms"),
         ({"qpos": [1, 2]}, "qpos: expected 8 numbers, or rows of an increasing time and 8 numbers, got 2"),
-        ({"time": -1}, "options.time: expected"),
         ({"retries": 3}, "options: unknown key 'retries'"),
     ],
 )
