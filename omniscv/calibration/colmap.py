@@ -1,12 +1,10 @@
 """COLMAP's ``cameras.txt`` and ``cameras.bin``, ``rigs.txt``, and the lines of ``frames.txt``.
 
-Half pixel: none to shift. COLMAP's top-left pixel has its centre at (0.5, 0.5), as ours. The camera frames
-agree: x right, y down, z forward. Special cases are written as the general model, which more programs know:
-``fisheye-equidistant`` as a fisheye without coefficients, ``fisheye-stereographic`` and an undistorted
-``unified`` as ``EUCM``, without the circle in which they end.
-
-Not carried: a name that is no whole number, a rig's time offsets. COLMAP reaches only rays less than 90
-degrees off the axis in every model but ``EQUIRECTANGULAR``; a comment says so for cameras that see more.
+Half pixel: none to shift. COLMAP's top-left pixel has its centre at (0.5, 0.5), as ours. Special cases are
+written as the general model, which more programs know: ``fisheye-equidistant`` as a fisheye without
+coefficients, ``fisheye-stereographic`` and an undistorted ``unified`` as ``EUCM``, without the circle in
+which they end. COLMAP reaches only rays less than 90 degrees off the axis in every model but
+``EQUIRECTANGULAR``.
 
 Source: COLMAP 4.2, ``src/colmap/sensor/models.h``, ``scene/reconstruction_io_text.cc`` and ``_binary.cc``.
 """

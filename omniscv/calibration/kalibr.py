@@ -1,8 +1,5 @@
 """Kalibr's ``camchain.yaml``: cameras ``cam0``, ``cam1``, ... with models, intrinsics, resolutions, poses.
 
-``omni`` is Mei's sphere model: ``u = pu + fu x_s / (z_s + xi)``, ``v = pv + fv y_s / (z_s + xi)`` of the unit
-direction x_s.
-
 Rigs: a chain has each camera's pose relative to the one before it, ``T_cn_cnm1``, or relative to the IMU,
 ``T_cam_imu`` or ``T_imu_cam`` (OpenVINS); ``timeshift_cam_imu`` is our time offset: the time at which an
 image was taken, in the IMU's time, minus its stamp. The first camera is the rig's frame: see

@@ -3,14 +3,10 @@
 Half pixel: both put pixel centres at whole numbers, so their principal points are ours minus 0.5. NCore's
 manual defines it so. For Isaac Sim the same is assumed, as for OpenCV's models: no renderer was run here.
 
-``isaac``: a USD layer (text) whose prims ``Camera`` have ``omni:lensdistortion`` attributes. ``ftheta`` is
-the polynomial from pixel to angle, of degree 4 at most, without linear terms; ``maxFov`` is twice
-``max_angle_deg``. Programs hold these attributes in 32-bit floats; the text has all digits. Prims' transforms
-are not carried.
-
-``ncore``: ``ftheta`` with either polynomial as the reference. The other polynomial, an approximation of the
-inverse, is ignored in reading, and fitted in writing. Rolling shutters are refused: NCore has their times in
-the sequence, not with the lens.
+``isaac``: a USD layer (text) whose prims ``Camera`` have ``omni:lensdistortion`` attributes; their transforms
+are not carried. ``ncore``: ``ftheta`` with either polynomial as the reference; the other one, an
+approximation of the inverse, is ignored in reading, and fitted in writing. Rolling shutters are refused:
+NCore has their times in the sequence, not with the lens.
 
 Source: docs.omniverse.nvidia.com, ``omni.usd.schema.omni_lens_distortion`` 1.0; nvidia.github.io/ncore,
 sensor models.

@@ -15,8 +15,7 @@ The camera frames are half a turn apart: (our x, our y, our z) = (y, x, -z). OCa
 scale columns, and ours does not scale rows, so ``(c', d', e') = (1, e, d) / c``; the rays stay the same if
 ``a_k' = a_k c^(1-k)``. The same two formulas lead back.
 
-Not carried: an affine part that mirrors (c <= 0). The inverse polynomial is an approximation: it is ignored
-in reading, and fitted in writing to within 0.01 px, as OCamCalib does.
+The inverse polynomial is ignored in reading, and fitted in writing to within 0.01 px, as OCamCalib does.
 """
 
 import re

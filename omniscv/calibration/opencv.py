@@ -1,16 +1,9 @@
 """OpenCV's three models, as arrays and as files: of ``cv2.FileStorage``, of ROS, and of people's scripts.
 
-Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point is ours minus 0.5. Carried:
-
-``opencv``
-    ``pinhole``: K and D of ``cv2.projectPoints``, 4, 5, 8 or 12 coefficients. K has no skew: OpenCV ignores
-    it in this model. The last two of 14 coefficients tilt the sensor, which our model does not.
-``opencv-fisheye``
-    ``kannala-brandt``: K and D of ``cv2.fisheye``, skew in ``K[0, 1] = fx skew``, which its functions take as
-    ``alpha``; and ``fisheye-equidistant`` without the circle in which it ends.
-``opencv-omnidir``
-    ``unified``: K, xi and D of ``cv2.omnidir``, skew in ``K[0, 1] = fx skew``; and ``fisheye-stereographic``
-    without the circle in which it ends.
+Half pixel: OpenCV puts pixel centres at whole numbers, so its principal point is ours minus 0.5. In
+``opencv`` K has no skew, which OpenCV ignores in this model, and the last two of 14 coefficients, which tilt
+the sensor, are 0. ``opencv-fisheye`` and ``opencv-omnidir`` have it in ``K[0, 1] = fx skew``, and carry
+``fisheye-equidistant`` and ``fisheye-stereographic``, too, without the circle in which these end.
 
 The keys of files are those of OpenCV's calibration samples, or any of ``K`` and ``D`` below, also of two
 cameras (``K1``, ``left_camera_matrix``). ``fisheye_model`` may be missing but not that of the other model:

@@ -181,11 +181,9 @@ _LIMITS: dict[str, list[Limit]] = {
     "fisheye-orthographic": [_to("r → f", edge, focal=200)],
     "fisheye-equisolid": [_to("r → f", edge, focal=200)],
     "scaramuzza": [
+        # Rays are known to 1e-16 rad: to 1e-8 of the radius where two pixels see one ray.
         _to(
-            "r → where the polynomial turns back",
-            edge,
-            coefficients=(-150, 0, 1e-3, 0, -2e-8),
-            # Rays are known to 1e-16 rad: to 1e-8 of the radius where two pixels see one ray.
+            "r → where the polynomial turns back", edge, coefficients=(-150, 0, 1e-3, 0, -2e-8),
             known_px=lambda left: np.minimum(1e-13 / left, 1e-8 * SIZE),
         ),
         _to("a0 → 0", coefficients=lambda left: (-150 * left, 0, 1e-3)),
@@ -247,11 +245,9 @@ _LIMITS: dict[str, list[Limit]] = {
     "equiangular-cube": [_to("pixel → edge of a face", edge_of_a_face, layout="strip")],
     "octahedral": [_to("column → ±180°", towards_seam)],
     "ods": [
+        # The ray is tangent to the circle: its origin is known to the root of the rounding error.
         _to(
-            "row → pole",
-            towards_pole,
-            interpupillary=0.064,
-            # The ray is tangent to the circle: its origin is known to the root of the rounding error.
+            "row → pole", towards_pole, interpupillary=0.064,
             known_px=lambda left: np.minimum(4e-16 * 0.032 / (10 * left), 3e-8) * SIZE,
         ),
         _to("b → 0", interpupillary=_down_from(1.0)),
@@ -260,18 +256,14 @@ _LIMITS: dict[str, list[Limit]] = {
     "orthographic": [_to("w → 0", width_m=_down_from(1.0))],
     "rolling-shutter": [
         _to(
-            "turn → 45° while the image is read",
-            base={"model": "fisheye-equidistant", "fov_deg": 150},
-            readout=0.1,
-            angular_velocity_deg=lambda left: (100, 200, 450 * (1 - left)),
+            "turn → 45° while the image is read", base={"model": "fisheye-equidistant", "fov_deg": 150},
+            readout=0.1, angular_velocity_deg=lambda left: (100, 200, 450 * (1 - left)),
         )
     ],
     "noncentral-panorama": [
         _to("row → pole", towards_pole, radius=1.0),
         _to(
-            "R → ∞ (points 10 m away)",
-            row(lambda left: 0.3),
-            radius=_far,
+            "R → ∞ (points 10 m away)", row(lambda left: 0.3), radius=_far,
             known_px=lambda left: 4e-16 / left * SIZE / np.pi,
         ),
     ],
@@ -288,7 +280,7 @@ _LIMITS: dict[str, list[Limit]] = {
         _to("Z_m → 0", distance=_down_from(0.5), mirror_radius=0.5),
         _to("Z_m → ∞", metres=_far, mirror_radius=0.5, distance=lambda left: 0.5 / left),
     ],
-}
+}  # fmt: skip
 
 
 def approaches(name: str) -> list[Approach]:

@@ -1,17 +1,12 @@
 """Files of trajectories: TUM, KITTI, EuRoC and CSV, read by columns.
 
-Files hold the camera's positions in the world, metres, and rotations from camera to world, in the frames of
-:mod:`omniscv.geometry`: a trajectory estimated from the images compares directly. ``#`` or ``%`` starts a
-comment. Columns are separated by commas, semicolons, tabs or blanks. Names of the columns, in a first line or
-a comment, say what each is, and its unit: ``time_ms``, ``timestamp [ns]``, ``yaw_rad``. Without names:
+Files hold the camera's positions in the world, metres, and rotations from camera to world. Names of the
+columns, in a first line or a comment (``#``, ``%``), say what each is, and its unit: ``time_ms``,
+``timestamp [ns]``, ``yaw_rad``. Without names:
 
-TUM
-    ``time tx ty tz qx qy qz qw``, seconds, separated by blanks.
-KITTI odometry
-    the 3x4 matrix of T_0_i row by row, from camera i to the first camera. Times are in another file, one
-    number per line.
-EuRoC
-    ``time,px,py,pz,qw,qx,qy,qz``, the time in whole nanoseconds; 8 columns, or 17 with velocities and biases.
+* TUM: ``time tx ty tz qx qy qz qw``, seconds, separated by blanks.
+* KITTI: the 3x4 matrix from camera i to the first one, row by row; times are in another file, one a line.
+* EuRoC: ``time,px,py,pz,qw,qx,qy,qz``, whole nanoseconds; 8 columns, or 17 with velocities and biases.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from omniscv.arguments import number, numbers, one_of, shown, text, whole_number, wrong
 from omniscv.cameras import Camera
 from omniscv.errors import ArgumentError
-from omniscv.geometry import Pose
 from omniscv.geometry.arrays import Floats, Pixels, run
 from omniscv.light import decode, encode
 from omniscv.records import checked, optional, record
@@ -34,25 +33,7 @@ from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 __all__ = ["PRESETS", "Sensor"]
 
 
-class _Image(Protocol):
-    """What a sensor needs of an image, a dataclass."""
-
-    @property
-    def layers(self) -> Mapping[str, NDArray[Any]]: ...
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def pose(self) -> Pose: ...
-    @property
-    def valid(self) -> NDArray[np.bool_]: ...
-    @property
-    def transfer(self) -> str: ...
-    @property
-    def provenance(self) -> Mapping[str, Any]: ...
-    def __getitem__(self, layer: str) -> NDArray[Any]: ...
-
-
-Image = TypeVar("Image", bound=_Image)
+Image = TypeVar("Image")  # an image in memory: omniscv.compose.image.OmniImage, which is beside this room
 
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _MOST_KERNELS = 5
@@ -299,19 +280,22 @@ class Sensor:
         Raises:
             ArgumentError: an image without ``lit``.
         """
-        light, transfer = image["lit"], "srgb" if image.transfer == "unknown" else image.transfer
+        seen: Any = image
+        light, transfer = seen["lit"], "srgb" if seen.transfer == "unknown" else seen.transfer
         if lateral:
             light = light.copy()
-        for channel, other in zip((0, 2), lateral, strict=False):
-            seen = other.valid & image.valid
-            light[..., channel][seen] = other["lit"][..., channel][seen]
+        others: Any = zip((0, 2), lateral, strict=False)
+        for channel, other in others:
+            both = other.valid & seen.valid
+            light[..., channel][both] = other["lit"][..., channel][both]
         if self.shading is not None or self.glare or any(self.blur):
-            light = self.irradiance(image.camera, decode(light, transfer))
-        frame = [image.pose.position.tolist(), image.pose.rotation.tolist(), time]
+            light = self.irradiance(seen.camera, decode(light, transfer))
+        frame = [seen.pose.position.tolist(), seen.pose.rotation.tolist(), time]
         codes = self.expose(light, camera, frame, transfer=transfer)
         layers = {"sensor": self.develop(codes)} | ({"raw": codes} if codes.ndim == 2 else {})
-        provenance = {**image.provenance, "sensor": self.to_dict()}
-        return replace(image, layers={**image.layers, **layers}, provenance=provenance)  # type: ignore[type-var]
+        provenance = {**seen.provenance, "sensor": self.to_dict()}
+        sensed: Image = replace(seen, layers={**seen.layers, **layers}, provenance=provenance)
+        return sensed
 
 
 _DEFAULTS: Mapping[str, Any] = {

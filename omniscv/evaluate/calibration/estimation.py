@@ -14,14 +14,11 @@ the line image of this normal measure the fit.
 Source: Bermudez-Cameo, Lopez-Nicolas, Guerrero 2015, Automatic line extraction in uncalibrated
 omnidirectional cameras with revolution symmetry; f as in the paper of OmniSCV.
 
-Edges. An edge point is a maximum of the gradient's magnitude along the row or column that is nearer to the
-gradient's direction, to a part of a pixel at the top of a parabola through three pixels (Devernay 1995, A
-non-maxima suppression method for edge detection with sub-pixel accuracy). Neighbours join a chain while the
-gradient turns little from one to the next, so that chains end at corners.
-
-A chain can show several lines. RANSAC separates them without a calibration: three points determine r_vl and a
-line's image (:meth:`LineImages.r_vl_of_triples`). The triple that most points agree with takes these points
-from the chain, until too few are left. Its r_vl is used for grouping only.
+An edge point is a maximum of the gradient's magnitude along the row or column that is nearer to the
+gradient's direction, at the top of a parabola through three pixels (Devernay 1995). Neighbours join a chain
+while the gradient turns little, so that chains end at corners. RANSAC separates the lines of a chain: three
+points determine r_vl and a line's image; the triple that most points agree with takes these points from the
+chain.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -5,9 +5,8 @@ A line through the point p along the direction l is ``(l, m)``, ``m = p x l``: s
 a line's image is one such linear equation. All rays of a panorama or of a mirror of revolution also meet the
 axis, so that the axis is always a solution, which has to be left out.
 
-Lines are then fitted in pixels. To first order, a pixel's distance from a line's image is the incidence of
-its ray with the line over the length of that incidence's gradient in the image (Sampson's distance). This
-needs only the camera's rays, and is the same for panoramas and mirrors. It is done in three ways:
+Lines are then fitted in pixels: to first order, a pixel's distance from a line's image is the incidence of
+its ray with the line over the length of that incidence's gradient in the image (Sampson's distance):
 
 free         without further knowledge
 gravity      a line is upright or level, whichever its image fits: the paper's soft Manhattan constraint

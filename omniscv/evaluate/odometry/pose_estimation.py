@@ -1,21 +1,17 @@
 """Poses of the images of any central camera by COLMAP: SIFT, exhaustive matching, incremental mapping; and
 the errors of an estimated trajectory.
 
-By pycolmap (BSD; the extra ``evaluate``). COLMAP has no mirrors, but it has panoramas: the features of each
-image move to the pixels of a panorama that has the same rays and is as fine. Everything runs in one thread
-from one seed: with more threads, points come in another order, and poses differ in the fifth digit.
+COLMAP (Schoenberger and Frahm, CVPR 2016) has no mirrors, but it has panoramas: the features of each image
+move to the pixels of a panorama that has the same rays and is as fine. Everything runs in one thread from one
+seed: with more threads, points come in another order, and poses differ in the fifth digit.
 
-Source: J. L. Schoenberger, J.-M. Frahm, "Structure-from-motion revisited", CVPR 2016.
+A similarity first aligns the estimated positions with the true ones (Umeyama, PAMI 1991). Then, of the frames
+that were registered:
 
-A similarity first aligns the estimated positions with the true ones, because a moving camera does not show
-position, orientation and scale of its world (S. Umeyama, "Least-squares estimation of transformation
-parameters between two point patterns", PAMI 1991). Then, of the frames that were registered:
-
-ATE          distance of the positions; its root mean square. J. Sturm et al., IROS 2012.
+ATE          distance of the positions; its root mean square. Sturm et al., IROS 2012
 RPE          the error of the step from each frame to the next, position and rotation. Ibid.
-eps_t        angle at a given origin between the true position and the estimated one; the paper's. For
-             positions far from the origin it is small, and near it it grows without bound.
-eps_theta    angle of R_gt R_est^T; the paper's.
+eps_t        angle at a given origin between the true position and the estimated one; the paper's
+eps_theta    angle of R_gt R_est^T; the paper's
 """
 
 import signal
