@@ -102,19 +102,12 @@ def from_faces(
 
 
 class DepthForm(NamedTuple):
-    """What the numbers in a picture of depth are.
+    """What the numbers in a picture of depth are."""
 
-    Attributes:
-        ray: whether they are lengths along the ray, not along the optical axis.
-        per_m: how many of them are a metre; 0: not said.
-        encoding: the codec of depth that is packed in colours; else empty.
-        missing: those that stand for no surface, beside what :func:`omniscv.sources.codecs.no_surface` has.
-    """
-
-    ray: bool = False
-    per_m: float = 0.0
-    encoding: str = ""
-    missing: tuple[float, ...] = ()
+    ray: bool = False  # lengths along the ray, not along the optical axis
+    per_m: float = 0.0  # how many of them are a metre; 0: not said
+    encoding: str = ""  # the codec of depth that is packed in colours
+    missing: tuple[float, ...] = ()  # stand for no surface, beside what `codecs.no_surface` has
 
     @classmethod
     def parse(cls, text: str, missing: tuple[float, ...] = ()) -> DepthForm:

@@ -48,30 +48,19 @@ _RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 
 @dataclass(frozen=True)
 class Opened:
-    """The reply to ``open``: what is known of the scene, named ``scene``, before anything is rendered.
-
-    Attributes:
-        frame: of its animation.
-        objects: by name, the id that pictures show.
-        lights, materials: by name, the settings that can be varied, and how many numbers each has; the
-            ``world``, if there is one, is a light.
-        metres: of a unit of the scene.
-        transfer: what 8-bit colours say of light, by the scene's view transform.
-        camera: where the scene's own camera is, metres; None without one.
-        libraries, missing: the files that it links, and those of them and of its textures that are not there.
-    """
+    """The reply to ``open``: what is known of the scene, named ``scene``, before anything is rendered."""
 
     scene: str
-    frame: int
-    objects: Mapping[str, int]
-    world: bool
-    lights: Mapping[str, Mapping[str, int]]
-    materials: Mapping[str, Mapping[str, int]]
-    metres: float
-    transfer: Transfer
-    camera: Sequence[float] | None
-    libraries: Sequence[str]
-    missing: Sequence[str]
+    frame: int  # of its animation
+    objects: Mapping[str, int]  # by name, the id that pictures show
+    world: bool  # whether there is one: among `lights`
+    lights: Mapping[str, Mapping[str, int]]  # by name, the settings to vary, how many numbers each has
+    materials: Mapping[str, Mapping[str, int]]  # the same
+    metres: float  # of a unit of the scene
+    transfer: Transfer  # what 8-bit colours say of light, by the scene's view transform
+    camera: Sequence[float] | None  # where the scene's own camera is, metres
+    libraries: Sequence[str]  # the files that it links
+    missing: Sequence[str]  # those of them and of its textures that are not there
 
 
 class Process:

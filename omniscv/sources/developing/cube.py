@@ -32,19 +32,12 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cube:
-    """Six square pictures, of 90 degrees, at one centre, in any orientation, that together see every
-    direction once.
-
-    Attributes:
-        pixels: (6, s, s, 3) uint8.
-        border: px that were captured beyond the 90 degrees on every side, and are left out.
-        labels: (6, s, s) of the objects; all 0 without masks.
-    """
+    """Six square pictures of 90 degrees, at one centre, in any orientation, that see every direction."""
 
     views: tuple[View, ...]
-    pixels: NDArray[np.uint8]
-    border: int
-    labels: NDArray[np.int64]
+    pixels: NDArray[np.uint8]  # (6, s, s, 3)
+    border: int  # px that were captured beyond the 90 degrees on every side, and are left out
+    labels: NDArray[np.int64]  # (6, s, s) of the objects; all 0 without masks
 
     @classmethod
     def of(

@@ -36,24 +36,15 @@ _BY = {"nerfstudio": "format", "tum": "format", "latlong": "options", "pinhole":
 
 
 class Convention(NamedTuple):
-    """What the numbers of poses and depth mean.
+    """What the numbers of poses and depth mean."""
 
-    Attributes:
-        inverse: from the world to the camera; ``transposed`` rotations are the transposes of those.
-        axes: (9,) C of :func:`omniscv.geometry.trajectory_columns.axes_of`, row by row.
-        ratio: of the unit of depth to that of positions, over the ratio that is said.
-        along: depth is along the ray.
-        quaternion: the order of its numbers, where it is not as said.
-        shift: frames by which poses come early.
-    """
-
-    inverse: bool = False
-    transposed: bool = False
-    axes: tuple[float, ...] = _I
-    ratio: float = 1.0
-    along: bool = False
-    quaternion: str = ""
-    shift: int = 0
+    inverse: bool = False  # from the world to the camera
+    transposed: bool = False  # rotations are the transposes of those
+    axes: tuple[float, ...] = _I  # (9,) C of `trajectory_columns.axes_of`, row by row
+    ratio: float = 1.0  # of the unit of depth to that of positions, over the ratio that is said
+    along: bool = False  # depth is along the ray
+    quaternion: str = ""  # the order of its numbers, where it is not as said
+    shift: int = 0  # frames by which poses come early
 
     @property
     def C(self) -> Array:
@@ -75,27 +66,16 @@ class Convention(NamedTuple):
 
 @dataclass(frozen=True)
 class Words:
-    """What is said of poses and depth.
+    """What is said of poses and depth."""
 
-    Attributes:
-        axes: a name of :func:`omniscv.geometry.trajectory_columns.axes_of`; poses are ``inverse``: world to
-            camera.
-        metres: of one of positions.
-        along: depth along the ray, of which ``per_m`` whole numbers are a metre; 1 where it is in floats of
-            metres.
-        quaternions: whether rotations are quaternions.
-        fixed: whether only units and kinds may be others, as of faces.
-        asks: whether the words are a guess that pictures may correct.
-    """
-
-    axes: str = "camera"
-    inverse: bool = False
-    metres: float = 1.0
-    along: bool = False
-    per_m: float = 1.0
-    quaternions: bool = False
-    fixed: bool = False
-    asks: bool = False
+    axes: str = "camera"  # a name of `trajectory_columns.axes_of`
+    inverse: bool = False  # poses are world to camera
+    metres: float = 1.0  # of one of positions
+    along: bool = False  # depth is along the ray
+    per_m: float = 1.0  # whole numbers of depth in a metre; 1 where it is in floats of metres
+    quaternions: bool = False  # whether rotations are quaternions
+    fixed: bool = False  # whether only units and kinds may be others, as of faces
+    asks: bool = False  # whether the words are a guess that pictures may correct
 
     @property
     def convention(self) -> Convention:
@@ -120,22 +100,14 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True)
 class Verdict:
-    """What pictures say of words, or ``why`` they cannot tell.
-
-    Attributes:
-        best: the hypothesis of most agreement; of those that are tied with it, the nearest to the words.
-        said: that of the words.
-        following: the best of those that are not tied; None if all are.
-        tied: conventions that pictures cannot tell from the best.
-        median: of depth, as read.
-    """
+    """What pictures say of words, or ``why`` they cannot tell."""
 
     words: Words
-    best: Score | None = None
-    said: Score | None = None
-    following: Score | None = None
-    tied: tuple[Convention, ...] = ()
-    median: float = 1.0
+    best: Score | None = None  # of most agreement; of those that are tied with it, the nearest to the words
+    said: Score | None = None  # that of the words
+    following: Score | None = None  # the best of those that are not tied
+    tied: tuple[Convention, ...] = ()  # what pictures cannot tell from the best
+    median: float = 1.0  # of depth, as read
     why: str = ""
 
     @property

@@ -55,23 +55,14 @@ Arrangement = tuple[Face, ...]
 
 @dataclass(frozen=True)
 class Layout:
-    """A way to name or to place six faces.
-
-    Attributes:
-        name: of the layout.
-        faces: such as ``F R B L U2 D``, in the order of the words or of the cells.
-        words: sets of six words that name files.
-        cells: rows of one picture, separated by ``/``; a face in each ``#``, in reading order.
-        centered: whether the outermost pixels' centres lie on the edges of the cube.
-        guessed: whether ``auto`` tries it; False if another layout is the same cube, turned.
-    """
+    """A way to name or to place six faces."""
 
     name: str
-    faces: str
-    words: tuple[str, ...] = ()
-    cells: str = ""
-    centered: bool = False
-    guessed: bool = True
+    faces: str  # such as `F R B L U2 D`, in the order of the words or of the cells
+    words: tuple[str, ...] = ()  # sets of six words that name files
+    cells: str = ""  # rows of one picture, separated by `/`; a face in each `#`, in reading order
+    centered: bool = False  # whether the outermost pixels' centres lie on the edges of the cube
+    guessed: bool = True  # False if another layout is the same cube, turned
 
     @property
     def arrangement(self) -> Arrangement:
@@ -168,20 +159,13 @@ class Seams:
 
 @dataclass(frozen=True)
 class Choice:
-    """What six pictures, in the order of a layout, show.
+    """What six pictures, in the order of a layout, show."""
 
-    Attributes:
-        layout: by names or shape.
-        arrangement: of the pictures; it differs from the layout's where the seams say so.
-        step: mean step across the edges, grey levels.
-        alternative: the next best reading, in words.
-    """
-
-    layout: Layout
+    layout: Layout  # by names or shape
     pictures: Sequence[Pixels]
-    arrangement: Arrangement
-    step: float
-    alternative: str
+    arrangement: Arrangement  # differs from the layout's where the seams say so
+    step: float  # mean step across the edges, grey levels
+    alternative: str  # the next best reading, in words
 
     def lines(self, names: Sequence[str]) -> list[str]:
         """Return what was chosen, in lines for people; ``names`` of the pictures, in the layout's order."""

@@ -29,27 +29,16 @@ _LEAST_SD, _MIDDLE = 6.0, 100.0  # grey levels that are noise, of pictures whose
 
 @dataclass(frozen=True)
 class PosedPictures:
-    """Depth and colours of one size, and the poses of all frames, also of those whose pictures are not read.
+    """Depth and colours of one size, and the poses of all frames, read or not."""
 
-    Attributes:
-        depth: (M, H, W) float32, 0 for no surface; as stored, planar or along the ray.
-        grey: (M, H, W) float32, brightness without its local mean and contrast; None without colours.
-        lenses: (M, 4) fx, fy, cx, cy; px of this size.
-        frames: (M,) whose pictures these are.
-        pairs: (P, 2) pictures that overlap if poses are right.
-        R: (N, 3, 3) rotations of frames as said, camera to world.
-        t: (N, 3) positions as said.
-        panorama: whether pictures are equirectangular.
-    """
-
-    depth: NDArray[np.float32]
-    grey: NDArray[np.float32] | None
-    lenses: Array
-    frames: Indices
-    pairs: Indices
-    R: Array
-    t: Array
-    panorama: bool = False
+    depth: NDArray[np.float32]  # (M, H, W), 0 for no surface; as stored, planar or along the ray
+    grey: NDArray[np.float32] | None  # (M, H, W), brightness without its local mean and contrast
+    lenses: Array  # (M, 4) fx, fy, cx, cy; px of this size
+    frames: Indices  # (M,) whose pictures these are
+    pairs: Indices  # (P, 2) pictures that overlap if poses are right
+    R: Array  # (N, 3, 3) rotations of frames as said, camera to world
+    t: Array  # (N, 3) positions as said
+    panorama: bool = False  # whether pictures are equirectangular
     _points: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod

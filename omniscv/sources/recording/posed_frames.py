@@ -131,23 +131,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Sequence:
-    """Pictures with poses, in the order of ``frames``.
-
-    Attributes:
-        objects: of masks; empty: as the masks show.
-        says: lines for people.
-        of_openexr: as :func:`to_faces`.
-        layout, words: its name, and what it says of its poses; depth is as :meth:`form`.
-        options: of the user.
-    """
+    """Pictures with poses, in the order of ``frames``."""
 
     frames: list[Frame]
-    objects: ObjectTable = field(default_factory=lambda: ObjectTable({}))
-    says: tuple[str, ...] = ()
-    of_openexr: int = 0
-    layout: str = ""
-    words: Words = field(default_factory=Words)
-    options: Options = field(default_factory=Options)
+    objects: ObjectTable = field(default_factory=lambda: ObjectTable({}))  # of masks; empty: as they show
+    says: tuple[str, ...] = ()  # lines for people
+    of_openexr: int = 0  # as `to_faces`
+    layout: str = ""  # its name
+    words: Words = field(default_factory=Words)  # what it says of its poses; depth is as `form`
+    options: Options = field(default_factory=Options)  # of the user
 
     @property
     def modes(self) -> Counter[str]:

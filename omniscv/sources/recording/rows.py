@@ -127,27 +127,17 @@ class Row(NamedTuple):
 
 
 class Head(NamedTuple):
-    """The row of ``recording``.
+    """The row of ``recording``."""
 
-    Attributes:
-        id: 32 random hexadecimal digits, made with the file.
-        token, parent: of the last change and of the one before it; random, as long.
-        scene: a :class:`SceneIdentity`, JSON.
-        tolerance: of the object table.
-        captures, capture_sum: their number, and the sum of their checksums modulo 2^32.
-        object_checksum: of all rows of ``object``, in the order of names.
-        checksum: of the columns before.
-    """
-
-    id: str
-    token: str
-    parent: str
-    scene: str
-    tolerance: int
+    id: str  # 32 random hexadecimal digits, made with the file
+    token: str  # of the last change; random, as long
+    parent: str  # the token before it
+    scene: str  # a `SceneIdentity`, JSON
+    tolerance: int  # of the object table
     captures: int
-    capture_sum: int
-    object_checksum: int
-    checksum: int
+    capture_sum: int  # the sum of their checksums modulo 2^32
+    object_checksum: int  # of all rows of `object`, in the order of names
+    checksum: int  # of the columns before
 
     @classmethod
     def new(cls) -> Self:

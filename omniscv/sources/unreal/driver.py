@@ -101,18 +101,11 @@ class StaleFrames:
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """How a camera is exposed.
+    """How a camera is exposed."""
 
-    Attributes:
-        fix_exposure: whether to switch off vignette and auto exposure of the whole game.
-        exposure: of the spawned camera, as :data:`CameraExposure`; None: ``auto`` where the plugin can set
-            it.
-        warmup: frames of colour to drop after each move, where temporal effects blend them.
-    """
-
-    fix_exposure: bool = False
-    exposure: CameraExposure | None = None
-    warmup: int = 0
+    fix_exposure: bool = False  # switch off vignette and auto exposure of the whole game
+    exposure: CameraExposure | None = None  # of the spawned camera; None: `auto` where the plugin can set it
+    warmup: int = 0  # frames of colour to drop after each move, where temporal effects blend them
 
 
 SPAWNED = CameraOptions()

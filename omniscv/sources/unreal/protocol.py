@@ -64,19 +64,12 @@ _SHOWS_THE_SAME = re.compile(
 
 @dataclass(frozen=True)
 class CameraTable:
-    """How plugin 0.3.10 and 1.x differ in their cameras.
+    """How plugin 0.3.10 and 1.x differ in their cameras."""
 
-    Attributes:
-        images: by mode, the end of the command and the encoding of its reply.
-        fov: name of the horizontal field of view in commands.
-        can_set_size: whether the size of pictures can be set.
-        vertex_colors: whether masks change dark colours.
-    """
-
-    images: Mapping[str, tuple[str, str]]
-    fov: str
-    can_set_size: bool
-    vertex_colors: bool
+    images: Mapping[str, tuple[str, str]]  # by mode, the end of the command and the encoding of its reply
+    fov: str  # name of the horizontal field of view in commands
+    can_set_size: bool  # of pictures
+    vertex_colors: bool  # whether masks change dark colours
 
     def image(self, camera: int, mode: str) -> str:
         """Return the command for a picture."""
