@@ -52,9 +52,7 @@ KINDS = {
     "torn": Kind("the clock advances by VALUE frames just before the image, unless paused", 1.0, 60.0),
     "late-objects": Kind("objects are as VALUE frames before the last (in 0.3.10: one more)", 2.0, 60.0),
     "ignore-pause": Kind("for each frame: the clock advances though the game is paused"),
-    "vanishing": Kind(
-        "for each object at each place of the camera, and when an image is repeated: no image has it"
-    ),
+    "vanishing": Kind("for each object at each place of the camera, and at a repeated image: none has it"),
     "falling": Kind("for each frame: the player sinks by VALUE cm", 1.0),
     "authentication": Kind("for each command: it is refused, because the client has not authenticated"),
     "turned": Kind("images that look steeply up or down are turned by VALUE degrees", 0.12, 180.0),

@@ -358,9 +358,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 def _read(path: Path) -> Scene:
     try:
-        description = yaml_text.parse(
-            yaml_text.read_text(path, yaml_text.MOST_SCENE_BYTES), yaml_text.MOST_SCENE_VALUES
-        )
+        text = yaml_text.read_text(path, yaml_text.MOST_SCENE_BYTES)
+        description = yaml_text.parse(text, yaml_text.MOST_SCENE_VALUES)
     except ValueError as cause:
         raise ValueError(f"scene: {path}: {cause}") from cause
     return Scene(path.stem, _located(description, path.parent))

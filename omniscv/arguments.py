@@ -24,9 +24,7 @@ _LONGEST_LABEL = 200  # characters
 _NOT_PORTABLE = frozenset('<>:"/\\|?*')
 _DEVICE = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9])(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, with any suffix."""
-_LONGEST_STEM = (
-    180  # bytes: a file name has 255, of which kind, suffix and the token of a temporary one are left
-)
+_LONGEST_STEM = 180  # bytes: a file name has 255, of which kind, suffix and a temporary one's token are left
 
 
 @contextmanager
@@ -113,9 +111,8 @@ def one_of(name: str, value: object, words: Iterable[str]) -> Any:
     """Return one of a few words, or raise ArgumentError."""
     known = list(words)
     if not isinstance(value, str) or value not in known:
-        raise ArgumentError(
-            f"{name}: expected one of {', '.join(known)}; got {shown(value)}{did_you_mean(value, known)}"
-        )
+        hint = did_you_mean(value, known)
+        raise ArgumentError(f"{name}: expected one of {', '.join(known)}; got {shown(value)}{hint}")
     return value
 
 

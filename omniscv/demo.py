@@ -157,9 +157,7 @@ def _compare(captured: OmniImage, replayed: OmniImage, name: str) -> int:
     for layer, pixels in captured.layers.items():
         again = replayed.layers[layer]
         if (pixels.dtype, pixels.shape, pixels.tobytes()) != (again.dtype, again.shape, again.tobytes()):
-            raise OmniscvError(
-                f"{name}: expected {layer} to be the same when recomposed, but its bytes differ"
-            )
+            raise OmniscvError(f"{name}: expected the same {layer} when recomposed, but its bytes differ")
     return len(captured.layers)
 
 

@@ -71,9 +71,8 @@ def test_an_option_that_the_lock_does_not_know_is_refused(tmp_path):
 
 def pinned(lock):
     """Return the hashes of a lock by package and version."""
-    entries = re.findall(
-        r"^([\w.-]+==.*?) \\\n((?:    --hash.*\n)+)", (ROOT / lock).read_text(), re.MULTILINE
-    )
+    text = (ROOT / lock).read_text()
+    entries = re.findall(r"^([\w.-]+==.*?) \\\n((?:    --hash.*\n)+)", text, re.MULTILINE)
     return {name.partition(" ")[0]: re.findall(r"sha256:[0-9a-f]{64}", hashes) for name, hashes in entries}
 
 
@@ -84,9 +83,8 @@ def test_both_locks_have_the_same_versions_and_hashes():
     names = {name.partition("==")[0] for name in needed}
     assert {"numba", "unrealcv", "uv", "hatchling"} <= names
     assert not {"moto", "pandas", "pyarrow", "playwright", "pycolmap", "pytest", "mypy"} & names
-    assert not any(
-        "://" in (ROOT / lock).read_text() for lock in ("requirements.lock", "requirements-test.lock")
-    )
+    locks = "requirements.lock", "requirements-test.lock"
+    assert not any("://" in (ROOT / lock).read_text() for lock in locks)
 
 
 @pytest.fixture
@@ -110,9 +108,8 @@ def failed(checkout, **environment):
 
 
 def test_a_python_that_is_missing(checkout):
-    assert failed(checkout, PYTHON="nix") == (
-        "demo: expected Python 3.11 or later, got 'nix': none; set PYTHON to one\n"
-    )
+    wanted = "demo: expected Python 3.11 or later, got 'nix': none; set PYTHON to one\n"
+    assert failed(checkout, PYTHON="nix") == wanted
     assert not (checkout / ".venv").exists()
 
 

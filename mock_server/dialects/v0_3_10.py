@@ -132,9 +132,7 @@ class Plugin0310(Dialect):
     def _data(self, form: _Form, *modes: str) -> Callable[..., Reply]:
         """Return a handler that replies images of modes; no data, as of a missing camera, becomes ok."""
         missing = "error Invalid camera id {}" if form == "png" else "ok"
-        return self.with_camera(
-            lambda camera: b"".join(self._encoded(camera, mode, form) for mode in modes), missing
-        )
+        return self.with_camera(lambda c: b"".join(self._encoded(c, mode, form) for mode in modes), missing)
 
     def _encoded(self, camera: Camera, mode: str, form: _Form) -> bytes:
         """Return an image's bytes; empty if the camera has no pixels."""

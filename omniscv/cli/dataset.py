@@ -34,9 +34,7 @@ class _Made:
     keep_going: Annotated[
         bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
     ] = False
-    shard: Annotated[str | None, Option(help="I/N: these frames only, I from 0; finish with --resume.")] = (
-        None
-    )
+    shard: Annotated[str | None, Option(help="I/N: these frames only, I from 0; then --resume.")] = None
     limit: Annotated[
         int | None, Option(min=1, help="So many frames only, spread over worlds and poses by a hash.")
     ] = None
@@ -82,9 +80,8 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
         if how.cluster is not None:
             from omniscv.cluster import make, workers_of
 
-            result = make(
-                loaded, workers_of(how.cluster), progress=show.steps, warn=console.error, note=console.line
-            )
+            asked, say = workers_of(how.cluster), {"warn": console.error, "note": console.line}
+            result = make(loaded, asked, progress=show.steps, **say)
             console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept; complete")
             return
         result = make_dataset(
@@ -168,9 +165,8 @@ def classes(
     rules = class_rules(file)
     class_of = {name: rules.class_of(name) for name in object_names(scene)}
     ids = {name: label.id for name, label in rules.classes.items()}
-    rows = [
-        (name, label or f"({rules.unmatched})", ids.get(label or "", "")) for name, label in class_of.items()
-    ]
+    unmatched = f"({rules.unmatched})"
+    rows = [(name, label or unmatched, ids.get(label or "", "")) for name, label in class_of.items()]
     console.table(("object", "class", "id"), rows)
     rules.table(class_of)
 

@@ -286,9 +286,8 @@ def _check(file: Path) -> None:
         cameras, poses = len(world.cameras), len(world.poses)
         at = f"{poses} pose{'s' * (poses != 1)}" if poses else "poses sampled in the source"
         start = f"{file}: worlds.{world.world}" if world.world else file
-        console.line(
-            f"{start}: {cameras} camera{'s' * (cameras != 1)} at {at}, of {', '.join(world.sources)}"
-        )
+        what = f"{cameras} camera{'s' * (cameras != 1)}"
+        console.line(f"{start}: {what} at {at}, of {', '.join(world.sources)}")
     if known.worlds:
         console.line(f"{file}: {sum(map(len, known.worlds))} images of {len(known.worlds)} worlds")
     for name, camera in known.cameras.items():

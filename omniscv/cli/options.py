@@ -257,9 +257,8 @@ class JobArguments:
         else:
             keys = self._keys({"size"} | self.given if "camera" in self.given and not unsized else self.given)
             if self.file.resolve().parent != Path.cwd():
-                keys |= {
-                    name: address(keys[name], Path.cwd()) for name in _PATHS if keys.get(name) is not None
-                }
+                given = {name: keys[name] for name in _PATHS if keys.get(name) is not None}
+                keys |= {name: address(path, Path.cwd()) for name, path in given.items()}
                 for described in keys.get("cameras", {}).values() if from_file else ():
                     described["file"] = str(Path.cwd() / described["file"])
             job = load(self.file, keys)

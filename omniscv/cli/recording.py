@@ -75,9 +75,7 @@ class _Said:
     unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None
     mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False
     clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False
-    trust_words: Annotated[bool, Option("--trust-words", help="Take poses as said, if pictures differ.")] = (
-        False
-    )
+    trust_words: Annotated[bool, Option("--trust-words", help="Take poses as said in any case.")] = False
 
     def given(self) -> dict[str, Any]:
         """Return the options that are given."""

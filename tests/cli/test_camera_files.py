@@ -35,9 +35,10 @@ def written(folder, text, name="lens.yaml"):
     return folder / name
 
 
-@pytest.mark.parametrize(
-    "keys", [("K", "D"), ("camera_matrix", "dist_coeffs"), ("cameraMatrix", "distCoeffs")]
-)
+NAMES = [("K", "D"), ("camera_matrix", "dist_coeffs"), ("cameraMatrix", "distCoeffs")]
+
+
+@pytest.mark.parametrize("keys", NAMES)
 def test_bare_matrices_need_a_size_and_four_coefficients_a_format(keys, tmp_path):
     path = written(tmp_path, f"{keys[0]}: {K}\n{keys[1]}: {D}\n")
     with pytest.raises(ArgumentError, match=r"opencv \(k1 k2 p1 p2 of the plain model\) or opencv-fisheye"):

@@ -16,9 +16,8 @@ from omniscv.sources.recording import RecordedSource, Recording
 from omniscv.sources.scene import SceneSource, open_scene
 
 POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20)
-AHEAD = Pose(
-    np.zeros(3), Pose.from_angles((0, 0, 0)).R_w_c.T @ Pose.from_angles((0, 0, 0), yaw_deg=0.7).R_w_c
-)
+LEVEL = Pose.from_angles((0, 0, 0)).R_w_c
+AHEAD = Pose(np.zeros(3), LEVEL.T @ Pose.from_angles((0, 0, 0), yaw_deg=0.7).R_w_c)
 PANORAMA = create("equirectangular", 128, 64)
 RING = create("noncentral-panorama", 48, 24, radius=0.3)
 
@@ -61,9 +60,8 @@ def test_rooms_are_hardly_marked_more(scene, camera):
     assert twice.doubtful <= once.doubtful + 0.003
     if camera.central:  # each of two truths twice, the second time with 1.37 times the pixels each way
         assert twice.effort.captures == once.effort.captures * 5 / 3
-        assert twice.effort.megapixels == pytest.approx(
-            once.effort.megapixels * (1 + 2 / 3 * 1.37**2), rel=0.01
-        )
+        wanted = once.effort.megapixels * (1 + 2 / 3 * 1.37**2)
+        assert twice.effort.megapixels == pytest.approx(wanted, rel=0.01)
 
 
 def test_a_recording_replays_what_it_was_made_with(tmp_path):

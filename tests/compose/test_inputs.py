@@ -127,7 +127,5 @@ def test_a_mode_that_a_source_does_not_have_is_refused_before_anything_is_captur
     source = Made(capture)
     source.capabilities = Capabilities(modes=frozenset({"lit", "depth"}))
     for modes, lacking in ((("lit", "normals"), "normals"), (("object_mask",), "object_mask")):
-        with pytest.raises(
-            ArgumentError, match=f"some of depth, lit, which the source delivers; got {lacking}"
-        ):
+        with pytest.raises(ArgumentError, match=f"some of depth, lit, which .* delivers; got {lacking}"):
             omniscv.render(CAMERA, POSE, source, modes=modes)

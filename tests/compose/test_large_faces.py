@@ -63,8 +63,7 @@ def columns(view):
 def test_an_image_from_an_8192_px_face():
     camera = create("pinhole", width=64, height=64, fov_deg=60)
     pose = Pose.from_angles((0, 0, 0))
-    image = omniscv.render(
-        camera, pose, Computed(columns), strategy="cube", filter="bilinear", face_size=8192
-    )
+    given = {"strategy": "cube", "filter": "bilinear", "face_size": 8192}
+    image = omniscv.render(camera, pose, Computed(columns), **given)
     u = (camera.project(camera.unproject().directions)[0][..., 0] - 32) / camera.focal
     np.testing.assert_allclose(image.lit[..., 0], LARGE / 2 + 4096 * u - 0.5, atol=0.01)

@@ -29,9 +29,8 @@ def test_normals_of_an_8_bit_server(name, filter):
     same = image.valid.copy()
     for step in itertools.product(range(-3, 4), repeat=2):
         moved = np.roll(truth.normal, step, axis=(0, 1))
-        same &= (np.roll(truth.label, step, axis=(0, 1)) == truth.label) & (moved == truth.normal).all(
-            axis=-1
-        )
+        same &= np.roll(truth.label, step, axis=(0, 1)) == truth.label
+        same &= (moved == truth.normal).all(axis=-1)
     assert same.sum() > 0.3 * image.valid.sum()
     cosine = np.clip((image.normals * wanted).sum(axis=-1)[same], -1, 1)
     assert np.degrees(np.arccos(cosine)).max() < 1.0

@@ -60,9 +60,7 @@ class Kept(ImageShow.Viewer):
 
 
 def test_the_systems_viewer_is_shown_the_picture(image):
-    ImageShow.register(
-        viewer := Kept(), 0
-    )  # before all others, for good: it leaves to them what it is not for
+    ImageShow.register(viewer := Kept(), 0)  # before all others, to which it leaves what it is not for
     viewer.watched = True
     image.show("depth")
     viewer.watched = False
@@ -86,8 +84,6 @@ def test_one_line_says_what_it_is(image, tmp_path):
     (frame,) = omniscv.dataset.open(tmp_path / "own")
     assert repr(frame).startswith("<Frame a: fisheye-equidistant, train: depth, depth_error, ")
     job = load(ROOT / "examples/kitchen/kitchen.yaml")
-    assert repr(job).startswith(
-        "<Job panorama, fisheye, ball at sampled poses, lit object_mask depth normals"
-    )
+    assert repr(job).startswith("<Job panorama, fisheye, ball at sampled poses, lit object_mask depth")
     for each in (image, replay, frame, job):
         assert "\n" not in repr(each)

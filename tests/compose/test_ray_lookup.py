@@ -35,9 +35,7 @@ def test_the_most_central_view_serves(views, seed):
     rng = np.random.default_rng(seed)
     start, end = rng.normal(size=(2, 3))
     near = [view.pose.R_w_c[:, 2] + 1e-3 * rng.normal(size=3) for view in views]
-    rays = np.concatenate(
-        [np.linspace(start, end, 100), rng.normal(size=(100, 3)), near]
-    )  # a row, and others
+    rays = np.concatenate([np.linspace(start, end, 100), rng.normal(size=(100, 3)), near])
     found = look_up(rays, views)
 
     off, pixel = np.full((len(views), len(rays)), np.inf), np.zeros((len(views), len(rays), 2))

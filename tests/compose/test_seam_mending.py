@@ -126,9 +126,8 @@ def test_an_outline_along_an_edge_is_no_seam(scene):
         true, masks = (faces(scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask"))
         halo = [gaussian_filter(face.astype(float), (32, 32, 0), mode="nearest") for face in true]
         shown = np.uint8(0.95 * true + 0.05 * np.stack(halo) + 0.5)
-    blind, closed = (
-        np.stack(mend([*views(256)], [*shown], "close", "unknown", some).pixels) for some in ((), masks)
-    )
+    mended = (mend([*views(256)], [*shown], "close", "unknown", some) for some in ((), masks))
+    blind, closed = (np.stack(each.pixels) for each in mended)
     before, without, after = (np.abs(each.astype(float) - true).mean() for each in (shown, blind, closed))
     assert without > 1.3 * before
     assert after <= 1.05 * before
@@ -206,9 +205,8 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
 def room_with_overscan():
     """Six views of 256 px of a face and 16 more on every side, and what they see."""
     with open_scene("scene://four-wall?traces=0") as source:
-        wide = [
-            View(Pose((0.5, 0, 1.4), each.pose.R_w_c), each.fov_deg, 288, 288) for each in wide_views(256, 16)
-        ]
+        poses = [Pose((0.5, 0, 1.4), each.pose.R_w_c) for each in wide_views(256, 16)]
+        wide = [View(pose, wide_views(256, 16)[0].fov_deg, 288, 288) for pose in poses]
         return wide, np.stack([each.pixels for each in source.capture(Request(view, "lit") for view in wide)])
 
 

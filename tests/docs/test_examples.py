@@ -16,9 +16,8 @@ from omniscv.cli.images import RECORD
 from omniscv.job import keys, load
 from omniscv.make import check_dataset, make
 
-JOBS = sorted(
-    path for path in (ROOT / "examples").rglob("*.yaml") if path.name not in ("classes.yaml", "camchain.yaml")
-)
+OTHERS = ("classes.yaml", "camchain.yaml")
+JOBS = sorted(path for path in (ROOT / "examples").rglob("*.yaml") if path.name not in OTHERS)
 UNUSED = set()
 """Keys that nobody has a reason to use, and that stay: at most ten."""
 
@@ -60,9 +59,8 @@ def test_the_jobs_of_examples_are_whole(path):
 def test_the_moving_world_is_the_one_that_its_document_runs():
     """``docs/moving-worlds.md`` is executed; the example is the same script."""
     document = (ROOT / "docs" / "moving-worlds.md").read_text(encoding="utf-8")
-    _, script = (
-        (ROOT / "examples" / "moving" / "moving.py").read_text(encoding="utf-8").split("\n\n", maxsplit=1)
-    )
+    text = (ROOT / "examples" / "moving" / "moving.py").read_text(encoding="utf-8")
+    _, script = text.split("\n\n", maxsplit=1)
     assert script in document
 
 

@@ -169,9 +169,8 @@ def test_all_of_them_through_the_command_line(tmp_path, capsys):
     )
     command = [sys.executable, "-c", "from omniscv.cli import main; main()", "render", *options.split()]
     paths = os.pathsep.join([str(tmp_path / "site"), *sys.path])
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths}
-    )
+    environment = {**os.environ, "PYTHONPATH": paths}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
     assert shows_the_sky(np.load(tmp_path / "out" / "fisheye-thoby.lit.npy"))
     assert cli.run(["cameras", "fisheye-thoby"]) == 0

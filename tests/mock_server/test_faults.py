@@ -34,9 +34,8 @@ def pixels(payload):
 
 def test_the_help_lists_every_fault(capsys):
     assert main(["--help"]) == 0
-    listed = re.findall(
-        r"^  ([a-z-]+)  +\S", capsys.readouterr().out.partition("\nfaults:\n")[2], re.MULTILINE
-    )
+    text = capsys.readouterr().out.partition("\nfaults:\n")[2]
+    listed = re.findall(r"^  ([a-z-]+)  +\S", text, re.MULTILINE)
     assert listed == list(faults.KINDS)
 
 

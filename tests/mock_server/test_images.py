@@ -67,9 +67,7 @@ def test_field_of_view_is_of_the_longer_side(camera):
     nearly_all_equal(depth[..., None], 100 * planar[..., None], tolerance=2.0**-11 * 100 * planar.max())
 
 
-@pytest.mark.parametrize(
-    "command", ["size 0 10", "size 4000000000 1", "size 100000 100000", "fov 0", "fov 180"]
-)
+@pytest.mark.parametrize("command", ["size 0 10", "size 100000 100000", "fov 0", "fov 180"])
 def test_captures_without_pixels_are_refused(camera, command):
     assert camera.text(f"vset /camera/1/{command}") == "ok"
     assert camera.text("vget /camera/1/lit png") == "error Captured data is empty"

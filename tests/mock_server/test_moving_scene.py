@@ -19,9 +19,8 @@ degrees = st.floats(-200, 200)
 
 def scene(moving, *solids):
     thing = {"texture": RED, "solids": list(solids or (BOX, BALL))}
-    return Scene(
-        "moving", {"objects": {"Thing": thing | ({"moving": moving} if moving else {}), "Wall": WALL}}
-    )
+    thing |= {"moving": moving} if moving else {}
+    return Scene("moving", {"objects": {"Thing": thing, "Wall": WALL}})
 
 
 def carried(offset, turn_deg, about):

@@ -84,9 +84,8 @@ def test_all_sensors_of_a_cine_camera_have_its_projection(raw):
     assert raw.text("vset /camera/1/cine/enabled 0") == "ok"
     assert raw.text("vget /camera/1/cine/enabled") == "0"
     assert np.abs(png(raw.ask("vget /camera/1/lit png"))[..., :3] - 255 * hits.color).max() > 1
-    assert (
-        json.loads(raw.text("vget /camera/1/cine/intrinsics"))["fx"] == k["fx"]
-    )  # of the model, not the image
+    of_model = json.loads(raw.text("vget /camera/1/cine/intrinsics"))  # not of the image
+    assert of_model["fx"] == k["fx"]
 
 
 def test_exposure_that_is_set_while_the_cine_model_is_on_is_lost(raw):

@@ -65,9 +65,7 @@ def test_official_clients_get_the_replies_and_bytes_of_the_server_that_was_recor
         status = recorded("vget /unrealcv/status")
         assert "Is Listening" in status or "Client Connected" in status
         commands = ["vget /objects"]
-        forms = [
-            f"vget /camera/0/{form}" for form in ("lit png", "object_mask png", "normal png", "depth npy")
-        ]
+        forms = [f"vget /camera/0/{m}" for m in ("lit png", "object_mask png", "normal png", "depth npy")]
         for yaw in YAWS:
             commands += ["vset /camera/0/location 50 -40 150", f"vset /camera/0/rotation 0 {yaw} 0"]
             commands += ["vget /camera/0/location"] * 4 + ["vget /camera/0/rotation", *forms]

@@ -51,9 +51,8 @@ def test_wrong_labels_fall_in_proportion(strategy):
 
 @pytest.mark.parametrize("camera", [SMALL, NARROW], ids=["ring", "narrow"])
 def test_only_ground_truth_is_finer(camera):
-    coarse, fine = (
-        plan_of(camera, POSE, face_size=64, truth_scale=scale, strategy="exact") for scale in (1, 2)
-    )
+    given = {"face_size": 64, "strategy": "exact"}
+    coarse, fine = (plan_of(camera, POSE, truth_scale=scale, **given) for scale in (1, 2))
     assert views_of(coarse) == views_of(fine)
     for viewpoint in viewpoints_of(fine):
         requests = viewpoint.requests(MODES)

@@ -27,9 +27,7 @@ WIDE = create("fisheye-equidistant", width=64, height=64, fov_deg=185.0)
 angles = st.floats(-180, 180)
 
 
-@given(
-    st.floats(-6, np.log10(115)), st.integers(1, 300), st.integers(1, 300), angles, st.floats(-90, 90), angles
-)
+@given(st.floats(-6, 2.06), st.integers(1, 300), st.integers(1, 300), angles, st.floats(-90, 90), angles)
 @cases(30)
 def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, yaw_deg, pitch_deg, roll_deg):
     """From a millionth of a degree on, wherever it looks; its axis is the view's."""

@@ -74,9 +74,8 @@ def add(name, solids, color):
     nodes, links = material.node_tree.nodes, material.node_tree.links
     nodes.clear()
     shine, out = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
-    place, wave, dim = (
-        nodes.new(f"ShaderNode{each}") for each in ("NewGeometry", "VectorMath", "VectorMath")
-    )
+    kinds = "NewGeometry", "VectorMath", "VectorMath"
+    place, wave, dim = (nodes.new(f"ShaderNode{each}") for each in kinds)
     wave.operation, dim.operation = "SINE", "MULTIPLY_ADD"
     dim.inputs[1].default_value, dim.inputs[2].default_value = (0.25, 0.25, 0.25), color
     links.new(place.outputs["Position"], wave.inputs[0])

@@ -3,9 +3,8 @@
 from omniscv import calibration, cameras
 
 SIZE = {"width": 40, "height": 30}
-LENS = cameras.create(
-    "kannala-brandt", **SIZE, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, -0.02, 0.0, 1e-5]
-)
+BENDS = [0.1, -0.02, 0.0, 1e-5]
+LENS = cameras.create("kannala-brandt", **SIZE, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=BENDS)
 BENT = cameras.create("scaramuzza", **SIZE, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
 PINHOLE = cameras.create("pinhole", **SIZE, focal=25.0, center=(19, 16))
 SPHERE = cameras.create("equirectangular", **SIZE)

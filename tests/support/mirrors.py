@@ -114,9 +114,8 @@ def body_of(camera):
 
 def seen_by(camera, pixel):
     """(hit, unit direction) of a pixel's ray off a non-central camera's mirror, or None."""
-    return bounce(
-        body_of(camera), *((np.asarray(pixel, dtype=float) - camera.center) / camera.focal).tolist()
-    )
+    at = (np.asarray(pixel, dtype=float) - camera.center) / camera.focal
+    return bounce(body_of(camera), *at.tolist())
 
 
 @mp.workdps(DIGITS)

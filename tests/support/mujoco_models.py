@@ -26,9 +26,8 @@ def workspace():
     for name, x in (("panda", -0.56), ("sawyer", 0.75)):
         robot = mujoco.MjSpec.from_file(str(ROBOSUITE / "robots" / name / "robot.xml"))
         half_turn = (1, 0, 0, 0) if x < 0 else (0, 0, 0, 1)
-        world.attach(
-            robot, prefix=f"{name}/", frame=world.worldbody.add_frame(pos=(x, 0, 0.8), quat=half_turn)
-        )
+        frame = world.worldbody.add_frame(pos=(x, 0, 0.8), quat=half_turn)
+        world.attach(robot, prefix=f"{name}/", frame=frame)
     return world
 
 
@@ -50,9 +49,8 @@ def models():
     from omniscv.sources.mujoco import from_model
 
     def of(path, name, **options):
-        return lambda data: from_model(
-            mujoco.MjModel.from_xml_path(str(path)), name=name, data=data, **options
-        )
+        load = mujoco.MjModel.from_xml_path
+        return lambda data: from_model(load(str(path)), name=name, data=data, **options)
 
     found = {"primitives": of(ROOM, "primitives")}
     if PACKAGES.exists():

@@ -159,9 +159,8 @@ def _mujoco(random, boxes):
         lengths, part = np.zeros(len(rays)), np.zeros(len(rays), np.int32)
         for row in np.split(np.arange(len(rays)), np.flatnonzero(np.diff(origins, axis=0).any(axis=1)) + 1):
             at, of = np.zeros(len(row)), np.zeros(len(row), np.int32)
-            mujoco.mj_multiRay(
-                model, data, origins[row[0]], rays[row].ravel(), None, 1, -1, of, at, None, len(row), 1e9
-            )
+            start, ray = origins[row[0]], rays[row].ravel()
+            mujoco.mj_multiRay(model, data, start, ray, None, 1, -1, of, at, None, len(row), 1e9)
             lengths[row], part[row] = at, of
         return lengths, part, 0 * part
 
@@ -186,9 +185,8 @@ def room(
     trace, parts = WORLDS[world](random, boxes)
     waves = random.normal(0, 1.0, (parts, 6, 3)) * np.array([4, 7, 12, 18, 25, 35])[:, None]
     phases, tones = random.uniform(0, 6.3, (parts, 6)), random.uniform(60, 190, (parts, 6, 3))
-    shots = Shots(
-        np.zeros((count, height, width)), None, R, t, (0.85 * width, 0.85 * width, width / 2, height / 2)
-    )
+    lens = 0.85 * width, 0.85 * width, width / 2, height / 2
+    shots = Shots(np.zeros((count, height, width)), None, R, t, lens)
     lit = []
     for i in range(count):
         turns, places = walk(i + late + rolling * ((np.arange(height) + 0.5) / height - 0.5), seed, **path)
@@ -277,9 +275,8 @@ def read(shots, R=None, t=None, depth=1.0, ray=False, pairs=PAIRS, most=WIDTH):
     stored = depth * shots.depth * (np.linalg.norm(shots.rays(), axis=-1) if ray else 1)
     lens, fov = Projection(*shots.lens), 2 * np.arctan(shots.depth.shape[2] / 2 / shots.lens[0])
     R, t = (shots.R, shots.t) if R is None else (R, t)
-    return PosedPictures.read(
-        R, t, lambda i, width: Shot.of(stored[i], shots.lit[i], lens, width), fov, pairs, most
-    )
+    made = [Shot.of(each, lit, lens, most) for each, lit in zip(stored, shots.lit, strict=True)]
+    return PosedPictures.read(R, t, lambda i, width: made[i], fov, pairs, most)
 
 
 def asked(shots, words, *told, **pictures):
