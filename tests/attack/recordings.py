@@ -104,9 +104,8 @@ def sql_changed(rng, path):
 def beside(rng, path):
     """A log that was left beside the file: nonsense, another file's, or cut."""
     name = path.with_name(path.name + rng.choice(["-wal", "-shm", "-journal"]))
-    name.write_bytes(
-        rng.choice([b"", rng.randbytes(rng.choice([10, 32, 5000])), b"\x37\x7f\x06\x82" + rng.randbytes(60)])
-    )
+    start = rng.randbytes(rng.choice([10, 32, 5000]))
+    name.write_bytes(rng.choice([b"", start, b"\x37\x7f\x06\x82" + start[:60]]))
 
 
 def case(rng, folder):

@@ -64,17 +64,8 @@ def test_nyu40_is_shipped_as_a_table():
     ("rules", "says"),
     [
         ([{"match": "a", "class": "x", "id": 1}, {"match": "b", "class": "y", "id": 1}], "1 is 'x'; got 'y'"),
-        (
-            [{"match": "a", "class": "x", "id": 1}, {"match": "b", "class": "x", "id": 2}],
-            "[1]: id: expected 1",
-        ),
-        (
-            [
-                {"match": "a", "class": "x", "stuff": True},
-                {"match": "", "class": "x", "regex": "b", "stuff": False},
-            ],
-            "stuff",
-        ),
+        ([{"match": c, "class": "x", "id": i} for i, c in enumerate("ab", start=1)], "[1]: id: expected 1"),
+        ([{"match": c, "class": "x", "stuff": c == "a"} for c in "ab"], "stuff"),
         ([{"match": "a", "regex": "a", "class": "x"}], "expected one of 'match' and 'regex'"),
         ([{"class": "x"}], "expected one of 'match' and 'regex'"),
         ([{"regex": "(", "class": "x"}], "rules[0].regex: expected a regular expression"),

@@ -89,10 +89,8 @@ def test_categories_are_the_classes_that_count(frames, tmp_path):
 @pytest.mark.parametrize("kind", ["bbox", "segm"])
 def test_perfect_detections_score_1(kind, frames, tmp_path):
     _, read = written(frames, tmp_path)
-    found = [
-        {key: each[key] for key in ("image_id", "category_id", "bbox", "segmentation")} | {"score": 1.0}
-        for each in read.anns.values()
-    ]
+    kept = ("image_id", "category_id", "bbox", "segmentation")
+    found = [{key: each[key] for key in kept} | {"score": 1.0} for each in read.anns.values()]
     with contextlib.redirect_stdout(io.StringIO()):
         score = COCOeval(read, read.loadRes(found), kind)
         score.evaluate()
@@ -109,11 +107,8 @@ def test_an_object_over_the_seam_is_whole_or_in_two(frames, tmp_path):
     assert {each["name"] for each in crossing} >= {"Shelf", "Books"}
     for each in whole.anns.values():
         image = whole.imgs[each["image_id"]]
-        parts = [
-            other
-            for other in split.anns.values()
-            if (other["image_id"], other["instance_id"]) == (each["image_id"], each["instance_id"])
-        ]
+        same = each["image_id"], each["instance_id"]
+        parts = [of for of in split.anns.values() if (of["image_id"], of["instance_id"]) == same]
         masks = [split.annToMask(part) for part in parts]
         assert np.array_equal(sum(masks), whole.annToMask(each))  # none twice
         if each in crossing and each["bbox_wrap"][2] < width:

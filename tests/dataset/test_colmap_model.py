@@ -111,10 +111,8 @@ def test_images_and_masks(model):
 
 def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
     frames = rig_frames(tmp_path, ("panorama", "pinhole"))
-    turning = [
-        black_frame(tmp_path, PANORAMA, Pose.from_angles((i, 0, 1), 30 * i * i), "turning", f"turning-{i}")
-        for i in range(2)
-    ]
+    turns = [Pose.from_angles((i, 0, 1), 30 * i * i) for i in range(2)]
+    turning = [black_frame(tmp_path, PANORAMA, at, "turning", f"turning-{i}") for i, at in enumerate(turns)]
     found = rigs([*frames, *turning])
     assert [list(each.rig.cameras) for each in found] == [["panorama", "pinhole"], ["turning"]]
     assert [len(each.moments) for each in found] == [3, 2]
@@ -122,9 +120,8 @@ def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert (len(read.rigs), len(read.frames), len(read.images)) == (2, 5, 8)
     for frame in turning:
-        np.testing.assert_allclose(
-            by_name(read)[frame.key].cam_from_world().matrix(), w2c(frame.pose), atol=1e-9
-        )
+        found = by_name(read)[frame.key].cam_from_world().matrix()
+        np.testing.assert_allclose(found, w2c(frame.pose), atol=1e-9)
 
 
 def test_a_moment_may_lack_an_image(tmp_path):
@@ -133,9 +130,8 @@ def test_a_moment_may_lack_an_image(tmp_path):
     get("colmap").export(frames, tmp_path, {})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     for frame in frames:
-        np.testing.assert_allclose(
-            by_name(read)[frame.key].cam_from_world().matrix(), w2c(frame.pose), atol=1e-9
-        )
+        found = by_name(read)[frame.key].cam_from_world().matrix()
+        np.testing.assert_allclose(found, w2c(frame.pose), atol=1e-9)
 
 
 def test_frames_of_other_names_are_together_by_time_or_pose(tmp_path):

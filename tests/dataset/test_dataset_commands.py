@@ -67,10 +67,7 @@ def test_classes_of_a_dataset(whole, capsys):
     ("arguments", "says"),
     [
         (["make", "nothing.yaml"], "nothing.yaml: expected a readable file"),
-        (
-            ["make", "{job}", "--shard", "2/2"],
-            "--shard: expected I/N with I from 0 to N - 1, such as 0/4, got",
-        ),
+        (["make", "{job}", "--shard", "2/2"], "--shard: expected I/N with I from 0 to N - 1, such as 0/4"),
         (["make", "{job}"], "expected a new folder, got a dataset"),
         (["export", "{out}", "--to", "ply", "--camera", "nope"], "ply: --camera, or 'cameras' in a job:"),
         (["export", "{out}", "--to", "webdataset", "--set", "size=3"], "unknown key 'size'; known keys:"),

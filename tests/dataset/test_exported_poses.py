@@ -53,9 +53,8 @@ def test_poses_that_are_no_longer_those_of_the_format_are_a_fault(folder):
     file = folder / "exports/colmap/sparse/0/images.txt"
     written = file.read_text()
     lines = [line.split(" ") for line in written.splitlines()]
-    turned = [
-        [*line[:5], *(f"{100 * float(n)}" for n in line[5:8]), *line[8:]] for line in lines if len(line) > 8
-    ]
+    rows = [line for line in lines if len(line) > 8]
+    turned = [[*row[:5], *(f"{100 * float(n)}" for n in row[5:8]), *row[8:]] for row in rows]
     file.write_text("\n\n".join(" ".join(line) for line in turned if line[0] != "#") + "\n\n")
     try:
         own, colmap = check_pictures(str(folder), "colmap")

@@ -54,9 +54,8 @@ def test_any_reader_of_blosc2_opens_a_layer(stores):
 
 
 def test_equal_frames_make_equal_bytes(stores, tmp_path):
-    assert tree(made(tmp_path, out="fast", more="truth: {boxes: true, layout: true}\nstore: fast\n")) == tree(
-        stores[1]
-    )
+    again = made(tmp_path, out="fast", more="truth: {boxes: true, layout: true}\nstore: fast\n")
+    assert tree(again) == tree(stores[1])
 
 
 @pytest.mark.parametrize("name", ["coco", "nerfstudio"])

@@ -43,12 +43,10 @@ def test_both_readers_get_the_flow_between_neighbours(tmp_path):
     one, two, three = frames(tmp_path)
     written = get("flow").export([three, one, two], tmp_path, {"backward": True, "scene": True})
     names = ["cam-0", "cam-1.backward", "cam-1", "cam-2.backward"]
-    assert [path.name for path in written] == [
-        f"{name}.{suffix}" for name in names for suffix in ("flo", "exr", "sceneflow.exr")
-    ] + ["flow.json"]
-    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == dict(
-        zip(names, ["cam-1", "cam-0", "cam-2", "cam-1"], strict=True)
-    )
+    files = [f"{name}.{suffix}" for name in names for suffix in ("flo", "exr", "sceneflow.exr")]
+    assert [path.name for path in written] == [*files, "flow.json"]
+    targets = dict(zip(names, ["cam-1", "cam-0", "cam-2", "cam-1"], strict=True))
+    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == targets
     for name, pair in zip(names, [(one, two), (two, one), (two, three), (three, two)], strict=True):
         wanted = expected(*pair)
         pixels = wanted.pixels.astype(np.float32)

@@ -55,9 +55,8 @@ def test_colours_come_as_wanted_from_whatever_the_frame_has(tmp_path, kind, lit)
     colours = np.arange(64 * 128 * 3, dtype=np.uint32).reshape(64, 128, 3) // 97
     record = project_layout(room_of_plan(PLAIN), SMALL, LEVEL)
     shade = (colours % 256).astype(np.uint8)
-    light = np.where(
-        shade <= 10, shade / 255 / 12.92, ((shade / 255 + 0.055) / 1.055) ** 2.4
-    )  # IEC 61966-2-1
+    low = shade / 255 / 12.92  # IEC 61966-2-1
+    light = np.where(shade <= 10, low, ((shade / 255 + 0.055) / 1.055) ** 2.4)
     layers = {"lit": shade if lit is np.uint8 else light.astype(np.float32)}
     seen = frame(tmp_path, "a", SMALL, LEVEL, record, layers)
     (path, _) = write("horizonnet", [seen], tmp_path / "out", image_format=kind)

@@ -66,9 +66,7 @@ def test_headings_count_from_north(north_deg, heading):
 def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
     fisheye = omniscv.cameras.create("fisheye-equidistant", width=32, height=32, fov_deg=180)
     with omniscv.open_source("scene://four-wall") as source:
-        shots = (
-            omniscv.render(each, POSE, source, ("lit", "depth"), face_size=32) for each in (CAMERA, fisheye)
-        )
+        shots = [omniscv.render(of, POSE, source, ("lit", "depth"), face_size=32) for of in (CAMERA, fisheye)]
         images = {image.camera.name: image for image in shots}
     with dataset.Writer(tmp_path, media={"xmp": True, "north": 10}) as writer:
         for key, image in images.items():
@@ -127,9 +125,7 @@ def test_panoramas_are_spheres_and_their_frames_the_same(tmp_path):
     for i, (pixels, side_data) in enumerate(shown):
         assert {"SPHERICAL", "STEREO3D"} <= {each.type.name for each in side_data}
         expected = cv2.imread(str(tmp_path / f"{i}.png"))[..., ::-1].astype(int)
-        smooth = (
-            np.abs(np.diff(expected, axis=1, append=0)).max(axis=2) < 9
-        )  # not where the ramp starts again
+        smooth = np.abs(np.diff(expected, axis=1, append=0)).max(axis=2) < 9  # the ramp starts again
         assert np.abs(pixels - expected)[smooth].mean() < 3  # of 256, lossy at a quality of 18
     assert not list(tmp_path.glob("a/.*"))
 

@@ -75,10 +75,8 @@ def test_its_rays_are_ours(model, tmp_path):
 
 def test_several_cameras_get_a_folder_each_with_depth_and_masks(tmp_path):
     fisheye = cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=170)
-    frames = [
-        traced_frame(tmp_path, SCENE, camera, POSES[0], name, name)
-        for name, camera in (("wide", fisheye), ("plain", CAMERAS["PINHOLE"]))
-    ]
+    shots = (("wide", fisheye), ("plain", CAMERAS["PINHOLE"]))
+    frames = [traced_frame(tmp_path, SCENE, camera, POSES[0], name, name) for name, camera in shots]
     get("nerfstudio").export(frames, tmp_path / "out", {})
     for frame in frames:
         folder = tmp_path / "out" / frame.camera_name

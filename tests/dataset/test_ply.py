@@ -168,11 +168,8 @@ def test_coordinates_of_the_real_world_keep_their_digits(tmp_path):
         rows = np.frombuffer(data, np.uint8).reshape(-1, step)[:, :12].copy().view("<f4")
         of_pcd = sensor.to_world(rows[np.isfinite(rows[:, 0])].astype(float))
         assert keys["#"].split()[0] == "origin"
-        for points, away in (
-            (of_ply, 0),
-            (np.float32(of_model), origin),
-            (of_pcd, np.array(keys["#"].split()[1:], float)),
-        ):
+        away_of_pcd = np.array(keys["#"].split()[1:], float)
+        for points, away in ((of_ply, 0), (np.float32(of_model), origin), (of_pcd, away_of_pcd)):
             rays = points + away - utm - pose.position
             reach = np.linalg.norm(rays, axis=1)
             off = np.abs(SCENE.trace(pose.position, rays / reach[:, None]).distance - reach)

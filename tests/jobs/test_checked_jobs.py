@@ -66,14 +66,8 @@ NOWHERE = {"source": "scene://seven-wall"}
         ({"source": "launch:game.sh"}, "source: expected the file of a game, got none at"),
         ({"times": [1, 2, 3]}, "times: expected one for each of 9 poses, got 3"),
         ({"poses": FREE, "times": [1, 2]}, "times: expected one for each of 3 poses, got 2"),
-        (
-            {"poses": {"grid": GRID["grid"] | {"clearance": 0.01}}, "times": [1, 2]},
-            "for each of 9 poses, got 2",
-        ),
-        (
-            {"motions": {"Vase": [{"time": 0, "position": [0, 0, 1]}]}, "times": [0] * 9},
-            "motions: expected objects of the scene, got 'Vase'",
-        ),
+        ({"poses": {"grid": GRID["grid"] | {"clearance": 0.01}}, "times": [1, 2]}, "each of 9 poses, got 2"),
+        ({"motions": {"Vase": [{"position": [0, 0, 1]}]}, "times": [0] * 9}, "of the scene, got 'Vase'"),
         ({"vary": {"objects": {"Vase": {"turn_deg": 3}}}}, "vary.objects.Vase: expected objects of the"),
         ({"vary": {"objects": {"Layout_*": {"turn_deg": 3}}}}, "vary.objects.Layout_*: expected objects"),
         (

@@ -389,8 +389,6 @@ def test_motion_is_measured_in_pixels():
 
 def test_moving_objects_need_instants_too(tmp_path):
     more = "times: [0.5]\nexposure: {seconds: 0.25, instants: auto}"
-    counts = [
-        len(next(frames_by_instant(job_of(tmp_path, more + moved))).captured)
-        for moved in ("", f"\nmotions: {{Cabinet: {SLIDE}}}")
-    ]
+    jobs = (job_of(tmp_path, more + moved) for moved in ("", f"\nmotions: {{Cabinet: {SLIDE}}}"))
+    counts = [len(next(frames_by_instant(job)).captured) for job in jobs]
     assert counts[0] == 3 < counts[1]

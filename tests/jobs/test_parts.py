@@ -159,28 +159,17 @@ def test_two_makers_of_one_part(tmp_path):
     assert dataset.check(job.out, deep=True) == []
 
 
-def test_finishing_removes_scratch_of_killed_writers(tmp_path):
-    job = load(job_file(tmp_path))
-    make(replace(job, out=tmp_path / "single"))
-    left = job.out / ".omniscv-0123456789abcdef"
-    left.mkdir(parents=True)
-    (left / "pano-0.lit.png").write_bytes(b"half")
-    (job.out / ".dataset.0123456789abcdef.json").write_bytes(b"half")
+def test_finishing_removes_what_killed_writers_left_and_nothing_else(tmp_path):
+    out = (job := load(job_file(tmp_path))).out
+    left = [out / ".omniscv-0123456789abcdef/pano-0.lit.png", out / ".dataset.0123456789abcdef.json"]
+    mine = [".settings.json", ".frames.jsonl.bak", ".dataset.backup.json", ".omniscv-notes/mine"]
+    for path in (*left, *(out / name for name in mine)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(path.name)
     make(job, existing="resume")
-    assert tree(job.out) == tree(tmp_path / "single")
-    assert not left.exists()
-
-
-def test_hidden_files_of_the_user_stay(tmp_path):
-    job = load(job_file(tmp_path))
-    job.out.mkdir()
-    mine = [job.out / ".settings.json", job.out / ".frames.jsonl.bak", job.out / ".dataset.backup.json"]
-    for path in mine:
-        path.write_text("mine")
-    (job.out / ".omniscv-notes").mkdir()
-    make(job)
-    assert [path.read_text() for path in mine] == ["mine"] * 3
-    assert (job.out / ".omniscv-notes").is_dir()
+    assert not any(path.exists() for path in (*left, left[0].parent))
+    assert [(out / name).read_text() for name in mine] == [name.rpartition("/")[2] for name in mine]
+    assert dataset.check(out) == []
 
 
 def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):

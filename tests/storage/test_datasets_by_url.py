@@ -65,11 +65,8 @@ def test_frames_are_those_of_the_folder(url, folder, cache):
     assert held == {f"{each.key}.{kind}" for each in local for kind in ("lit.png", "depth.exr")}
 
 
-def test_counts_are_those_of_the_folder(url, folder):
+def test_counts_are_those_of_the_folder_and_there_are_no_faults(url, folder, cache, capsys):
     assert info(url) == info(folder)
-
-
-def test_a_whole_dataset_has_no_faults(url, cache, capsys):
     assert cli.run(["dataset", "check", url]) == 0
     assert capsys.readouterr().out == f"{url}: 6 frames, no faults\n"
     assert not cache.exists()  # a check of frames keeps nothing

@@ -90,10 +90,7 @@ def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
         call = path.read_text()
         assert call.startswith(f"lookFrame({i},")
         assert set(json.loads(call[len(f"lookFrame({i},") : -2])) == {"layers", "boxes", "layout"}
-
-
-def test_frames_beside_a_page_are_replaced_together(truth, tmp_path):
-    _, *others = look(truth.folder, tmp_path / "page.html", most_pixels=1000)
+    # They are replaced together.
     before = [path.read_bytes() for path in others]
     (truth.folder / "panorama.depth.exr").rename(tmp_path / "depth.exr")
     try:
@@ -218,11 +215,12 @@ def looked_up(sphere, tables, directions):
         (lambda folder: dataset.Writer(folder).finish(), "expected a dataset with frames"),
         (lambda folder: folder.write_text("text"), "expected a folder of images, a STEM.json"),
         (lambda folder: Image.new("RGB", (4, 4)).save(folder, "GIF"), "expected a picture .png, .jpg, .jpeg"),
+        (lambda folder: folder.write_bytes(b"SQLite format 3\0" + bytes(100)), "expected a recording"),
     ],
 )
 def test_what_cannot_be_shown_is_refused_in_one_line(tmp_path, make, wanted):
     make(tmp_path / "what")
-    with pytest.raises(ArgumentError, match=wanted):
+    with pytest.raises((ArgumentError, RecordingError), match=wanted):
         look(tmp_path / "what", tmp_path / "page.html")
     assert not (tmp_path / "page.html").exists()
 
@@ -258,12 +256,6 @@ def test_a_layer_of_another_size_is_refused(truth, tmp_path):
     shutil.copy(folder / "fisheye.labels.png", folder / "panorama.labels.png")
     with pytest.raises(ArgumentError, match="expected 256x128 px, as its camera has, got 128x128"):
         look(folder / "panorama.json", tmp_path / "page.html")
-
-
-def test_another_database_is_refused(tmp_path):
-    (tmp_path / "other.sqlite").write_bytes(b"SQLite format 3\x00" + bytes(100))
-    with pytest.raises(RecordingError):
-        look(tmp_path / "other.sqlite", tmp_path / "page.html")
 
 
 def test_the_command_prints_the_page(truth, tmp_path, capsys):
