@@ -40,14 +40,18 @@ def read(root, split="train"):
     return found
 
 
+def made(folder, yaws, **keys):
+    """The path of a dataset of the room, turned so."""
+    camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
+    poses = [{"position": [0, 0, 1.5], "yaw_deg": yaw} for yaw in yaws]
+    job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": poses, **keys}
+    make(load({**job, "out": str(folder / "d")}))
+    return str(folder / "d")
+
+
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
-    poses = [{"position": [0, 0, 1.5], "yaw_deg": yaw} for yaw in (0, 120)]
-    job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": poses}
-    job |= {"modes": ["lit", "object_mask"], "out": str(tmp_path_factory.mktemp("yolo") / "d")}
-    make(load(job))
-    return job["out"]
+    return made(tmp_path_factory.mktemp("yolo"), (0, 120), modes=["lit", "object_mask"])
 
 
 def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
@@ -78,15 +82,12 @@ def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
 
 def test_a_pose_is_the_box_in_space(tmp_path):
     """The corners again by hand, and what a tracer sees of their places."""
-    camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
-    job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": [{"position": [0, 0, 1.5]}]}
-    job |= {"modes": ["lit", "object_mask", "depth"], "face_size": 101, "out": str(tmp_path / "d")}
-    job["truth"] = {"boxes3d": True}
-    make(load(job))
-    export(job["out"], "yolo", str(tmp_path / "pose"), task="pose")
+    modes = ["lit", "object_mask", "depth"]
+    out = made(tmp_path, (0,), modes=modes, face_size=101, truth={"boxes3d": True})
+    export(out, "yolo", str(tmp_path / "pose"), task="pose")
     data = yaml.safe_load((tmp_path / "pose" / "data.yaml").read_text())
     assert (data["kpt_shape"], sorted(data["flip_idx"])) == ([9, 3], list(range(9)))
-    (frame,) = open(job["out"])
+    (frame,) = open(out)
     boxes = {box["name"]: box for box in frame.truth["boxes3d"]}
     scene, agreed, flags = load_scene("four-wall"), [], set()
     for line in (tmp_path / "pose/labels/train/front.txt").read_text().splitlines():

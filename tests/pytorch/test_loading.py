@@ -53,9 +53,8 @@ class All(IterableDataset):
 
 def test_arrays_are_loaded_as_pictures_are(folder, tmp_path):
     fast = made(tmp_path, more="truth: {boxes: true}\nstore: fast\n")
-    read = (loaded(FolderDataset(out, cameras=["pano"]), batch_size=None) for out in (fast, folder))
-    arrays, pictures = read
-    same(arrays, pictures)
+    read = [loaded(FolderDataset(out, cameras=["pano"]), batch_size=None) for out in (fast, folder)]
+    same(*read)
 
 
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
@@ -144,9 +143,8 @@ def test_a_recording_by_url(recording, monkeypatch, tmp_path):
     monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path))
     url = f"memory://{tmp_path.name}"
     storage.folder(url).put("room.sqlite", recording)
-    same(
-        loaded(composed(f"{url}/room.sqlite"), batch_size=None), loaded(composed(recording), batch_size=None)
-    )
+    read = [loaded(composed(path), batch_size=None) for path in (f"{url}/room.sqlite", recording)]
+    same(*read)
     with pytest.raises(ArgumentError, match=f"folder: expected one on this machine, got {url}; copy it"):
         ShardDataset(url)
 
