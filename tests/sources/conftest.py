@@ -5,17 +5,19 @@ from pathlib import Path
 
 import pytest
 from support.faces import face_requests
-
-import omniscv
+from support.recordings import filled
 
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory):
-    path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
-    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
-        source.objects()
-        list(source.capture(face_requests()))
-    return path
+    return filled(tmp_path_factory.mktemp("recorded") / "room.sqlite", face_requests(), "mock://four-wall")
+
+
+@pytest.fixture(scope="session")
+def other(tmp_path_factory):
+    """A recording of another scene."""
+    requests = face_requests(modes=("lit", "object_mask"), center=(0.3, 0.0, 1.5))
+    return filled(tmp_path_factory.mktemp("other") / "other.sqlite", requests, "mock://six-wall")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.faces import face_requests
 from support.full_disk import largest_file
-from support.recordings import contents
+from support.recordings import contents, filled
 
 import omniscv
 from omniscv.errors import ArgumentError, BadReplyError, RecordingNotWritableError
@@ -36,12 +36,7 @@ def test_a_folder_appears_whole_or_not_at_all(recorded, tmp_path):
 
 
 def test_instance_ids_and_tolerance_come_along(tmp_path):
-    with (
-        omniscv.open_source("scene://four-wall?masks=ids") as scene,
-        omniscv.record(scene, tmp_path / "room.sqlite") as source,
-    ):
-        source.objects()
-        list(source.capture(face_requests(modes=("object_mask",))))
+    filled(tmp_path / "room.sqlite", face_requests(modes=("object_mask",)), "scene://four-wall?masks=ids")
     export(tmp_path / "room.sqlite", tmp_path / "faces")
     import_folder(tmp_path / "faces", tmp_path / "again.sqlite")
     before, after = contents(tmp_path / "room.sqlite"), contents(tmp_path / "again.sqlite")
@@ -133,15 +128,6 @@ def folder_of(path, tmp_path, **changes):
         file = folder / f"{name}.json"
         file.unlink() if data is None else file.write_text(json.dumps(data))
     return folder
-
-
-@pytest.fixture(scope="module")
-def other(tmp_path_factory):
-    """Masks of another scene."""
-    path = tmp_path_factory.mktemp("other") / "other.sqlite"
-    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
-        list(source.capture(face_requests(modes=("object_mask",), center=(0.3, 0.0, 1.5))))
-    return path
 
 
 @pytest.mark.parametrize(

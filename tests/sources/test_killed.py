@@ -10,7 +10,7 @@ from support import recorder
 from support.faces import face_requests
 from support.killed import moments
 from support.permissions import read_only
-from support.recordings import CountingSource, contents
+from support.recordings import CountingSource, contents, filled
 
 import mock_server
 import omniscv
@@ -41,10 +41,7 @@ def whole(server, processes, tmp_path_factory):
 @pytest.fixture(scope="module")
 def half(whole, tmp_path_factory):
     """A recording of some of the requests."""
-    path = tmp_path_factory.mktemp("half") / "room.sqlite"
-    with omniscv.open_source(whole) as replay, omniscv.record(replay, path) as source:
-        list(source.capture(recorder.requests()[::2]))
-    return path
+    return filled(tmp_path_factory.mktemp("half") / "room.sqlite", recorder.requests()[::2], str(whole))
 
 
 def check(path, allowed):
@@ -202,15 +199,6 @@ def left(recorded, open_folder):
     return open_folder / "room.sqlite", wanted
 
 
-@pytest.fixture(scope="module")
-def other(tmp_path_factory):
-    """A recording of another scene."""
-    path = tmp_path_factory.mktemp("other") / "other.sqlite"
-    with omniscv.open_source("mock://six-wall") as live, omniscv.record(live, path) as source:
-        list(source.capture(face_requests(modes=("lit", "object_mask"))))
-    return path
-
-
 def test_its_own_log_is_taken_in_by_a_recorder(left):
     path, wanted = left
     Store(path, write=True).close()
@@ -233,8 +221,7 @@ def reimported(path, other, recorded):
 
 def older(path, other, recorded):
     """An older backup has the recording's id, but the journal undoes a change that it never saw."""
-    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
-        list(source.capture(face_requests(center=(0.6, 0.0, 1.5), modes=("depth",))))
+    filled(path, face_requests(center=(0.6, 0.0, 1.5), modes=("depth",)), "mock://four-wall")
     leave_journal(path, path.parent)
     shutil.rmtree(path.parent / "writing")
     path.write_bytes(recorded.read_bytes())

@@ -10,7 +10,7 @@ from support.faces import face_requests
 from support.full_disk import largest_file
 from support.recorder import SMALL, STATES
 from support.recorder import requests as requests_in
-from support.recordings import contents, provenances
+from support.recordings import contents, filled, provenances
 
 import omniscv
 from omniscv.errors import ArgumentError, OmniscvError, RecordingError, RecordingNotWritableError
@@ -25,14 +25,8 @@ CAMERA = omniscv.cameras.create("equirectangular", width=32, height=16)
 PLACES = ((0.0, 0.0, 1.5), (1.5, 0.2, 1.4))
 
 
-def record(path, requests, address="scene://four-wall"):
-    with omniscv.record(omniscv.open_source(address), path) as source:
-        list(source.capture(requests))
-    return path
-
-
 def test_where_there_is_no_space_the_result_is_named(tmp_path):
-    room = record(tmp_path / "room.sqlite", REQUESTS)
+    room = filled(tmp_path / "room.sqlite", REQUESTS)
     with largest_file(1 << 15), pytest.raises(RecordingNotWritableError) as raised:
         merge(tmp_path / "all.sqlite", [room])
     assert str(raised.value).startswith(f"{tmp_path / 'all.sqlite'}: expected a file that can be written")
@@ -63,7 +57,7 @@ def rendered(path):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    return record(tmp_path_factory.mktemp("whole") / "room.sqlite", REQUESTS)
+    return filled(tmp_path_factory.mktemp("whole") / "room.sqlite", REQUESTS)
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(range(1, 200), marks=pytest.mark.soak)])
@@ -78,7 +72,7 @@ def test_any_division_merges_into_what_one_recorder_writes(whole, tmp_path, seed
 def check_division(whole, folder, owners, order):
     files = [part_file(folder / "room.sqlite", i, 3) for i in range(3)]
     for part, file in enumerate(files):
-        record(file, [each for each, owner in zip(REQUESTS, owners, strict=True) if owner == part])
+        filled(file, [each for each, owner in zip(REQUESTS, owners, strict=True) if owner == part])
     out = folder / "room.sqlite"
     assert merge(out, [files[part] for part in order]) == len(REQUESTS)
     assert known(out) == known(whole)

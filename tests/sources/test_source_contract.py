@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support import blender
 from support.faces import CENTER, face_requests
+from support.recordings import filled
 
 import omniscv
 from omniscv.errors import ArgumentError, SourceError
@@ -33,10 +34,7 @@ def opened(uri):
 def half():
     """The bytes of a recording of half of the requests."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "room.sqlite"
-        with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
-            list(source.capture(REQUESTS[::2]))
-        return path.read_bytes()
+        return filled(Path(folder) / "room.sqlite", REQUESTS[::2]).read_bytes()
 
 
 @cache

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.computed import Computed
 from support.faces import face_requests
 from support.recorder import SMALL, STATES, requests
-from support.recordings import CountingSource, contents
+from support.recordings import CountingSource, contents, filled
 
 import mock_server
 import omniscv
@@ -197,8 +197,7 @@ ELSEWHERE = face_requests(size=16, modes=("lit",), center=(0.2, 0.0, 1.5))
 
 def record(address, path, requests=LIT):
     live = CountingSource(omniscv.open_source(address))
-    with omniscv.record(live, path) as source:
-        list(source.capture(requests))
+    filled(path, requests, live)
     return live.requests
 
 
@@ -255,10 +254,8 @@ class Level(SourceWrapper):
 
 def test_levels_of_one_project_are_scenes_of_their_own(tmp_path):
     path, kitchen = tmp_path / "room.sqlite", SceneIdentity("House", "Kitchen")
-    with omniscv.record(Level(SceneIdentity("House")), path) as source:
-        list(source.capture(LIT[:1]))
-    with omniscv.record(Level(kitchen), path) as source:
-        list(source.capture(LIT[:2]))
+    for identity, count in ((SceneIdentity("House"), 1), (kitchen, 2)):
+        filled(path, LIT[:count], Level(identity))
     says = "'House', level 'Kitchen', got 'House', level 'Garden'"
     game = Level(kitchen)
     with omniscv.record(game, path) as source:
@@ -328,10 +325,7 @@ def test_objects_none_of_which_is_known_are_another_scenes(tmp_path):
 )
 def test_masks_are_never_recorded_without_their_objects(other, says, tmp_path):
     """Whoever records them: later objects of other colours would name them."""
-    path = tmp_path / "room.sqlite"
-    masks = face_requests(size=16, modes=("object_mask",))
-    with omniscv.record(Plain(SOFA), path) as source:
-        list(source.capture(masks))
+    path = filled(tmp_path / "room.sqlite", face_requests(size=16, modes=("object_mask",)), Plain(SOFA))
     before = contents(path)
     assert before[1].names() == ["Sofa"]
     refused = pytest.raises(RecordingNotWritableError, match=says)

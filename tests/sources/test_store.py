@@ -12,7 +12,7 @@ import pytest
 from support.faces import CENTER, face_requests
 from support.full_disk import largest_file
 from support.permissions import read_only
-from support.recordings import contents
+from support.recordings import contents, filled
 
 import omniscv
 from omniscv.errors import MissingCaptureError, RecordingNotWritableError
@@ -127,16 +127,13 @@ def test_views_turned_about_the_axis_cover_a_view(tmp_path):
         View(half.pose, 90.0, 16, 8),
         View(Pose.from_angles((0, 0, 1.5), pitch_deg=89.99), 90.0, 16, 16),
     ]
-    path = tmp_path / "room.sqlite"
-    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
-        list(source.capture(Request(view, "lit") for view in (up, half, *others)))
+    path = filled(tmp_path / "room.sqlite", [Request(view, "lit") for view in (up, half, *others)])
     with omniscv.open_source(path) as replay:
         assert replay.cover(up) == (up, half)
         assert replay.cover(half) == (half, up)
         assert replay.cover(others[0]) == (others[0],)
         assert replay.cover(VIEW) == (VIEW,)
-    with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
-        list(source.capture([Request(up, "depth")]))
+    filled(path, [Request(up, "depth")])
     with omniscv.open_source(path) as replay:
         assert replay.cover(up) == (up,)
 
@@ -155,12 +152,10 @@ def calls_to_open(path):
 
 def test_opening_reads_no_views(tmp_path):
     """A recording of 20,000 captures opens at once: a row costs its checksum, and nothing else."""
-    path = tmp_path / "room.sqlite"
-    with omniscv.open_source("scene://four-wall") as scene, omniscv.record(scene, path) as source:
-        list(source.capture(face_requests(4, ("lit",))))
-        few = [calls_to_open(path) for _ in range(2)][-1]
-        many = face_requests(4, ("lit",), (0.5, 0.0, 1.5)) + face_requests(4, ("lit",), (0.0, 0.5, 1.5))
-        list(source.capture(many))
+    path = filled(tmp_path / "room.sqlite", face_requests(4, ("lit",)))
+    few = [calls_to_open(path) for _ in range(2)][-1]
+    many = face_requests(4, ("lit",), (0.5, 0.0, 1.5)) + face_requests(4, ("lit",), (0.0, 0.5, 1.5))
+    filled(path, many)
     assert calls_to_open(path) - few < 30 * len(many)
 
 

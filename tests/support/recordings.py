@@ -4,6 +4,7 @@ import sqlite3
 import zlib
 from contextlib import closing
 
+import omniscv
 from omniscv.sources import SourceWrapper
 from omniscv.sources.recording.rows import Head, Row
 from omniscv.sources.recording.store import Store
@@ -21,6 +22,14 @@ def provenances(path):
     """(mode, provenance) of each capture, in the order of recording."""
     with closing(Store(path)) as store:
         return [(row.mode, row.capture().provenance) for row in store.rows()]
+
+
+def filled(path, requests, source="scene://four-wall", **options):
+    """Record requests of a source, or of an address; the path again."""
+    live = omniscv.open_source(source) if isinstance(source, str) else source
+    with omniscv.record(live, path, **options) as recording:
+        list(recording.capture(requests))
+    return path
 
 
 class CountingSource(SourceWrapper):
