@@ -26,7 +26,7 @@ within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long
 _QUANTILE = 0.98  # of the pixels, by how finely they sample
 _MULTIPLE = 8
 _OVERSAMPLING = 1.2
-"""By measurement: with less, faces of twice the size gain a tenth and more (test_face_size.py)."""
+"""By measurement: with less, faces of twice the size gain a tenth and more (test_direction.py)."""
 _PARALLEL_M = 2.0
 """Distance at which a step between parallel rays counts as an angle, metres: about as far are surfaces in
 rooms."""

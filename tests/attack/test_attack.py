@@ -9,7 +9,7 @@ SHORT = {
     **{"datasets": 2, "records": 2, "names": 2, "shards": 3, "stores": 2},
 }
 """By family: how many cases the suite runs; with ``--soak``, ten rounds of ``scripts/attack``, with signals,
-which ``tests/cli/test_signals.py`` tests in the suite."""
+which ``tests/cli/test_progress.py`` tests in the suite."""
 
 
 @pytest.fixture(scope="module")
