@@ -46,9 +46,7 @@ def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, 
 
 @lru_cache(maxsize=1)
 def _label_of_colors(colors: tuple[Color, ...], off: int) -> Labels:
-    """Return (2^24,) the label of every colour within ``off`` of one object's; its pages are made when
-    written.
-    """
+    """Return (2^24,) the label of every colour within ``off`` of an object's; pages are made when written."""
     label_of = np.zeros(1 << 24, np.uint16)
     cube = label_of.reshape(256, 256, 256)
     balls = [cube[tuple(slice(max(0, c - off), c + off + 1) for c in color)] for color in colors]

@@ -84,9 +84,7 @@ class SourcePool(SourceWrapper):
         return self._pool_of(lambda replica: replica.without(names))
 
     def at(self, instant: Instant) -> Source:
-        """A pool of the working replicas at the instant; ArgumentError if they are at several, as where poses
-        are read.
-        """
+        """A pool of the working replicas at the instant; ArgumentError if they are at several, as read."""
         pool = self._pool_of(lambda replica: replica.at(instant))
         if len({replica.state for replica in pool._working}) > 1:
             pool.close()

@@ -83,9 +83,7 @@ class _Cube:
 
 
 class RecordedViews:
-    """A recording's views, of all modes or those that ``of_mode`` returns, and its cubes by position and
-    shape.
-    """
+    """A recording's views, of all modes or those that ``of_mode`` returns; cubes by position and shape."""
 
     def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:
         self.views, self._of_mode = views, of_mode

@@ -166,9 +166,7 @@ class Request:
             raise ArgumentError(f"state: {expected}, got {shown(self.state)}")
 
     def check_state(self, state: str, where: str) -> None:
-        """Raise ArgumentError for another state than that of the world of a source, whose address is
-        ``where``.
-        """
+        """Raise ArgumentError for another state than a source's, whose address is ``where``."""
         if self.state != state:
             expected = f"expected requests of the world as it is, state {shown(state)}"
             raise ArgumentError(f"{where}: {expected}, got state {shown(self.state)}; plan anew, or use at()")

@@ -180,9 +180,7 @@ class SceneSource(Source):
             raise closed_error(f"scene {self.scene.name}")
 
     def _pixels(self, request: Request) -> NDArray[Any]:
-        """Return a mode's pixels (H, W, ...). Colours cost as much as all others, and are made when
-        requested.
-        """
+        """Return a mode's pixels (H, W, ...); colours, which cost as much as the rest, if requested."""
         pixels = self._pixels_of(request.view)
         if request.mode not in pixels:
             self.made += not pixels

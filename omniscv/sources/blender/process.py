@@ -64,12 +64,7 @@ class Opened:
 
 
 class Process:
-    """A running Blender, without a scene at first.
-
-    Attributes:
-        folder: for the files of its pictures; removed with the process.
-        version: of Blender.
-    """
+    """A running Blender, without a scene at first, and a ``folder`` for the files of its pictures."""
 
     def __init__(self, command: Sequence[str], name: str, timeout_s: float) -> None:
         self._name, self._timeout_s = name, timeout_s

@@ -113,9 +113,7 @@ class Cube:
         return np.asarray(a[0] == b[0, ::-1])
 
     def steps(self) -> Array:
-        """Return (12,) the step across each edge, levels, less what pixels beside it differ by; outlines have
-        none.
-        """
+        """Return (12,) steps across the edges, less what pixels beside them differ by; none at outlines."""
         steps = []
         for edge in self.edges:
             a, b = (lines[:, self.continuous(edge)] for lines in self.lines(edge))

@@ -49,17 +49,13 @@ _OVERLAP = 1 / 32  # of a face beyond each side, from which faces fade into each
 class Gains(NamedTuple):
     """Factors of light that bring faces together.
 
-    Attributes:
-        gains: (6,) of mean 1 (geometric): multiply light by them.
-        explained: share of the steps that they explain, 0 to 1.
-        proven: whether they explain enough to be applied, and change anything.
-        vignette: (a, b) of the logarithm ``-a r^2 - b r^4`` of light, which fits the laws of engines and of
-            lenses; ``r^2`` is 2 in the corners of pictures. Overscan shows it, or several places together.
+    ``vignette`` is (a, b) of the logarithm ``-a r^2 - b r^4`` of light, which fits the laws of engines and of
+    lenses; ``r^2`` is 2 in the corners of pictures. Overscan shows it, or several places together.
     """
 
-    gains: Array
-    explained: float
-    proven: bool
+    gains: Array  # (6,) of mean 1 (geometric): multiply light by them
+    explained: float  # share of the steps that they explain, 0 to 1
+    proven: bool  # whether they explain enough to be applied, and change anything
     vignette: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -134,9 +130,7 @@ def _squared_radii(size: int) -> Array:
 
 
 def apply_gains(pixels: NDArray[np.uint8], gains: Gains, transfer: str) -> NDArray[np.uint8]:
-    """Return (6, s, s, 3) pixels without vignette, their light times a gain for each face, lowered if many
-    clip.
-    """
+    """Return (6, s, s, 3) pixels without vignette, their light times gains of faces, lowered if many clip."""
     u = _squared_radii(pixels.shape[1])[..., None]
     factor = np.exp(gains.vignette[0] * u + gains.vignette[1] * u**2)
     light = decode(pixels, transfer) * (gains.gains[:, None, None, None] * factor).astype(np.float32)

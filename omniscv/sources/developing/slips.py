@@ -88,9 +88,7 @@ _SLIP_DEG, _PROVEN = 0.05, 2  # the least turn, and the edges on which it is see
 
 
 def straightened(capture: Capture, turn: Array) -> Capture:
-    """Return a capture of a face that is turned by a rotation vector, resampled; truth to the nearest
-    pixel's.
-    """
+    """Return a capture of a face that is turned by a rotation vector, resampled; truth to nearest pixels."""
     import cv2
     from scipy.spatial.transform import Rotation  # slow to load
 

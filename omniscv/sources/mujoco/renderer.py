@@ -25,9 +25,7 @@ _no_opengl: list[str] = []
 
 
 class Renderer:
-    """Renders a model's pictures, colours with its samples a pixel, data with one; SourceError without
-    OpenGL.
-    """
+    """Renders a model's pictures, colours with samples, data without; SourceError without OpenGL."""
 
     def __init__(self, model: Any) -> None:
         self._model, self._mujoco = model, model.mujoco

@@ -18,9 +18,7 @@ _LARGE = 1 << 21  # pixels
 
 
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
-    """Return a sequence as its pictures say that it is to be read, and a line; ArgumentError if they
-    contradict it.
-    """
+    """Return a sequence as its pictures say it is read, and a line; ArgumentError for a contradiction."""
     if (verdict := verdict_on(sequence)) is None:
         return sequence, ()
     if not verdict.contradicts:

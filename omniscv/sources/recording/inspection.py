@@ -152,9 +152,7 @@ class Verification:
 
 
 def verify(path: Path | str) -> Verification:
-    """Check structure, objects, and each capture, that none is lost, and that all show one scene and their
-    own views.
-    """
+    """Check structure, objects, and captures: none is lost, all show one scene and their own views."""
     name = storage.without_secrets(path)
     faults: list[str] = []
 

@@ -48,9 +48,7 @@ class Row(NamedTuple):
 
     @classmethod
     def of(cls, capture: Capture) -> Self:
-        """Return the row of a capture; ArgumentError for provenance that is no JSON, BadReplyError for wrong
-        pixels.
-        """
+        """Return a capture's row; ArgumentError if provenance is no JSON, BadReplyError for wrong pixels."""
         payload, encoding = payload_of(capture)
         request = capture.request
         try:

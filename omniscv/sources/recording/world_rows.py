@@ -34,20 +34,16 @@ def checksum(values: Iterable[str | int | bytes]) -> int:
 
 @record(eq=False)
 class WorldState:
-    """What is known of a state of the world: a row of ``state``.
+    """What is known of a state of the world: a row of ``state``."""
 
-    Attributes:
-        instant: what was set, or read back; None where nothing is known.
-        boxes: by name, of the objects whose boxes are not those of the still world.
-        asked: the state that was to be set, where the world was found in this one; else None.
-        poses: of objects that moved by themselves: those that the instant does not have.
-    """
-
-    instant: Instant | None = checked(optional(nested(Instant)), default=None)
+    instant: Instant | None = checked(optional(nested(Instant)), default=None)  # as set, or read back
+    # Of the objects whose boxes are not those of the still world.
     boxes: Mapping[str, ObjectBox] = checked(named(nested(ObjectBox)), default_factory=dict)
+    # The state that was to be set, where the world was found in this one.
     asked: str | None = checked(
         optional(lambda name, value: "" if value == "" else text(name, value)), default=None
     )
+    # Of objects that moved by themselves, which the instant does not have.
     poses: Mapping[str, Pose] = checked(named(nested(Pose)), default_factory=dict)
 
     def object_poses(self) -> dict[str, Pose]:

@@ -187,7 +187,6 @@ class Connection:
 
     Attributes:
         endpoint, address: of the server; as users write it.
-        client: the current one, which may be broken; None before the first.
         scene: by command, the replies that name the project and the level, or all objects where no command
             names the level. Every new connection must give the same, or SceneChangedError is raised.
     """
@@ -204,7 +203,7 @@ class Connection:
         self._patience_s = arguments.number("patience_s", patience_s, above=0)
         self._retries = arguments.whole_number("retries", retries, least=0)
         self._until = math.inf  # when the patience ends, by the monotonic clock
-        self.client: Client | None = None
+        self.client: Client | None = None  # may be broken
         self.scene: dict[str, str] = {}
 
     def connected(self) -> Client:

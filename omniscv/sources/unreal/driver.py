@@ -121,11 +121,7 @@ class CameraDriver(ABC):
 
     Attributes:
         capabilities, scene_identity, camera: complete once the driver is attached; ``camera`` is its number.
-        mask_fov_deg: field of view of object masks, where they do not have the view's own.
         spawned: how many cameras were spawned; another one means that the game was restarted.
-        color_settings: of the camera, that the provenance of colours has.
-        shared_exposure: of the cameras that record together.
-        one_tick: whether requests that are sent together are answered in one tick of the game.
     """
 
     table: CameraTable
@@ -136,15 +132,15 @@ class CameraDriver(ABC):
         self.capabilities = replace(known, can_set_exposure=connection.supports(EXPOSURE_METHOD))
         self.stale_frames = StaleFrames()
         self.camera = 0
-        self.mask_fov_deg: float | None = None
+        self.mask_fov_deg: float | None = None  # where it is not the view's own
         self._version = ""
         self.scene_identity = SceneIdentity()
-        self.color_settings: dict[str, str] = {}
-        self.shared_exposure = SharedExposure()
+        self.color_settings: dict[str, str] = {}  # which the provenance of colours has
+        self.shared_exposure = SharedExposure()  # of the cameras that record together
         self._has_normals = False  # whether a picture of them was seen to be one
         self.spawned, self._prepared = 0, False
         self._restore: list[str] = []  # the commands that leave the game as it was
-        self.one_tick = False
+        self.one_tick = False  # whether requests that are sent together are answered in one tick
         self._aimed: View | None = None
 
     @abstractmethod
@@ -167,9 +163,7 @@ class CameraDriver(ABC):
 
     @abstractmethod
     def collect(self, client: Client, requests: Requests) -> Iterator[Capture]:
-        """Yield captures of the first requests, in order; fewer where frames may be stale; ``RETRIED`` ends
-        it.
-        """
+        """Yield captures of the first requests; fewer if frames may be stale; ``RETRIED`` ends it."""
 
     def cover(self, view: View) -> tuple[View, ...]:
         """Return the views that together show one, as :meth:`omniscv.sources.base.Source.cover`."""

@@ -129,9 +129,7 @@ class LegacyDriver(CameraDriver):
         raise self._bad_reply(f"a camera that comes to rest, but {moving}")
 
     def _pictures(self, client: Client, view: View, requests: Requests) -> tuple[Hashable, list[Capture]]:
-        """Return what the camera reports, and captures; refuse a moving one. Masks are answered out of order:
-        alone.
-        """
+        """Return what the camera at rest reports, and captures. Masks, out of order, come alone."""
         reading = self._resting_pose(client)
         pose = self._actual_pose(view, reading)
         pictures: dict[str, Reply] = {}

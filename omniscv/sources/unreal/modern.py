@@ -206,9 +206,7 @@ class ModernDriver(CameraDriver):
         """As the driver's; the captures of a turn end with the scene's name, which was compared."""
 
     def _steps(self, requests: Requests) -> list[Step]:
-        """Return the commands for captures, in order; before a move is a frame of the mode and size to
-        compare with.
-        """
+        """Return the commands for captures; before a move is a frame of its mode and size to compare."""
         steps: list[Step] = []
         aimed, stops, in_doubt = self._aimed, self._stops, self.stale_frames.in_doubt
         states, skips = dict(self.stale_frames.states), self.stale_frames.skips()

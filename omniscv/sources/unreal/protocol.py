@@ -196,17 +196,12 @@ def described(reply: Reply) -> str:
 
 @dataclass(frozen=True)
 class Dialect:
-    """What releases of the ``plugin``, built for versions of the ``engine``, answer.
-
-    Attributes:
-        batches: whether ``vbatch`` has the next requests answered in one tick; no list of commands says so.
-        commands: of the templates that not every dialect has, those that it has; for servers without help.
-    """
+    """What releases of the ``plugin``, built for versions of the ``engine``, answer."""
 
     plugin: str
     engine: str
-    batches: bool = False
-    commands: frozenset[str] = frozenset()
+    batches: bool = False  # `vbatch` has the next requests answered in one tick; no list of commands says so
+    commands: frozenset[str] = frozenset()  # which not every dialect has; for servers without help
 
 
 _N1 = frozenset({BOUNDS, VERTICES, IS_PAUSED, LEVEL})

@@ -94,9 +94,7 @@ class UnrealSource(Source):
         return self._driver.cover(view)
 
     def geometry(self) -> SceneGeometry:
-        """Boxes of the objects, read anew; none from plugin 0.3.10. The room is that of the mock server's
-        scene.
-        """
+        """Boxes of the objects, read anew; none of plugin 0.3.10. The room is the mock scene's."""
         with self._journal.turn():
             known = self._steady(lambda: boxes(self._connection, list(colors(self._connection))))
             return SceneGeometry(MappingProxyType(known), self._room)
@@ -283,9 +281,7 @@ def connect(
 
 
 def open_driver(connection: Connection, options: CameraOptions = SPAWNED) -> CameraDriver:
-    """Return a server's camera driver, not yet attached; ServerRefusedError for options that it does not
-    have.
-    """
+    """Return a server's camera driver, not yet attached; ServerRefusedError for options it does not have."""
     if options.exposure not in (None, "game") and not connection.supports(EXPOSURE_METHOD):
         expected = "expected a server that sets the exposure of one camera (N2 or later)"
         got = f"got dialect {connection.plugin.dialect}; use fix_exposure"

@@ -277,9 +277,7 @@ class UnrealWorld(World):
 
 
 def _commands(instant: Instant) -> list[str]:
-    """Return the commands that draws consist of; no reply says what was before: they stay until the next
-    draw.
-    """
+    """Return the commands of draws; no reply says what was before, so they stay until the next draw."""
     kinds = (instant.varied.get(kind, {}) for kind in ("lights", "materials"))
     return [settings["command"] for by_name in kinds for settings in by_name.values()]
 
