@@ -155,6 +155,7 @@ def test_objects_that_come_late_get_the_next_ids(tmp_path):
         writer.add("a", first)
         writer.add("b", second)
     ids = dataset.open(tmp_path / "open")[1].instances
+    assert manifest.with_names({"c": 1}, ["b", "a"]) == {"c": 1, "a": 2, "b": 3}
     late = [name for name in ids if name not in begun.names]
     assert late == sorted(set(second.objects.names()) - set(first.objects.names()))
     assert [ids[name] for name in late] == list(range(len(begun.names) + 1, len(ids) + 1))

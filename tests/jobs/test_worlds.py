@@ -101,18 +101,19 @@ def test_images_and_truth_show_the_world_that_was_drawn(tmp_path, source):
 
 
 def test_further_rules_change_no_other_draw_and_a_recording_replays_them(tmp_path):
-    recorded = job(tmp_path / "a", source="mock://four-wall", record=str(tmp_path / "r.sqlite"))
-    make.make(recorded)
+    poses = [{"position": [0.1 * i, 0, 1.2]} for i in range(2)]
+    record = {"source": "mock://four-wall", "record": str(tmp_path / "r.sqlite")}
+    make.make(job(tmp_path / "a", poses=poses, **record))
     more = {**VARY, "objects": {"Picture*": {"shift": {"choice": [[0, 0, 0.1]]}}, **VARY["objects"]}}
-    make.make(job(tmp_path / "b", vary=more))
-    make.make(job(tmp_path / "c", source=str(tmp_path / "r.sqlite")))
+    make.make(job(tmp_path / "b", poses=poses, vary=more))
+    make.make(job(tmp_path / "c", poses=poses, source=str(tmp_path / "r.sqlite")))
     a, b, c = (frames_of(tmp_path / name) for name in "abc")
     for key, frame in a.items():
         assert frame.varied["objects"].items() <= b[key].varied["objects"].items()
         assert c[key].varied == frame.varied
         assert c[key].truth == frame.truth
         np.testing.assert_array_equal(c[key].layer("lit"), frame.layer("lit"))
-    assert len({frame.state for frame in a.values()}) == 4
+    assert len({frame.state for frame in a.values()}) == 2
 
 
 def test_places_and_worlds_are_drawn_once(tmp_path):
@@ -329,7 +330,7 @@ def test_other_commands_refuse_several_worlds(tmp_path):
 
 
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("count", [16, pytest.param(10_000, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("count", [10, pytest.param(10_000, marks=pytest.mark.soak)])
 def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     """What a frame should show is what it shows without the fault."""
     low, high = (-1.5, -1.2, 0.8), (1.5, 1.2, 1.8)
@@ -341,7 +342,7 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     with mock_server.serve("four-wall", size=(32, 32), faults=["vanishing@0.02"]) as server:
         make.make(job(tmp_path / "d", source=server.uri, watch="mark", **some), warn=lines.append)
         gone = {tuple(np.round(place, 1)): names for place, names in reversed(server.world.vanished)}
-        few = some | {"poses": some["poses"][:10], "failures": {"skip": 1}}
+        few = some | {"poses": some["poses"][:6], "failures": {"skip": 1}}
         failed = make.make(job(tmp_path / "f", source=server.uri, watch="fail", **few)).failed
         server.faults.stop("vanishing")
         make.make(job(tmp_path / "whole", source=server.uri, **some))
@@ -359,7 +360,7 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
     assert found >= due > count / 10
     lines_of_failed = (tmp_path / "f" / "failed.jsonl").read_text().splitlines()
     errors = [json.loads(line)["error"] for line in lines_of_failed]
-    assert 0 < len(errors) == failed < 10
+    assert 0 < len(errors) == failed < 6
     assert all(error.startswith("watch: expected ") for error in errors)
     assert any(line.startswith("watch: the world has left objects out of") for line in lines)
 
