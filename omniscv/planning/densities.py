@@ -22,7 +22,7 @@ from omniscv.render_options import LARGEST_FACE_PX
 
 SMALLEST = 384
 """px of a 90 degree face. With it, 0.8 % of the labels are wrong at most in rooms, and points lie
-within 16 mm of a surface (test_enough_pixels.py); a capture takes about as long as one of a single pixel."""
+within 16 mm of a surface (test_single_view.py); a capture takes about as long as one of a single pixel."""
 _QUANTILE = 0.98  # of the pixels, by how finely they sample
 _MULTIPLE = 8
 _OVERSAMPLING = 1.2
