@@ -41,8 +41,9 @@ def check_new(folder: Folder, resume: bool = False) -> None:
 def make_room(folder: Folder, overwrite: bool = False) -> None:
     """Remove a dataset that has no frames yet, as a job leaves it that failed at once; ``overwrite``: any.
     Then refuse the folder as :func:`check_new`."""
-    stems = {name.partition(".")[0] for name in _frame_names(folder)}
-    if _has_dataset(folder) and (overwrite or not stems):
+    frames = _frame_names(folder) if _has_dataset(folder) else None
+    if frames is not None and (overwrite or not frames):
+        stems = {name.partition(".")[0] for name in frames}
         for name in sorted(folder.names(), key=lambda name: name == DATASET):  # the manifest last
             top = name.partition("/")[0]
             if top in _OWN or (top == name and name.partition(".")[0] in stems):

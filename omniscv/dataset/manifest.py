@@ -100,7 +100,9 @@ class Manifest:
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
             camera = with_path(self.cameras[camera_name], line.get("path"))
             size = camera.width, camera.height
-            marks = [row.name for row in modalities.layers() if row.mark]
+            marks, time_ns = [row.name for row in modalities.layers() if row.mark], line["time_ns"]
+            if time_ns is not None:
+                time_ns = whole_number("time_ns", time_ns, least=-_MOST_NS, most=_MOST_NS)
             return Frame(
                 key=key,
                 camera_name=camera_name,
@@ -111,7 +113,7 @@ class Manifest:
                 instances=self.names,
                 classes=self.classes,
                 imu=self.imu,
-                time_ns=_time_ns(line["time_ns"]),
+                time_ns=time_ns,
                 place=any_text("place", line["place"]),
                 split=line["split"] and stem("split", line["split"]),
                 scene=any_text("scene", line["scene"]),
@@ -182,10 +184,6 @@ class Manifest:
         except (TypeError, KeyError, AttributeError) as cause:
             wanted = "expected cameras, names, classes, splits, exports, options"
             raise ArgumentError(f"{wanted}; got {type(cause).__name__}: {shown(str(cause))}") from cause
-
-
-def _time_ns(value: object) -> int | None:
-    return None if value is None else whole_number("time_ns", value, least=-_MOST_NS, most=_MOST_NS)
 
 
 def read_cameras(cameras: Any) -> dict[str, Camera]:

@@ -83,11 +83,7 @@ def of_world(world: Job) -> Iterator[None]:
         raise
 
 
-def _unrecorded(world: Job) -> Job:
-    return replace(world, record=None)
-
-
-def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unrecorded) -> Job:
+def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] | None = None) -> Job:
     """Refuse a job that cannot be run, world by world, before anything but free space is captured.
 
     Each source is opened and closed. A packaged game is not launched: its file must be there. A world that
@@ -122,7 +118,7 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] = _unre
             continue
         with of_world(world):
             try:
-                with opened(opens(world)) as (known, source):
+                with opened(opens(world) if opens else replace(world, record=None)) as (known, source):
                     frames = list(frames_by_instant(known))
                     check_source(known, contents[at] if dataset else Contents(), Renderer(source), frames)
                     worlds[at] = replace(known, draws=None, record=world.record)

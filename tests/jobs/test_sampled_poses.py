@@ -48,8 +48,8 @@ def test_random_positions_are_free_and_the_same_every_time(scene, source):
         assert clearance(scene, pose.position) >= 0.35
         assert abs(pose.angles()[1]) <= 10
     assert len({pose.angles()[0] for pose in found}) == 4
-    again = sample_poses(wanted, source).poses
-    for one, other in zip(found, again, strict=True):
+    again = sample_poses(replace(wanted, count=2), source).poses
+    for one, other in zip(found[:2], again, strict=True):
         np.testing.assert_array_equal(one.position, other.position)
         np.testing.assert_array_equal(one.rotation, other.rotation)
     other = sample_poses(replace(wanted, count=1, seed=4), source).poses[0]

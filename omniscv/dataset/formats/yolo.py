@@ -116,7 +116,7 @@ def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions, areas
         raise ArgumentError(f"{frame.key}: {entry['name']}: {wanted}")
     mask = (frame.layer("labels") == entry["instance_id"])[y : y + down, x : x + across].astype(np.uint8)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=_filled_px)
+    contour = max(contours, key=lambda line: cv2.contourArea(line) + len(line) / 2)  # pixels, its own in
     filled = cv2.drawContours(np.zeros_like(mask), [contour], -1, 1, cv2.FILLED)
     areas[0] += entry["area"]
     areas[1] += int(np.count_nonzero(mask > filled))
@@ -145,8 +145,3 @@ def _points(frame: Frame, instance: int) -> NDArray[np.float64]:
     seen = ~nearer | (frame.layer("labels")[row, column] == instance)
     rows = np.column_stack([pixels / [width, height], 1 + seen])
     return np.where(inside[:, None], rows, 0)
-
-
-def _filled_px(contour: NDArray[Any]) -> float:
-    """Return how many pixels a contour through the middles of pixels encloses, its own included."""
-    return float(cv2.contourArea(contour) + len(contour) / 2 + 1)
