@@ -184,8 +184,7 @@ def rig_to_colmap(rig: Rig) -> tuple[str, str]:
     check_first_is_origin(rig.cameras, "COLMAP")
     for name, mounted in rig.cameras.items():
         if mounted.time_offset:
-            got = f"{mounted.time_offset:.15g}"
-            raise ArgumentError(f"{name}: time_offset: expected 0, as COLMAP carries none, got {got}")
+            raise wrong(f"{name}: time_offset", "0, as COLMAP carries none", mounted.time_offset)
     cameras = write_colmap({name: mounted.camera for name, mounted in rig.cameras.items()})
     return cameras, rig_line(1, {int(name): mounted.pose for name, mounted in rig.cameras.items()}) + "\n"
 

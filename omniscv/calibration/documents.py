@@ -103,8 +103,7 @@ def _is_utf16(data: bytes) -> bool:
 def put_once(values: dict[str, Any], key: str, value: Any) -> None:
     """Add a key to a mapping; ArgumentError where it has another value already."""
     if key in values and values[key] != value:
-        both = f"{shown(values[key])} and {shown(value)}"
-        raise ArgumentError(f"{key}: expected this key once, got it twice: {both}")
+        raise ArgumentError(f"{key}: expected this key once, got {shown(values[key])} and {shown(value)}")
     values[key] = value
 
 

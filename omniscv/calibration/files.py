@@ -204,8 +204,7 @@ def doubts(camera: Camera) -> list[str]:
 def _form_of(content: Content) -> Form:
     """Return the first form whose marks a file has."""
     if content.is_binary and not content.values and not colmap.COLMAP.is_of(content):
-        wanted = "a text file, an archive of numpy or COLMAP's cameras.bin"
-        raise ArgumentError(f"expected {wanted}, got other bytes")
+        raise ArgumentError("expected a text file, numpy's archive or COLMAP's cameras.bin, got other bytes")
     for form in FORMS.values():
         if form.is_of(content):
             return form

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import number, shown, within
+from omniscv.arguments import number, shown, within, wrong
 from omniscv.calibration import intrinsics
 from omniscv.calibration.documents import SYNTAXES, Content
 from omniscv.calibration.intrinsics import HALF_PIXEL
@@ -327,8 +327,7 @@ class Form:
             for key in keys_of(kind):
                 put(values, key.path, key.write(pose))
         if mounted.time_offset and self.time is None:
-            got = f"{mounted.time_offset:.15g}"
-            raise ArgumentError(f"time_offset: expected 0, as {self.name} carries none, got {got}")
+            raise wrong("time_offset", f"0, as {self.name} carries none", mounted.time_offset)
         if mounted.time_offset and self.time is not None:
             put(values, self.time[0], mounted.time_offset / self.time[1])
 
@@ -355,8 +354,7 @@ def matrix_3x4(name: str, R: object, T: object) -> Array:
     """Return [R | T] of nine numbers and three."""
     rows, ends = floats(name, R), floats(name.replace("R", "T"), T)
     if (len(rows), len(ends)) != (9, 3):
-        got = f"{shown(R)}, {shown(T)}"
-        raise ArgumentError(f"{name}: expected a 3 x 3 matrix and T of three numbers, got {got}")
+        raise ArgumentError(f"{name}: expected a 3 x 3 matrix and T of three, got {shown(R)}, {shown(T)}")
     return np.column_stack([np.reshape(rows, (3, 3)), ends])
 
 

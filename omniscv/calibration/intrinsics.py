@@ -169,8 +169,7 @@ def refuse_limit(camera: Camera) -> None:
     limit = getattr(camera, "fov_deg", None)
     if limit is not None:
         wanted = "expected a camera without this limit, which the format cannot carry"
-        advice = "save the same camera made without fov_deg"
-        raise ArgumentError(f"fov_deg: {wanted}, got {limit:.15g}; {advice}")
+        raise ArgumentError(f"fov_deg: {wanted}, got {limit:.15g}; save the same camera made without fov_deg")
 
 
 def check_first_is_origin(mounts: Mapping[str, RigCamera], program: str) -> None:

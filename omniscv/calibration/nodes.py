@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.arguments import whole_number as checked_whole
 from omniscv.calibration.documents import Content
 from omniscv.cameras.lens_parameters import Numbers
@@ -104,8 +104,7 @@ class Node:
             )
             is_zero = re.fullmatch(r"[kps]\d", parts[-1]) and _is_neutral(value, parts[-1])
             if (odd or (not is_zero and self._misspells(parts[-1]))) and not re.search(harmless, plain(path)):
-                wanted = "expected no such key, which may change the geometry"
-                raise ArgumentError(f"{path}: {wanted}, got {shown(value)}")
+                raise wrong(path, "no such key, which may change the geometry", value)
             ignored.append(path)
         return tuple(ignored)
 
@@ -281,8 +280,7 @@ class Key(NamedTuple):
             raise ArgumentError(f"{self.path}: expected {wanted}, got {len(values)}: {shown(value)}")
         for name, got in zip(self.names, values, strict=False):
             if _is_literal(name) and abs(got - float(name)) > 1e-12:
-                wanted = f"expected {name} (other values are not modelled)"
-                raise ArgumentError(f"{self.path}: {wanted}, got {got:.15g}")
+                raise wrong(self.path, f"{name} (other values are not modelled)", got)
         return dict(zip(self.names, values, strict=False))
 
     def write(self, values: Numbers) -> Any:

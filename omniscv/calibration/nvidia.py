@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from omniscv.arguments import one_of, shown, within
+from omniscv.arguments import one_of, shown, within, wrong
 from omniscv.calibration.documents import Content, put_once
 from omniscv.calibration.forms import Form
 from omniscv.calibration.nodes import Node, Values, mappings
@@ -126,10 +126,8 @@ def _parameters(content: Content) -> dict[str, Any]:
 def _without_times(node: Node, word: str, values: Numbers, width: int, height: int) -> Sized:
     """Refuse rolling shutters, and leave the other polynomial unread."""
     if "ROLLING" in str(shutter := node.take("shutter_type", "GLOBAL")):
-        raise ArgumentError(
-            f"shutter_type: expected GLOBAL, as the file has no read-out time, got {shown(shutter)}; write "
-            "GLOBAL to take the lens without its shutter"
-        )
+        wanted = "GLOBAL (the file has no read-out time; write GLOBAL to take the lens without its shutter)"
+        raise wrong("shutter_type", wanted, shutter)
     for name in _POLYNOMIALS.values():
         node.take(name, None)
     return values, (width, height)

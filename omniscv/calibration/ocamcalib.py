@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyval
 
-from omniscv.arguments import number, numbers, shown
+from omniscv.arguments import number, numbers, shown, wrong
 from omniscv.calibration.documents import Content, put_once
 from omniscv.calibration.forms import Form
 from omniscv.calibration.nodes import Node, Values, whole
@@ -73,14 +73,12 @@ def _numbers(node: Node, word: str, values: Numbers, width: int, height: int) ->
     first = 1 - a - b - c
     if word == "0":
         if a or c:
-            got = f"{a:.15g} and {c:.15g}"
-            raise ArgumentError(f"a, c: expected 0 (odd powers of f0 are not modelled), got {got}")
+            raise wrong("a, c", "0 (odd powers of f0 are not modelled)", [a, c])
         focal = width / 2 / np.tan(number("v", v, below=180) * np.pi / 360)
         own = {"fx": focal * first, "fy": focal * first, "k1": b / first * (focal / unit) ** 2}
     elif word == "4":
         if a or b or c or abs(v - 360) > 1e-9 or width != 2 * height or values["du"] or values["dv"]:
-            wanted = "expected a full panorama of 360 degrees, 2:1, without a, b, c, d, e"
-            raise ArgumentError(f"f4: {wanted}, got another")
+            raise ArgumentError("f4: expected a full panorama, 2:1, without a, b, c, d, e; got another")
         return {}, (width, height)
     else:
         scale = width / angle / unit  # of an angle to r

@@ -151,8 +151,7 @@ class OpenCV(Form):
 
     def entry(self, node: Node, size: tuple[int, int] | None) -> Entry:
         if (model := model_of(node)) not in (self.name, EITHER):
-            advice = f"read the file as {model!r}"
-            raise ArgumentError(f"expected a camera of {self.name}, got one of {model}: {advice}")
+            raise ArgumentError(f"expected a camera of {self.name}, got {model}: read the file as {model!r}")
         for path in (_WORDS, _LOOSE_WORDS, _FLAGS):
             node.take(path, None)
         return super().entry(node, size)

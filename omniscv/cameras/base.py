@@ -66,8 +66,7 @@ def vectors(x: Array, y: Array, z: Array) -> Array:
 def refuse_focal_and_fov(focal: object, fov_deg: object) -> None:
     """Raise ArgumentError if both ways to give the focal length are used."""
     if focal is not None and fov_deg is not None:
-        got = f"{shown(focal)} px and {shown(fov_deg)} deg"
-        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({got})")
+        raise ArgumentError(f"focal: expected focal or fov_deg, got both ({shown(focal)}, {shown(fov_deg)})")
 
 
 def sin_cos_of_half(angle_deg: float) -> tuple[Array, Array]:
@@ -341,9 +340,7 @@ class CentralCamera(Camera):
 def _last_axis(key: str, value: ArrayLike, size: int) -> Array:
     array = np.asarray(value)
     if array.shape[-1:] != (size,) or array.dtype.kind not in "fiu":
-        raise ArgumentError(
-            f"{key}: expected numbers of shape (..., {size}), got {array.dtype} of shape {array.shape}"
-        )
+        raise ArgumentError(f"{key}: expected numbers (..., {size}), got {array.dtype} of {array.shape}")
     return array.astype(np.float64, copy=False)
 
 

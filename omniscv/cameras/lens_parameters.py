@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.errors import ArgumentError
+from omniscv.arguments import wrong
 
 Numbers = dict[str, float]
 NEUTRAL = {"c": 1.0, "lc": 1.0, "most": 180.0}
@@ -88,10 +88,8 @@ class Parameters(NamedTuple):
         for name, names, ends in chain(*self):
             values = [numbers.get(each, NEUTRAL.get(each, 0.0)) for each in names]
             if name == "focal" and values[0] != values[1]:
-                raise ArgumentError(
-                    "focal lengths: expected two that are equal (our division model stretches no axis), got "
-                    f"{values[0]:.15g} and {values[1]:.15g}"
-                )
+                wanted = "two that are equal (our division model stretches no axis)"
+                raise wrong("focal lengths", wanted, values)
             while ends and len(values) > 1 and not values[-1]:
                 values.pop()
             arguments[name] = values[0] if name == "focal" or len(names) == 1 else values

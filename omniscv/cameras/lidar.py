@@ -76,8 +76,7 @@ class LidarTable:
                     raise ArgumentError(f"{name}: expected {count} numbers, one a channel, got {len(values)}")
                 vars(self)[name] = np.broadcast_to(values, count)[order]
         if (np.diff(elevation_deg[order]) == 0).any() or np.abs(elevation_deg).max() >= 90:
-            wanted = "expected different angles within -90 to 90 degrees"
-            raise ArgumentError(f"elevation_deg: {wanted}, got {shown(self.elevation_deg)}")
+            raise wrong("elevation_deg", "different angles within -90 to 90 degrees", self.elevation_deg)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -93,8 +93,6 @@ class Pinhole(FocalLens):
 def _twelve_terms(distortion: ArrayLike) -> Array:
     terms = numbers("distortion", distortion, (None,))
     if len(terms) not in _COUNTS:
-        raise ArgumentError(
-            "distortion: expected 4, 5, 8 or 12 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
-            f"got {len(terms)}: {shown(distortion)}"
-        )
+        wanted = "4, 5, 8 or 12 numbers (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4)"
+        raise ArgumentError(f"distortion: expected {wanted}, got {len(terms)}: {shown(distortion)}")
     return np.append(terms, np.zeros(12 - len(terms)))

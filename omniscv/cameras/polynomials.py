@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 
-from omniscv.arguments import number, numbers, one_of, optional_number, shown
+from omniscv.arguments import number, numbers, one_of, optional_number, wrong
 from omniscv.cameras.base import Array
 from omniscv.cameras.distortion import Distortion, Increasing, first_positive_root, increasing_root
 from omniscv.cameras.lens_parameters import Parameters
@@ -217,8 +217,7 @@ class FTheta(AffineLens):
         self.reference: Reference = one_of("reference", reference, get_args(Reference))
         self.polynomial = _checked("polynomial", polynomial)
         if len(self.polynomial) < 2 or self.polynomial[0] != 0 or self.polynomial[1] <= 0:
-            got = shown(self.polynomial)
-            raise ArgumentError(f"polynomial: expected (0, c1, c2, ...) with c1 > 0, got {got}")
+            raise wrong("polynomial", "(0, c1, c2, ...) with c1 > 0", self.polynomial)
         self.linear = numbers("linear", linear, (3,))
         self.max_angle_deg = optional_number("max_angle_deg", max_angle_deg, above=0, most=180)
         corner = self._set_affine("linear", self.linear)

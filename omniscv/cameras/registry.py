@@ -27,13 +27,10 @@ def register(cls: type[C]) -> type[C]:
         raise ArgumentError(f"{cls.__name__}.name: expected the model's name, got {shown(name)}")
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
-        wanted = f"expected a class that implements {missing}"
-        raise ArgumentError(f"{cls.__name__}: {wanted}, got an abstract one")
+        raise ArgumentError(f"{cls.__name__}: expected a class that implements {missing}, got one without")
     if _MODELS.setdefault(name, cls) is not cls:
-        raise ArgumentError(
-            f"{cls.__name__}.name: expected a name that no other model has, got {name!r} of "
-            f"{_MODELS[name].__module__}.{_MODELS[name].__qualname__}"
-        )
+        got = f"{name!r} of {_MODELS[name].__module__}.{_MODELS[name].__qualname__}"
+        raise ArgumentError(f"{cls.__name__}.name: expected a name that no other model has, got {got}")
     return cls
 
 

@@ -321,8 +321,7 @@ def _central(base: Camera | Mapping[str, Any], width: int, height: int) -> Camer
         if isinstance(camera, PushBroom) and not camera.readout:
             raise ArgumentError(f"expected a push-broom with a readout, got travel {camera.travel.tolist()}")
         if (camera.width, camera.height) != (width, height):
-            got = f"{camera.width} x {camera.height}"
-            raise ArgumentError(f"expected an image of {width} x {height} px, got {got}")
+            raise ArgumentError(f"expected {width} x {height} px, got {camera.width} x {camera.height}")
         return camera
 
 

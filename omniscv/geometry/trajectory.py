@@ -117,10 +117,9 @@ class Trajectory(Sequence[Pose]):
             raise ArgumentError("trajectory: expected at least one pose, got none")
         if self.times_ns is None:
             return
-        if len(self.times_ns) != len(self.poses):
-            got = f"{len(self.times_ns)} for {len(self.poses)} poses"
-            raise ArgumentError(f"times: expected one per pose, got {got}")
         times = np.asarray(self.times_ns)
+        if len(times) != len(self.poses):
+            raise ArgumentError(f"times: expected one per pose, got {len(times)} for {len(self.poses)}")
         if times.dtype.kind != "i":
             got = f"{self.times_ns[0]!r}, or others; Trajectory.timed takes seconds"
             raise ArgumentError(f"times_ns: expected whole nanoseconds, got {got}")

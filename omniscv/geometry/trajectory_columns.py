@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import number, numbers, shown, within
+from omniscv.arguments import number, numbers, shown, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import FARTHEST, R_LEVEL, Array, Pose
 from omniscv.geometry.unreal_frame import rotation_from_unreal
@@ -78,8 +78,7 @@ def axes_of(frame: str) -> tuple[Array, Array]:
     if frame in _AXES:
         return _AXES[frame][:2]
     if not (signed := _SIGNED.fullmatch(frame)):
-        expected = "expected where right, down and ahead point, such as +x -y -z"
-        raise ArgumentError(f"axes: {expected}, got {shown(frame)}")
+        raise wrong("axes", "where right, down and ahead point, such as +x -y -z", frame)
     C = np.stack([float(word[0] + "1") * np.eye(3)["xyz".index(word[1])] for word in signed.groups()], axis=1)
     if round(abs(np.linalg.det(C))) != 1:
         raise ArgumentError(f"axes: expected x, y and z once each, got {shown(frame)}")
@@ -343,8 +342,7 @@ def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str],
         known = ", ".join(("time", *"xyz", *ANGLES, *QUATERNION))
         raise ArgumentError(f"expected names of columns among {known}; got {shown(unknown[0])}")
     if len(words) != count:
-        wanted = f"expected {len(words)} columns, as there are names"
-        raise ArgumentError(f"{wanted}, got {count} in the first row")
+        raise ArgumentError(f"expected {len(words)} columns, as there are names, got {count} in one row")
     columns = columns if keyed else ["" if column == "name" else column for column in columns]
     if keyed and "name" not in columns:
         raise ArgumentError(f"expected a column 'name', got {shown(' '.join(words))}")

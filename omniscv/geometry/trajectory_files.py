@@ -107,8 +107,7 @@ def check_frame(path: Path, frame: Frame | None) -> None:
     """Refuse a file of Unreal's poses without the word that says in which axes they are."""
     if frame is None and path.name.lower() == _CONVERTED:
         body = "frame: body (as EasySynth writes: metres, x forward, y left, z up)"
-        wanted = f"frame: unreal (Unreal's own axes, centimetres) or {body}"
-        raise ArgumentError(f"expected {wanted}, got no frame")
+        raise ArgumentError(f"expected frame: unreal (Unreal's own axes, in cm) or {body}, got no frame")
 
 
 # -- rows ------------------------------------------------------------------------------------------------

@@ -138,8 +138,7 @@ class Sensor:
         if self.electrons is None:
             object.__setattr__(self, "electrons", self.full_well)
         if self.black_level >= 2**self.bits - 1:
-            wanted = f"expected less than {2**self.bits - 1}"
-            raise ArgumentError(f"black_level: {wanted}, got {self.black_level:g}")
+            raise wrong("black_level", f"less than {2**self.bits - 1}", self.black_level)
         if self.gain is None:
             object.__setattr__(self, "gain", (2**self.bits - 1 - self.black_level) / self.full_well)
 

@@ -149,8 +149,7 @@ def magnified(camera: Camera, share: float) -> Camera:
         described.pop("fov_deg", None)
         focal = {"focal": camera.focal}
     if not focal:
-        wanted = "expected a lens with a focal length for lateral colour"
-        raise ArgumentError(f"lateral: {wanted}, got {camera.name}; leave it out")
+        raise ArgumentError(f"lateral: expected a lens with a focal length, got {camera.name}; leave it out")
     return from_dict({**described, **{key: value * (1 + share) for key, value in focal.items()}})
 
 

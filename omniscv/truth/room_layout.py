@@ -82,8 +82,7 @@ def layout(
     if not isinstance(scene_or_frames, SceneGeometry):
         return _fit_room(scene_or_frames, classes)
     if scene_or_frames.room is None:
-        advice = "give images to fit a room to"
-        raise ArgumentError(f"layout: expected a scene whose room is known, got none; {advice}")
+        raise ArgumentError("layout: expected a scene whose room is known, or images to fit one to; got none")
     return RoomLayout(scene_or_frames.room)
 
 
@@ -112,8 +111,7 @@ class Picture:
         """Return a layer; ArgumentError without it."""
         if name not in self.files:
             wanted = "expected an image with depth, normals and labels to fit a room to"
-            got = f"it has {', '.join(self.files)}; render with {name}, too"
-            raise ArgumentError(f"layout: {wanted}, {got}")
+            raise ArgumentError(f"layout: {wanted}, it has {', '.join(self.files)}; render with {name}, too")
         return self.files[name]
 
 

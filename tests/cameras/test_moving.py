@@ -143,7 +143,7 @@ def test_no_readout_or_no_motion_is_the_base(still):
     [
         ({"base": {"model": "ods", "interpupillary": 0.1}}, "base: expected a central camera .*, got ods"),
         ({"base": {"model": "rolling-shutter"}}, "base: expected a central camera .*, got rolling-shutter"),
-        ({"base": create("pinhole", 64, 36)}, "base: expected an image of 48 x 36 px, got 64 x 36"),
+        ({"base": create("pinhole", 64, 36)}, "base: expected 48 x 36 px, got 64 x 36"),
         ({"base": "pinhole"}, "base: expected a camera or a mapping with 'model' in it, got 'pinhole'"),
         ({"base": {"model": "pinhole", "focal": -1}}, "base: focal: expected a finite number > 0, got -1"),
         ({"base": {"model": ["pinhole"]}}, "base: camera: expected one of"),

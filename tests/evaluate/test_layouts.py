@@ -46,6 +46,10 @@ def shot_of(plan, yaw_deg=20.0):
     )
 
 
+def lines(corners):
+    return "".join(f"{x} {y}\n" for x, y in corners.tolist()).encode()
+
+
 def test_map_scores_of_eight_by_eight_pixels_by_hand():
     """True: 8 pixels, of which 2 are faint (3 of 255 is above 0.01); another, 2 of 255, is not. Found: 6 of
     the true ones, and 3 others; what is 0.1 is not found."""
@@ -121,7 +125,7 @@ def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, mon
     scene.write_text(CABIN)
     given.mkdir()
     for shot in layout.render(Settings(out, quick=True, source=f"scene://{scene}")):
-        (given / f"{shot.name}.txt").write_text("".join(f"{x} {y}\n" for x, y in shot.corners.tolist()))
+        (given / f"{shot.name}.txt").write_bytes(lines(shot.corners))
     arguments = ["--quick", "--source", f"scene://{scene}", "--predictions", str(given), "--out", str(out)]
     assert cli.run(["evaluate", "layout", *arguments]) == 0
     written = json.loads((out / "layout.json").read_text())
@@ -162,7 +166,7 @@ def as_json(corners, path):
 
 
 def as_txt(corners, path):
-    np.savetxt(path.with_suffix(".txt"), corners, fmt="%.17g")
+    path.with_suffix(".txt").write_bytes(lines(corners))
 
 
 def as_maps(corners, path, suffix="png"):
@@ -222,10 +226,6 @@ def png(*size, mode="L"):
 
 MAP, ONE = png(256, 128), CORNERS["one"]
 """A map, and corners of a room."""
-
-
-def lines(corners):
-    return "".join(f"{x} {y}\n" for x, y in corners.tolist()).encode()
 
 
 HOSTILE = {

@@ -245,8 +245,7 @@ TILTED = [(20, 10, 50, 20, 30), (-170, 35, 60, 15, -40), (80, -70, 40, 25, 10), 
 
 @pytest.mark.parametrize("box", TILTED)
 def test_a_rotated_box_is_found_again(box):
-    camera = FINE
-    rays, box = camera.unproject(), SphericalBox(*box)
+    rays, box = FINE.unproject(), SphericalBox(*box)
     mask = box.contains(rays.directions) >= 0
     found = SphericalBox.of(truth.bfov(mask, rays, rotated=True))
     assert truth.spherical_iou(found, box) >= 0.95
@@ -257,21 +256,16 @@ def test_a_rotated_box_is_found_again(box):
 
 def test_wide_objects_have_ranges_of_longitude_and_latitude():
     rays = FINE.unproject()
-    lon, lat = (
-        np.arctan2(rays.directions[..., 0], rays.directions[..., 2]),
-        -np.arcsin(rays.directions[..., 1]),
-    )
-    below = truth.bfov(lat < np.radians(20), rays)
+    x, y, z = np.moveaxis(rays.directions, -1, 0)
+    lon, lat = np.arctan2(x, z), -np.arcsin(y)
+    south, ring = lat < np.radians(20), (np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1))
+    below, band = truth.bfov(south, rays), truth.bfov(ring, rays)
     assert (below["kind"], below["fov_h"], below["lat"]) == ("lonlat", 360, pytest.approx(-35, abs=0.5))
     assert below["fov_v"] == pytest.approx(110, abs=0.5)
-    band = truth.bfov((np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1)), rays)
     assert band["kind"] == "lonlat"
     assert band["fov_h"] == pytest.approx(np.degrees(2 * np.pi - 3), abs=0.6)
     assert (band["lon"] + 180) % 360 == pytest.approx(np.degrees((2 + 2 * np.pi - 1) / 2) - 180, abs=0.6)
-    for record, where in (
-        (below, lat < np.radians(20)),
-        (band, (np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1))),
-    ):
+    for record, where in ((below, south), (band, ring)):
         assert SphericalBox.of(record).contains(rays.directions[where]).min() > -0.3
 
 

@@ -80,12 +80,7 @@ def test_hidden_objects_have_the_share_0():
         seen_frame = observed(source, CAMERAS["fisheye"], omniscv.Pose.from_angles((0, 0, 0)))
         records = truths.get("amodal").apply(seen_frame, {})
     ball, board = records
-    assert (ball["name"], ball["px_visib"], ball["visib_fract"], board["visib_fract"]) == (
-        "Ball",
-        0,
-        0.0,
-        1.0,
-    )
+    assert (ball["name"], ball["px_visib"], ball["visib_fract"], board["visib_fract"]) == ("Ball", 0, 0, 1)
     assert ball["px_all"] > 8
 
 

@@ -138,8 +138,7 @@ def _read_map(path: Path) -> Array:
         with Image.open(io.BytesIO(content)) as picture:
             width, height = picture.size
             if width != 2 * height or width * height > _MOST_PIXELS:
-                wanted = f"a map twice as wide as high, of at most {_MOST_PIXELS} pixels"
-                raise ArgumentError(f"expected {wanted}, got {width} x {height}")
+                raise ArgumentError(f"expected 2:1, of at most {_MOST_PIXELS} pixels, got {width} x {height}")
             deep = picture.mode.startswith("I")
             pixels = np.asarray(picture if deep else picture.convert("L"), np.float64)
     except ArgumentError:
