@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -16,7 +16,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox, Room, SceneGeometry
-from omniscv.parallel import row_blocks
+from omniscv.parallel import row_blocks, side_by_side
 from omniscv.sources.base import (
     STATIC_SETTINGS,
     Capabilities,
@@ -37,10 +37,13 @@ if TYPE_CHECKING:
 
 Lit = Literal["uint8", "float32"]
 Masks = Literal["colors", "ids"]
+Paint = Callable[[], Array]
+"""Makes the colours of rays that have been traced."""
 
 _START = Instant()
 _BLOCK_PX = 1 << 13
 """Pixels traced together: their arrays stay in a core's cache, and one thread traces at most as many."""
+_UNPAINTED_PX = 1 << 20  # of a view whose rays are kept until its colours are requested: 88 bytes a pixel
 _CAPABILITIES = Capabilities(
     frozenset(("lit", "object_mask", "depth", "normals")),
     dialect="scene",
@@ -103,6 +106,7 @@ class SceneSource(Source):
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._mask_values = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
         self._pixels_of = lru_cache(cached_views)(lambda view: dict[str, NDArray[Any]]())
+        self._unpainted: tuple[dict[str, NDArray[Any]], list[Paint]] = {}, []  # the view that was traced last
         self._copy = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
@@ -169,7 +173,7 @@ class SceneSource(Source):
         return self._copy(self._without, instant)
 
     def close(self) -> None:
-        self._closed = True
+        self._closed, self._unpainted = True, ({}, [])
         self._pixels_of.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -180,19 +184,37 @@ class SceneSource(Source):
             raise closed_error(f"scene {self.scene.name}")
 
     def _pixels(self, request: Request) -> NDArray[Any]:
-        """Return a mode's pixels (H, W, ...); colours, which cost as much as the rest, if requested."""
-        pixels = self._pixels_of(request.view)
+        """Return a mode's pixels (H, W, ...). Colours cost as much as all others, and are made on request;
+        of a small view that was traced last, from its rays."""
+        view, pixels = request.view, self._pixels_of(request.view)
         if request.mode not in pixels:
-            self.made += not pixels
-            for mode, image in self._trace(request.view, colored=request.mode == "lit").items():
+            of, paints = self._unpainted
+            if of is pixels and request.mode == "lit":
+                made = {"lit": np.concatenate(side_by_side(lambda paint: self._codes(paint()), paints))}
+                self._unpainted = {}, []
+            else:
+                self.made += not pixels
+                made, paints = self._trace(view, colored=request.mode == "lit")
+                self._unpainted = (pixels, paints) if paints else ({}, [])
+            for mode, image in made.items():
+                image.flags.writeable = False
                 pixels.setdefault(mode, image)
         return pixels[request.mode]
 
-    def _trace(self, view: View, *, colored: bool) -> dict[str, NDArray[Any]]:
-        """Return all modes (H, W, ...), colours only if ``colored``."""
+    def _codes(self, color: Array) -> NDArray[Any]:
+        if self._lit == "float32":
+            return color.astype(np.float32)
+        lit = np.clip(color, 0, 1)
+        lit *= 255
+        return np.round(lit, out=lit).astype(np.uint8)
+
+    def _trace(self, view: View, *, colored: bool) -> tuple[dict[str, NDArray[Any]], list[Paint]]:
+        """Return all modes (H, W, ...), colours only if ``colored``; of a small view else what makes them."""
         from mock_server.pixels import pinhole_rays
 
-        def block(rows: slice) -> dict[str, NDArray[Any]]:
+        kept = not colored and view.width * view.height <= _UNPAINTED_PX
+
+        def block(rows: slice) -> tuple[dict[str, NDArray[Any]], Paint | None]:
             size, lens = (view.width, view.height), view.projection if view.lens else None
             rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, size, rows=rows, projection=lens)
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
@@ -201,19 +223,13 @@ class SceneSource(Source):
                 "depth": (hits.distance / lengths).astype(np.float32),
                 "normals": hits.normal.astype(np.float32),
             }
-            if colored and self._lit == "float32":
-                pixels["lit"] = hits.color.astype(np.float32)
-            elif colored:
-                lit = np.clip(hits.color, 0, 1)
-                lit *= 255
-                pixels["lit"] = np.round(lit, out=lit).astype(np.uint8)
-            return pixels
+            if colored:
+                pixels["lit"] = self._codes(hits.color)
+            return pixels, hits.paint if kept else None
 
         blocks = row_blocks(block, view.height, view.width, _BLOCK_PX)
-        images = {mode: np.concatenate([pixels[mode] for pixels in blocks]) for mode in blocks[0]}
-        for image in images.values():
-            image.flags.writeable = False
-        return images
+        modes = {mode: np.concatenate([pixels[mode] for pixels, _ in blocks]) for mode in blocks[0][0]}
+        return modes, [paint for _, paint in blocks if paint]
 
 
 def room_of(scene: Scene) -> Room | None:
