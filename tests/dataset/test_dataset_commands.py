@@ -116,6 +116,8 @@ def test_cameras_that_formats_carry(format):
     ("more", "says"),
     [
         ("export: [cocoa]", "export: format: expected one of"),
+        ("export: [hf]", "format: expected a format that is written, got hf; use coco or webdataset"),
+        ("store: zarr", "store: expected one of files, fast; got 'zarr'"),
         ("export: [webdataset, webdataset]", "got 'webdataset' twice"),
         ("export: [{format: coco, out: ../x}]", "out: expected the name of a folder"),
         ("export: {webdataset: true}", "export: expected a list"),

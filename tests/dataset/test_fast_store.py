@@ -100,18 +100,6 @@ def test_without_the_package_nothing_is_captured(tmp_path, monkeypatch):
         make(load(job_file(tmp_path, source="unrealcv://127.0.0.1:1", more="store: fast\n")))
 
 
-@pytest.mark.parametrize(
-    ("more", "error"),
-    [
-        ("store: zarr\n", "store: expected one of files, fast; got 'zarr'"),
-        ("store: fast\nmedia: {xmp: true}\n", "media.xmp: expected store files and image_format png or jpg"),
-    ],
-)
-def test_jobs_that_cannot_be(tmp_path, more, error):
-    with pytest.raises(ArgumentError, match=error):
-        make(load(job_file(tmp_path, more=more)))
-
-
 def test_a_dataset_has_one_store(stores, tmp_path):
     out = shutil.copytree(stores[0], tmp_path / "dataset")
     more = "truth: {boxes: true, layout: true}\nstore: fast\n"

@@ -63,8 +63,3 @@ def test_colours_come_as_wanted_from_whatever_the_frame_has(tmp_path, kind, lit)
     assert path.name == f"a.{kind}"
     found = np.asarray(Image.open(path)).astype(int)
     assert np.abs(found - shade).mean() <= (0 if kind == "png" else 4)
-
-
-def test_a_format_of_earlier_versions_is_refused_with_what_to_use():
-    with pytest.raises(ArgumentError, match="got hf; use coco or webdataset"):
-        exporting.get("hf")

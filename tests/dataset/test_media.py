@@ -78,8 +78,9 @@ def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
         with pyexiv2.Image(str(frame.files["lit"])) as file:
             headings[frame.key] = file.read_xmp().get("Xmp.GPano.PoseHeadingDegrees")
     assert headings == {"equirectangular": "280", "fisheye-equidistant": None}
-    with pytest.raises(ArgumentError, match=r"media\.xmp: expected store .* png or jpg, got files and tiff"):
-        dataset.Writer(tmp_path / "other", image_format="tiff", media={"xmp": True})
+    for way, got in (({"image_format": "tiff"}, "files and tiff"), ({"store": "fast"}, "fast and png")):
+        with pytest.raises(ArgumentError, match=rf"media\.xmp: expected store .* png or jpg, got {got}"):
+            dataset.Writer(tmp_path / "other", media={"xmp": True}, **way)
     image = images["equirectangular"]
     light = replace(image, layers={**image.layers, "lit": image["lit"].astype(np.float32)})
     with dataset.Writer(tmp_path / "light", media={"xmp": True}) as writer:

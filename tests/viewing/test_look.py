@@ -3,6 +3,7 @@
 import base64
 import json
 import shutil
+import sys
 import zlib
 from html.parser import HTMLParser
 
@@ -18,6 +19,7 @@ from support.command_line import ROOT
 import omniscv
 from omniscv import cameras, cli, dataset
 from omniscv.errors import ArgumentError, RecordingError
+from omniscv.viewing import rerun_file
 from omniscv.viewing.look import look
 from omniscv.viewing.look.directions import describe
 from omniscv.viewing.look.layers import box_lines, pack
@@ -263,6 +265,14 @@ def test_the_command_prints_the_page(truth, tmp_path, capsys):
     assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
     assert cli.run(["look", str(truth.folder), "--out", str(tmp_path / "a.txt")]) == 2
     assert "expected a file NAME.html" in capsys.readouterr().err
+
+
+def test_a_file_for_rerun_needs_its_name_and_its_extra(tmp_path, monkeypatch):
+    with pytest.raises(ArgumentError, match=r"expected a file NAME.rrd, got 'room.html'"):
+        rerun_file.write([], tmp_path / "room.html")
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ArgumentError, match=r"pip install 'omniscv\[rerun\]'"):
+        rerun_file.write([], tmp_path / "room.rrd")
 
 
 WIDE = cameras.create("equirectangular", width=256, height=128)
