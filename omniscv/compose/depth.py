@@ -33,20 +33,13 @@ from omniscv.parallel import side_by_side
 from omniscv.planning.hits import DOUBTFUL, KnownDepth
 from omniscv.sources.base import View
 
-_AHEAD_PX = 1.5
-"""The parallax is measured from the nearest pixel, and an edge lies within one of the pixel that shows it."""
-_SLOPE_ERRORS = 2.0
-"""The slope between two pixels is off by both their errors."""
-_CURVED = 1.1
-"""A surface that bends away from its plane shifts by more."""
-_MARGIN = 1.3
-"""A neighbouring surface goes on between the pixels that show it."""
-_BLOCK = 256
-"""Rays whose depths are gathered at a time; their buffers fit into the fastest cache."""
-_FEW = 24
-"""Pixels of all pictures for each ray, beyond which finding their bends takes longer than it saves."""
-_BENT = np.uint32(0x7F807F80)
-"""Twice the upper half of +inf."""
+_AHEAD_PX = 1.5  # parallax is measured from the nearest pixel, an edge lies within one of that which shows it
+_SLOPE_ERRORS = 2.0  # the slope between two pixels is off by both their errors
+_CURVED = 1.1  # a surface that bends away from its plane shifts by more
+_MARGIN = 1.3  # a neighbouring surface goes on between the pixels that show it
+_BLOCK = 256  # rays whose depths are gathered at a time; their buffers fit into the fastest cache
+_FEW = 24  # pixels of all pictures for each ray, beyond which finding their bends takes longer than it saves
+_BENT = np.uint32(0x7F807F80)  # twice the upper half of +inf
 
 
 class DepthPictures(NamedTuple):

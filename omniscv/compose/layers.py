@@ -137,9 +137,8 @@ def derived_layers(
             if values.ndim == 2:
                 labels, layers[name] = labels_of_ids(values, objects)
                 ids, counts = np.unique(values[(labels == 0) & (values > 0)], return_counts=True)
-                unknown = {
-                    (0, i >> 8, i & 255): n for i, n in zip(ids.tolist(), counts.tolist(), strict=True)
-                }
+                pairs = zip(ids.tolist(), counts.tolist(), strict=True)
+                unknown = {(0, i >> 8, i & 255): n for i, n in pairs}
             else:
                 labels, unknown = labels_of(values, objects)
             layers["labels"] = np.where(valid, labels, np.uint16(0))
@@ -155,14 +154,8 @@ def _turned(directions: NDArray[Any], R_w_c: Array) -> NDArray[np.float32]:
 
 
 def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
-    """Distinguish surfaces that are farther than captures reach from the sky, by their labels.
-
-    Depth is +inf for both. Without a label it is right; with one, it is unsure.
-
-    Args:
-        layers: of an image; ``depth_error`` and ``unsure`` are changed.
-        valid: (H, W).
-    """
+    """Tell surfaces that are farther than captures reach from the sky: depth is +inf for both, right without
+    a label, and unsure with one. Of an image's layers, ``depth_error`` and ``unsure`` are changed."""
     if "depth" not in layers or "labels" not in layers:
         return
     endless = valid & (layers["depth"] == np.inf)
@@ -175,8 +168,7 @@ def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
         layers["unsure"] = beyond | layers["unsure"]
 
 
-_PARTS = 32.0
-"""Depth moves by at most its bound divided by this."""
+_PARTS = 32.0  # depth moves by at most its bound divided by this
 _LEAST_DIGITS = 11
 """Binary digits that a depth keeps however wide its bound is, as half floats: beside a step it stays on its
 surface."""
@@ -184,8 +176,8 @@ _DIGITS = 6
 """Binary digits of bounds. Half floats, in which files have them, have 11: the last ones say nothing, and by
 measurement all 11 take twice the bytes."""
 _HALF_LARGEST, _HALF_STEP = 65504.0, 2.0 ** (-13 - _DIGITS)
-_HALF_NORMAL, _HALF_SCALE = np.float32(2.0**-14), np.float32(2.0**24)  # from there on it has all its digits
 """The largest half float, and the distance between the least ones of so few digits."""
+_HALF_NORMAL, _HALF_SCALE = np.float32(2.0**-14), np.float32(2.0**24)  # from there on it has all its digits
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 
 

@@ -142,10 +142,8 @@ class ImageRays:
     def holding_view(self) -> HoldingView:
         """The view, upright in the image, that holds all rays of a central camera."""
         everywhere = HoldingView(np.eye(3), np.full(2, np.inf), np.inf)
-        across, down = (
-            (np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int)) + 0.5)
-            for n in (self.camera.width, self.camera.height)
-        )
+        sizes = self.camera.width, self.camera.height
+        across, down = (np.unique(np.linspace(0, n - 1, _SAMPLED).astype(int)) + 0.5 for n in sizes)
         some = densities.unproject(self.camera, np.array(list(product(across, down)))[None])
         if len(np.unique((some.directions[some.valid] > 0) @ (1, 2, 4))) == 8:  # rays in every octant
             return everywhere
@@ -217,8 +215,7 @@ class ImageRays:
                     yield RayBlock(self, rows, part, pixels[part], None if toward is None else toward[part])
 
     def around(self, rows: slice) -> tuple[int, Array]:
-        """Return the number of a row, and the (h, W, 3) rays from there on: of some rows and those beside
-        them."""
+        """Return a row's number, and the rays (h, W, 3) from there on: of some rows and those beside them."""
         if self.kept:
             return 0, self._directions
         first = max(rows.start - 1, 0)

@@ -26,10 +26,9 @@ from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
-WINDOW_PX = 16
-"""Along a row or a column, in which changes are counted."""
-TURNS = 8
-"""Changes of the sign of second differences, or of labels, from which on they are relief."""
+WINDOW_PX, TURNS = 16, 8
+"""Along a row or a column, changes of the sign of second differences, or of labels, from which on they are
+relief."""
 _LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
 _STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
@@ -44,16 +43,14 @@ other one exceeds a third of that."""
 _GROWN_PX, _BEAT_PX = 3, 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
-_EVERY = 200
-"""Changes of labels in a box of 16 x 16 px, from which on every pixel turns."""
+_EVERY = 200  # changes of labels in a box of 16 x 16 px, from which on every pixel turns
 _LABELS_PX, _LONE_LABELS = 24, 48
 """A box's side, and so many labels in it that stand alone from their row or column: two thin lines."""
 _FEW_DIGITS, _SWINGS, _SWING_PX, _SWING_STEPS = 11, 3, 48, 8.0
 """Depth of so few significant digits, as in half floats, is relief if it turns back so often within so many
 px, by less than so many rounding steps: a rounded surface goes one way, or turns back once. More steps are an
 edge."""
-_NEAR_PX = 8
-"""On every side, the neighbourhood that bounds depth."""
+_NEAR_PX = 8  # on every side, the neighbourhood that bounds depth
 
 _BESIDE = np.ones((3, 3), np.uint8)
 

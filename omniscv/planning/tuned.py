@@ -9,15 +9,13 @@ notice that they change elsewhere.
 # The default: the knee of the curves of docs/chart-accuracy.png.
 FEW_CENTERS = 16
 """Optical centres, all of which take about a hundred captures at most: a face cube each."""
-DEFAULT_AIM = 0.03
-"""Of ``auto`` for several optical centres."""
+DEFAULT_AIM = 0.03  # of ``auto`` for several optical centres
 DEFAULT_MOST_CAPTURES = 100
 """Requests of an image without an accuracy. Furnished rooms need 60 at most; in the courtyard's relief the
 aim takes thousands, and from here on twice the price takes a sixth off the doubt."""
 
 # Refinement, of every camera.
-ROOM = 0.029
-"""Share of the pixels that faces of 384 px leave in doubt in a furnished room."""
+ROOM = 0.029  # share of the pixels that faces of 384 px leave in doubt in a furnished room
 SAFE = 0.97  # of the pixels that may stay doubtful: what captures are aimed at
 LOCAL_MS = 550.0
 """Price by measurement of patches in two modes that leave a quarter of the doubt of a furnished room."""
@@ -27,18 +25,15 @@ COARSE_QUANTILE = 0.25  # quantile of the focal lengths of what is in doubt: pat
 DOUBT_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
 LEAST_RESOLVED, PATIENCE = 0.15, 2  # of the pixels that patches promise, and how many rounds may miss it
 MOST_ROUNDS = 12
-FINER_FACES = 1.2
-"""How much more finely faces sample on the mean than patches of their focal length."""
+FINER_FACES = 1.2  # how much more finely faces sample on the mean than patches of their focal length
 
 # Several optical centres: which are captured.
 MOST_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
 LEAST_PROMISED = 0.05  # of the aim: rays that a further centre must promise
 HIDDEN_LEFT = 0.95  # of the hidden rays: further centres must leave less
 
-INITIAL_VIEWPOINTS = 8
-"""Optical centres that are captured first, if the options give none."""
-TRIES = 4
-"""Number of centres, nearest first, through which a ray is marched."""
+INITIAL_VIEWPOINTS = 8  # optical centres that are captured first, if the options give none
+TRIES = 4  # of centres, nearest first, through which a ray is marched
 SAMPLED_RAYS = 20_000
 ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
 NEIGHBOURHOODS = 128
@@ -49,5 +44,4 @@ DOUBTFUL_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
 EDGES = 0.9
 """Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
 DEPTH_ROUNDS = 4  # of depth alone
-ROOM_OF_FEW_CENTERS = 1.7
-"""Doubt of images from few centres, relative to that of one centre."""
+ROOM_OF_FEW_CENTERS = 1.7  # doubt of images from few centres, relative to that of one centre
