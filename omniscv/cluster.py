@@ -177,10 +177,7 @@ def make(
 
 
 def _make_parts(
-    client: Client,
-    job: Job,
-    progress: Callable[[int, int], None] | None,
-    warn: Callable[[str], None] | None,
+    client: Client, job: Job, progress: Callable[[int, int], None] | None, warn: Callable[[str], None] | None
 ) -> tuple[Job, Made]:
     """Make all parts; return the job with its poses, and the counts of frames."""
     if warn:

@@ -1,7 +1,5 @@
 """Progress of long work as data: images, and the captures that they are composed of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import add, sub

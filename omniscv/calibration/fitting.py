@@ -1,7 +1,5 @@
 """Fit a camera of one model to another camera, for programs that lack its model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product

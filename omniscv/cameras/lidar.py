@@ -1,7 +1,5 @@
 """Turning laser scanners as cameras: rows are channels, columns are firings, depth is the range."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping

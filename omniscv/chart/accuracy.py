@@ -1,7 +1,5 @@
 """Cost against doubt: what is captured, and how much of the image may be wrong, by camera and strategy."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Pictures are 800 px wide on a page: SVG, and PNG with twice as many pixels. The 
 colour-blind readers; shapes differ as well.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

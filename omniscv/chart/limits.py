@@ -7,8 +7,6 @@ Of every registered model the pixel approaches the last valid one, and a field o
 accepted. ``_LIMITS`` has the limits that only some models have.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Round-trip error of every camera model as a parameter or a pixel runs into its limit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

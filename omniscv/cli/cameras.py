@@ -115,7 +115,7 @@ class _Fitted:
 
 @app.command(
     epilog="Example: omniscv cameras fit double-sphere kannala-brandt --size 640x480 "
-    "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap",
+    "--set fx=180 --set fy=180 --set xi=-0.2 --set alpha=0.6 --out cameras.txt --format colmap"
 )
 @options.with_blocks
 def fit(

@@ -19,8 +19,7 @@ Dataset = Annotated[str, Argument(metavar="DIR", help="A dataset, by path or URL
 Out = Annotated[str | None, Option(help="The folder or URL to write into; else exports/FORMAT in DIR.")]
 Cameras = Annotated[list[str] | None, Option("--camera", help="Only frames of this camera; repeatable.")]
 Settings = Annotated[
-    list[str] | None,
-    Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100."),
+    list[str] | None, Option("--set", help="KEY=VALUE: an option of the format, such as max_count=100.")
 ]
 _CLUSTER_HELP = "Workers of Dask: local:N processes here, or a scheduler's address."
 
@@ -99,9 +98,7 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
     raise Exit(1 if result.failed and how.keep_going else 0)
 
 
-@app.command(
-    epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100",
-)
+@app.command(epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100")
 def export(
     folder: Dataset,
     to: Annotated[str, Option(help="A format.")],

@@ -172,7 +172,7 @@ def _described(job: JobArguments, games: list[Path]) -> JobArguments:
 
 
 @app.command(
-    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth",
+    epilog="Example: omniscv plan --camera noncentral-panorama --set camera.radius=1 --modes lit,depth"
 )
 @with_job(VIEW)
 def plan(

@@ -255,13 +255,7 @@ def _gather(k: int, x: Floats, y: Floats, pictures: DepthPictures, block: Rows) 
 
 @inner(cache=True, nogil=True, error_model="numpy")
 def _interpolate(
-    k: int,
-    x: Floats,
-    y: Floats,
-    pictures: DepthPictures,
-    block: Rows,
-    distance: Floats,
-    error: Floats,
+    k: int, x: Floats, y: Floats, pictures: DepthPictures, block: Rows, distance: Floats, error: Floats
 ) -> None:
     """Write depth along rays in a view; 0 where bends do not say how far it is off."""
     around, at, _, bends = block

@@ -19,8 +19,6 @@ has (``blank``) has no file. In the store ``fast`` every layer is an array of Bl
 are 0 and 255 there, too.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

@@ -5,8 +5,6 @@ place beside the camera (``view_dependent``, and domes that follow the camera), 
 (``translucent``). What cannot be compared is named in the image's provenance, and has no bit.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Container, Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -194,12 +194,7 @@ class Export:
 
 
 def export(
-    folder: str | Path,
-    /,
-    to: str,
-    out: str | Path | None = None,
-    cameras: Sequence[str] = (),
-    **options: Any,
+    folder: str | Path, /, to: str, out: str | Path | None = None, cameras: Sequence[str] = (), **options: Any
 ) -> list[str | Path]:
     """Export a dataset to a format.
 

@@ -129,11 +129,7 @@ def _find(data: bytes, start: int, end: int, kind: bytes) -> tuple[int, int]:
 
 
 def write_video(
-    frames: Sequence[Frame],
-    path: str | Path,
-    *,
-    rate: float = 30.0,
-    progress: Steps | None = None,
+    frames: Sequence[Frame], path: str | Path, *, rate: float = 30.0, progress: Steps | None = None
 ) -> str | Path:
     """Write the colour of frames as an H.264 video in an MP4 file; players show panoramas as spheres.
 

@@ -1,7 +1,5 @@
 """Ask a dataset's pictures whether the poses of its exports are in the convention that their formats have."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Poses have errors, too, which add up along the path. How large they are is estim
 (restricted maximum likelihood), and residuals are weighed by what that leaves.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import cv2

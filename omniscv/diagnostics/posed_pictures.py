@@ -1,7 +1,5 @@
 """What pictures with poses and depth say of themselves: their convention, and what is off within it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Steps across the edges of recorded cubes, and their causes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice

@@ -1,7 +1,5 @@
 """A report on a server for people who cannot reach it, without paths and names of the host and the user."""
 
-from __future__ import annotations
-
 import getpass
 import json
 import platform

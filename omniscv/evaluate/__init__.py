@@ -1,7 +1,5 @@
 """The evaluations by name, and their results: figures beside the paper's, raw values, charts."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

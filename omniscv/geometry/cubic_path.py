@@ -1,7 +1,5 @@
 """The path of a camera while one image is made: pieces of cubics, by seconds from the image's time."""
 
-from __future__ import annotations
-
 from bisect import bisect_left, bisect_right
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Shapes of a scene that a source knows beyond its pictures: boxes of objects, and the room."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Literal, Self, get_args
 

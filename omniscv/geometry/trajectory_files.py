@@ -9,8 +9,6 @@ columns, in a first line or a comment (``#``, ``%``), say what each is, and its 
 * EuRoC: ``time,px,py,pz,qw,qx,qy,qz``, whole nanoseconds; 8 columns, or 17 with velocities and biases.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress

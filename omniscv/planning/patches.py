@@ -6,8 +6,6 @@ price of a face. Views are chosen one after the other, each for the most rays at
 cover).
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass

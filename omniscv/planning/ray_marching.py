@@ -12,8 +12,6 @@ With h the distance of c from the ray and psi the angle between ``Y - c`` and th
 Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

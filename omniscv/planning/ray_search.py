@@ -9,8 +9,6 @@ and gloss, whose lit colour depends on the viewpoint; a rim of half a capture's 
 where the nearest pixel may show the other side; surfaces seen at a grazing angle by every centre.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ these bands enough are patches along the edges (:mod:`omniscv.planning.patches`)
 source cannot set a field of view. What they leave in doubt is measured, and captured finer again.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from abc import ABC, abstractmethod

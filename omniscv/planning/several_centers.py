@@ -6,8 +6,6 @@ passes another surface within a pixel, or ends at an edge, finer patches of dept
 the ray is marched again. So no centre is captured finer as a whole.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Generator, Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ inside a cupboard. Engines render from there, too. So small depth pictures are c
 position first, and the pixels of centres behind their surfaces are flagged.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace

@@ -9,8 +9,6 @@ hold it in a strip a few pixels high. All strips of a plan share one size, becau
 slow on real servers; what differs is how many views a circle takes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -16,11 +16,4 @@ from omniscv.torch.faces import Faces
 from omniscv.torch.recordings import RandomTurns, RecordingDataset
 from omniscv.torch.samples import LAYERS, FolderDataset, ShardDataset
 
-__all__ = [
-    "LAYERS",
-    "Faces",
-    "FolderDataset",
-    "RandomTurns",
-    "RecordingDataset",
-    "ShardDataset",
-]
+__all__ = ["LAYERS", "Faces", "FolderDataset", "RandomTurns", "RecordingDataset", "ShardDataset"]

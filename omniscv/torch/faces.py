@@ -22,13 +22,7 @@ from omniscv.geometry.pose import rotation_reader
 from omniscv.planning import RenderOptions, captured
 from omniscv.sources import ObjectTable, Source, View
 from omniscv.sources.labels import labels_of, labels_of_ids
-from omniscv.torch.sampling import (
-    DeviceLookup,
-    DeviceTiles,
-    ProcessorLookup,
-    ProcessorTiles,
-    check_central,
-)
+from omniscv.torch.sampling import DeviceLookup, DeviceTiles, ProcessorLookup, ProcessorTiles, check_central
 
 _FINEST = 1  # px: all faces of a recording are larger, so it returns its finest ones
 _RAYS_AT_ONCE = {"cpu": 1 << 17}

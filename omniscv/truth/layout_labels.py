@@ -7,8 +7,6 @@ first.
 Source: sunset1995/HorizonNet, README_PREPARE_DATASET.md, dataset.py, misc/post_proc.py.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -14,8 +14,6 @@ and null without depth. A pixel has one depth, so that the place of a silhouette
 within one of it may be wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from itertools import pairwise
 from typing import Any

@@ -6,8 +6,6 @@ CFL's maps: :func:`map_scores`; source: cfernandezlab/CFL test_CFL.py.
 Plans are intersected by shapely (the extra ``evaluate``).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Boxes in the image come from labels and are exact to the pixel, also across the seam of a panorama.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterator, Mapping, Sequence
 from typing import Any
 

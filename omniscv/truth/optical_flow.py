@@ -1,7 +1,5 @@
 """The truth ``flow``: optical flow and scene flow between two images, from depth, rays and poses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

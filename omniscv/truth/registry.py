@@ -1,7 +1,5 @@
 """The truths that a dataset may hold, by name, and how they are derived from an image."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from importlib import import_module

@@ -1,8 +1,6 @@
 """A room in an image, of cameras with one optical centre or many: its edges as curves, the surfaces that rays
 hit, and which points of the edges are seen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The truth ``bfov``: the smallest boxes on the sphere around objects, from the rays of their pixels."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -5,8 +5,6 @@ other are shown together, so a furnished room takes two to four such images. In 
 captures of an object mask, and two commands for every object.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Literal

@@ -26,16 +26,7 @@ from omniscv.job import load
 from omniscv.make import make
 
 MORE = "truth: {boxes: true, bfov: true, boxes3d: true, layout: true}\nexport: [webdataset]\n"
-FORMATS = (
-    "coco",
-    "webdataset",
-    "ply",
-    "flow",
-    "nerfstudio",
-    "kalibr",
-    "poses",
-    "colmap",
-)
+FORMATS = ("coco", "webdataset", "ply", "flow", "nerfstudio", "kalibr", "poses", "colmap")
 
 
 @cache

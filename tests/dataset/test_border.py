@@ -93,16 +93,7 @@ READERS = {
 
 @pytest.mark.parametrize(
     "change",
-    [
-        blank_colours,
-        swap_labels,
-        link_to_a_private_file,
-        pipe,
-        twice,
-        executable,
-        huge_picture,
-        tiff_as_png,
-    ],
+    [blank_colours, swap_labels, link_to_a_private_file, pipe, twice, executable, huge_picture, tiff_as_png],
 )
 def test_every_reader_refuses_damaged_datasets(change, copied, capsys):
     says = change(copied)

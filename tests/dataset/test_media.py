@@ -13,12 +13,7 @@ from PIL import Image
 import omniscv
 from omniscv import dataset
 from omniscv.dataset import Frame
-from omniscv.dataset.media import (
-    photo_sphere_fields,
-    video_boxes,
-    with_photo_sphere,
-    write_video,
-)
+from omniscv.dataset.media import photo_sphere_fields, video_boxes, with_photo_sphere, write_video
 from omniscv.errors import ArgumentError
 
 CAMERA = omniscv.cameras.create("equirectangular", width=64, height=32)

@@ -43,10 +43,7 @@ class Address:
         self.port = int(port)
 
 
-SERVERS = {
-    "mock_server": ("-m", "mock_server"),
-    "omniscv serve": (*OMNISCV, "serve"),
-}
+SERVERS = {"mock_server": ("-m", "mock_server"), "omniscv serve": (*OMNISCV, "serve")}
 
 
 @pytest.mark.parametrize(

@@ -120,8 +120,7 @@ def test_help_lists_templates_and_descriptions(client_of, dialect):
 
 
 @pytest.mark.parametrize(
-    ("rotation", "pole"),
-    [((90, 45, 0), 1), ((90, 0, 30), 1), ((-90, 45, 0), -1), ((-90, 10, 25), -1)],
+    ("rotation", "pole"), [((90, 45, 0), 1), ((90, 0, 30), 1), ((-90, 45, 0), -1), ((-90, 10, 25), -1)]
 )
 def test_at_the_poles_only_one_turn_of_a_spawned_camera_is_read_back(camera, rotation, pole):
     camera.ask("vset /camera/1/rotation {} {} {}".format(*rotation))

@@ -145,8 +145,7 @@ def rays_of_a_picture(fov_deg, radius):
 
 
 @pytest.mark.parametrize(
-    ("name", "fov_deg", "radius"),
-    [("six-wall", 5, 0.0), ("four-wall", 90, 0.0), ("six-wall", 360, 0.5)],
+    ("name", "fov_deg", "radius"), [("six-wall", 5, 0.0), ("four-wall", 90, 0.0), ("six-wall", 360, 0.5)]
 )
 def test_neighbouring_rays_are_looked_at_together_but_meet_what_each_meets_alone(name, fov_deg, radius):
     scene = mock_server.load_scene(name)

@@ -41,8 +41,4 @@ def pinhole(camera, x, y, z):
     return by_focals(camera, *opencv(x / z, y / z, [mp.mpf(k) for k in camera.distortion.tolist()]))
 
 
-FORMULAS = {
-    "double-sphere": double_sphere,
-    "kannala-brandt": kannala_brandt,
-    "pinhole": pinhole,
-}
+FORMULAS = {"double-sphere": double_sphere, "kannala-brandt": kannala_brandt, "pinhole": pinhole}

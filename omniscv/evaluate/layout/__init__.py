@@ -6,8 +6,6 @@ predicted for them (``predictions.py``). ``perfect`` is the true layout, drawn a
 less than 1, because CFL applies different thresholds to truth and prediction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ compared with the truth: free, with known gravity, and along the directions of a
 section on 3D line reconstruction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple

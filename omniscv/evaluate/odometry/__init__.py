@@ -6,8 +6,6 @@ all rays of an image start at one point. The paper's evaluation with OpenVSLAM.
 Option ``trajectory``: a TUM, KITTI or EuRoC file of poses in place of the loop in the mock's room.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
