@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from omniscv.compiled import inner, njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Rows, run, stacked
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Rows, run, stacked
 from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, rounding, stored_length
 from omniscv.geometry.surfaces import (
     Shape,
@@ -52,6 +52,7 @@ class DepthPictures(NamedTuple):
         precision: of the depth.
         off: (V h w,) float32 metres that it may be off beside that; or empty.
         relief: (V h w,) float32 metres that depth along the ray may be off by relief; or empty.
+        rough: (V,) bool, pictures that have relief; or empty.
         bends: (V h w,) uint32, how much 1/z bends between a pixel, its neighbours to the right and below, and
             the one between these: across, and down, 1/m, rounded up to the upper half of a float32 each.
             :data:`_BENT` where that does not say how far depth may be off. Empty if rays read few pixels.
@@ -63,6 +64,7 @@ class DepthPictures(NamedTuple):
     precision: Precision
     off: Floats
     relief: Floats
+    rough: Mask
     bends: Ints
 
     @classmethod
@@ -83,11 +85,13 @@ class DepthPictures(NamedTuple):
             of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
             side_by_side(lambda of: _find_bends(*of, precision), of_faces)
         bends.flags.writeable = False
-        known, rough = (
+        known, off_by_relief = (
             np.concatenate([each.reshape(-1) for each in of] or [np.empty(0, np.float32)])
             for of in (off, relief)
         )
-        return cls(stack.reshape(-1), stack.shape[1:], projections, precision, known, rough, bends)
+        rough = np.array([each.any() for each in relief], np.bool_)
+        shape, of_depth = stack.shape[1:], (precision, known, off_by_relief)
+        return cls(stack.reshape(-1), shape, projections, *of_depth, rough, bends)
 
     @property
     def faces(self) -> Floats:
@@ -221,7 +225,7 @@ def _sample(rays: Rows, pictures: DepthPictures, nearest: bool, central: bool) -
                 distance[i] = stored
             if pictures.off.size:
                 error[i] += _nearest(pictures.off, pictures, k, px, py) * _ray_length(pictures, k, px, py)
-        for i in range(first, last if k >= 0 and pictures.relief.size else first):
+        for i in range(first, last if k >= 0 and pictures.rough.size and pictures.rough[k] else first):
             off = pictures.relief[pixels[i]]
             relief[i] = not off <= np.float32(DOUBTFUL) * distance[i] or off == np.inf
             # A ray from elsewhere meets another part of the relief.
