@@ -17,20 +17,7 @@ from omniscv.calibration.opencv import (
 )
 
 __all__ = [
-    "Fit",
-    "dumps",
-    "fit",
-    "formats",
-    "from_opencv",
-    "from_opencv_fisheye",
-    "from_opencv_omnidir",
-    "load",
-    "load_rig",
-    "loads",
-    "nearest",
-    "save",
-    "save_rig",
-    "to_opencv",
-    "to_opencv_fisheye",
-    "to_opencv_omnidir",
-]
+    "Fit", "dumps", "fit", "formats", "from_opencv", "from_opencv_fisheye", "from_opencv_omnidir", "load",
+    "load_rig", "loads", "nearest", "save", "save_rig", "to_opencv", "to_opencv_fisheye",
+    "to_opencv_omnidir"
+]  # fmt: skip

@@ -10,16 +10,6 @@ from omniscv.truth.registry import Truth
 from omniscv.truth.registry import register as register_truth
 
 __all__ = [
-    "Format",
-    "Frame",
-    "Truth",
-    "Writer",
-    "check",
-    "export",
-    "get",
-    "names",
-    "open",
-    "register",
-    "register_truth",
-    "truths",
-]
+    "Format", "Frame", "Truth", "Writer", "check", "export", "get", "names", "open", "register",
+    "register_truth", "truths"
+]  # fmt: skip

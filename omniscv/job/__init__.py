@@ -5,17 +5,6 @@ from omniscv.job.job import Exposure, FailureLimit, Job, within_path
 from omniscv.job.recipe import Recipe, Split
 
 __all__ = [
-    "EXAMPLE",
-    "Exposure",
-    "FailureLimit",
-    "Job",
-    "Key",
-    "Recipe",
-    "Split",
-    "address",
-    "keys",
-    "load",
-    "overridden",
-    "read",
-    "within_path",
-]
+    "EXAMPLE", "Exposure", "FailureLimit", "Job", "Key", "Recipe", "Split", "address", "keys", "load",
+    "overridden", "read", "within_path"
+]  # fmt: skip

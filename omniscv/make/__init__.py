@@ -6,19 +6,6 @@ from omniscv.make.render import capture, costs, measured_price, run
 from omniscv.make.source import opened, source_options
 
 __all__ = [
-    "Made",
-    "Part",
-    "capture",
-    "check",
-    "check_dataset",
-    "check_worlds",
-    "costs",
-    "finish",
-    "make",
-    "measured_price",
-    "opened",
-    "parts_of",
-    "run",
-    "run_part",
-    "source_options",
-]
+    "Made", "Part", "capture", "check", "check_dataset", "check_worlds", "costs", "finish", "make",
+    "measured_price", "opened", "parts_of", "run", "run_part", "source_options"
+]  # fmt: skip

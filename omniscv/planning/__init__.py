@@ -13,25 +13,7 @@ for _strategy in (Auto, Exact, Cube):
     register(_strategy)
 
 __all__ = [
-    "FILTERS",
-    "Captures",
-    "Filter",
-    "ImageRays",
-    "KnownDepth",
-    "Plan",
-    "RayGroup",
-    "RenderKeywords",
-    "RenderOptions",
-    "Round",
-    "Rounds",
-    "Strategy",
-    "Viewpoint",
-    "captured",
-    "captured_progress",
-    "drive",
-    "face_viewpoints",
-    "get",
-    "names",
-    "register",
-    "share_captures",
-]
+    "FILTERS", "Captures", "Filter", "ImageRays", "KnownDepth", "Plan", "RayGroup", "RenderKeywords",
+    "RenderOptions", "Round", "Rounds", "Strategy", "Viewpoint", "captured", "captured_progress", "drive",
+    "face_viewpoints", "get", "names", "register", "share_captures"
+]  # fmt: skip

@@ -16,18 +16,6 @@ from omniscv.sources.pictures import from_faces
 from omniscv.sources.registry import open_source, register, schemes
 
 __all__ = [
-    "Capabilities",
-    "Capture",
-    "Lens",
-    "ObjectTable",
-    "Request",
-    "SceneIdentity",
-    "Source",
-    "SourceWrapper",
-    "View",
-    "bracketed",
-    "from_faces",
-    "open_source",
-    "register",
-    "schemes",
-]
+    "Capabilities", "Capture", "Lens", "ObjectTable", "Request", "SceneIdentity", "Source", "SourceWrapper",
+    "View", "bracketed", "from_faces", "open_source", "register", "schemes"
+]  # fmt: skip

@@ -14,16 +14,9 @@ from omniscv.storage.local import LocalFolder
 from omniscv.storage.remote import SCHEMES, RemoteFolder, is_url, scheme_of, was_url, without_secrets
 
 __all__ = [
-    "SCHEMES",
-    "Folder",
-    "StoredFile",
-    "fetch_file",
-    "file_at",
-    "folder",
-    "is_url",
-    "was_url",
-    "without_secrets",
-]
+    "SCHEMES", "Folder", "StoredFile", "fetch_file", "file_at", "folder", "is_url", "was_url",
+    "without_secrets"
+]  # fmt: skip
 
 
 class StoredFile(NamedTuple):

@@ -33,25 +33,9 @@ _HOMES = {name: f"omniscv.truth.{module}:{name}" for module, names in _NAMES.ite
 _HOMES["imu"] = "omniscv.sensor.imu:measure"
 
 __all__ = [
-    "Flow",
-    "Points",
-    "RoomLayout",
-    "SphericalBox",
-    "amodal",
-    "bfov",
-    "boxes",
-    "boxes3d",
-    "flow",
-    "fov_iou",
-    "imu",
-    "layout",
-    "merged",
-    "motion",
-    "points",
-    "project_layout",
-    "room_of",
-    "spherical_iou",
-]
+    "Flow", "Points", "RoomLayout", "SphericalBox", "amodal", "bfov", "boxes", "boxes3d", "flow", "fov_iou",
+    "imu", "layout", "merged", "motion", "points", "project_layout", "room_of", "spherical_iou"
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
