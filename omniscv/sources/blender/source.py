@@ -23,7 +23,6 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     ProcessBound,
-    Rendered,
     Request,
     SceneIdentity,
     Source,
@@ -34,6 +33,7 @@ from omniscv.sources.blender import Settings, blender_command, read_address
 from omniscv.sources.blender.process import RETRIES, TIMEOUT_S, Blender
 from omniscv.sources.codecs import check_depth, decode_png
 from omniscv.sources.pool import SourcePool
+from omniscv.sources.rendered import Rendered
 from omniscv.storage.bounded import library_error, read_bytes
 
 _DATA = ("object_mask", "depth", "normals")  # modalities that one render of a view gives together

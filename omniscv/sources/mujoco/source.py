@@ -28,7 +28,6 @@ from omniscv.sources.base import (
     Capture,
     ObjectTable,
     ProcessBound,
-    Rendered,
     Request,
     SceneIdentity,
     Source,
@@ -42,6 +41,7 @@ from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
 from omniscv.sources.mujoco.renderer import raster_error
 from omniscv.sources.mujoco.settings import Settings
 from omniscv.sources.registry import split_address
+from omniscv.sources.rendered import Rendered
 
 if TYPE_CHECKING:
     from mujoco import MjData, MjModel
