@@ -1,7 +1,7 @@
 """A form of lens files as a row: how it is recognised, where its numbers stand, its models by ours.
 
-``forms.Form`` is the row; :mod:`omniscv.calibration.table` has them all. Reader and writer follow from it.
-The models of a form are lines that :mod:`omniscv.calibration.nodes` reads.
+Reader and writer follow from it. :data:`omniscv.calibration.files.FORMS` has them all, in the order in which
+they are tried; their models are lines as :func:`omniscv.calibration.nodes.row_of` reads them.
 """
 
 import math

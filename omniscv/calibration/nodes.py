@@ -311,7 +311,8 @@ class Row(NamedTuple):
 
 
 def row_of(line: str) -> Row:
-    """Return the model of a line."""
+    """Return the model of a line ``WORDS MODEL KEYS``, such as ``PINHOLE|pinhole pinhole fx fy cx cy``: the
+    file's words for it, ``-`` for none, ours, and its keys; ``<`` before them: it is read, not written."""
     words = line.split()
     written = words[0] != "<"
     name, model, *fields = words if written else words[1:]
@@ -319,7 +320,12 @@ def row_of(line: str) -> Row:
 
 
 def keys_of(text: str) -> tuple[Key, ...]:
-    """Return the keys of ``PATH=NAMES ...``."""
+    """Return the keys of ``PATH=NAMES ...``, such as ``K=fx,0,cx,0,fy,cy D?=k1,k2,k3,k4;0``.
+
+    Of paths ``a|b`` the first is written; ``.x`` is beside the key before; ``?``: all numbers may be missing.
+    Names are ours, the path's last word by default; ``;`` is where a list may end, too; a digit is a value
+    that must be there, ``_`` one that does not matter.
+    """
     keys, before = [], ""
     for word in text.split():
         paths, equals, names = word.partition("=")

@@ -1,9 +1,9 @@
 """Depth along rays from captures of planar depth, and how far it may be off.
 
-Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`. Pixels
-may share an optical centre that is not the origin of their rays. Then a ray meets a plane elsewhere than the
-ray from the centre does, and near the edge of an object it may meet another surface. Both add to the error:
-the first by the plane's slope, the second by the depths within the parallax.
+The bound is the rounding of stored depth, how far a surface may bend between pixels
+(:mod:`omniscv.geometry.surfaces`), and what captures say that it is off; where relief may be more, that. Rays
+from elsewhere than the shared centre meet a plane elsewhere, and near an object's edge another surface: the
+plane's slope, and the depths within the parallax, add to it.
 """
 
 from __future__ import annotations

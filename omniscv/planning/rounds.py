@@ -162,19 +162,11 @@ def drive(rounds: Rounds, capture: Callable[[Round], Captures | None]) -> None:
 def captured(
     round_: Round, source: Source, modes: Sequence[str], skip: Container[Request] = ()
 ) -> Iterator[tuple[Viewpoint, dict[str, list[Capture]]]]:
-    """Capture a round, and yield its viewpoints with their captures by mode, in the views' order.
+    """Capture a round for an image in some modes, and yield its viewpoints with their captures by mode, in
+    the views' order; those that are compared are under ``FINER`` and the mode.
 
-    Those that are compared are under ``FINER`` and the mode.
-
-    Args:
-        round_: what to capture.
-        source: where captures come from; requests are read ahead as far as it pipelines.
-        modes: of the image.
-        skip: requests that are not made again, except for viewpoints that are kept.
-
-    Raises:
-        BadReplyError: the source ends early.
-    """
+    Requests are read ahead as far as the source pipelines; those to ``skip`` are not made again, except for
+    viewpoints that are kept. BadReplyError: the source ends early."""
     missing = [[r for r in v.requests(modes) if v.keep or r not in skip] for v in round_.viewpoints]
     captures = iter(source.capture(request for requests in missing for request in requests))
     for viewpoint, requests in zip(round_.viewpoints, missing, strict=True):
@@ -182,7 +174,8 @@ def captured(
         finer = frozenset(viewpoint.finer(modes))
         for request, capture in zip(requests, islice(captures, len(requests)), strict=False):
             mode = (FINER if request in finer else "") + capture.mode
-            by_mode.setdefault(mode, []).append(source.stated(capture) if mode == "depth" else capture)
+            stated = source.stated(capture) if capture.mode == "depth" else capture
+            by_mode.setdefault(mode, []).append(stated)
         if (count := sum(map(len, by_mode.values()))) < len(requests):
             raise BadReplyError(f"source: expected {len(requests)} captures of a viewpoint, got {count}")
         yield viewpoint, by_mode

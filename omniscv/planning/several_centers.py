@@ -15,7 +15,7 @@ import numpy as np
 
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
-from omniscv.planning.hits import Hits
+from omniscv.planning.hits import DOUBTFUL, Hits
 from omniscv.planning.patches import Doubt
 from omniscv.planning.plan import Plan, Strategy
 from omniscv.planning.ray_search import Search, serving_all
@@ -212,7 +212,7 @@ class SeveralCenters(Refinement):
         if not self.truth:
             return known.unsure
         with np.errstate(invalid="ignore"):
-            off = ~(known.error <= tuned.DOUBTFUL_DEPTH * known.distance)
+            off = ~(known.error <= DOUBTFUL * known.distance)
         return np.asarray(known.grazes | known.unsure | off)
 
     def _rows_of(self, pixels: Ints) -> Ints:

@@ -40,7 +40,6 @@ NEIGHBOURHOODS = 128
 MOST_ERROR_PX = 0.5  # of the image: rays whose lookup may be farther off are unsure
 
 # Several optical centres: depth before masks.
-DOUBTFUL_DEPTH = 0.01  # relative bound of a depth above which it is doubtful
 EDGES = 0.9
 """Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
 DEPTH_ROUNDS = 4  # of depth alone
