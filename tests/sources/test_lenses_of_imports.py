@@ -183,7 +183,7 @@ def test_pictures_of_a_fisheye_come_in_flat(name, lens, tmp_path):
         got = omniscv.render(pinhole, HERE, source, modes=("depth",))
     known = np.isfinite(got.depth_error) & got.valid
     off = np.abs(got.depth - due.depth)[known]
-    assert known.mean() > 0.5
+    assert known.mean() > 0.7
     assert (off <= got.depth_error[known]).mean() > 0.998
     # On surfaces depth is interpolated: half a pixel of this lens changes it by 5 to 20 mm.
     assert np.median(off) < 1e-3
