@@ -96,17 +96,11 @@ def test_twice_the_size_gains_less_than_a_tenth(name, monkeypatch):
     assert error[0.25] > 1.1 * error[1]
 
 
-def test_the_density_of_a_panorama_is_that_of_its_equator():
-    camera = omniscv.cameras.create("equirectangular", width=2048, height=1024)
-    assert ImageRays(camera).face_size == pytest.approx(1.2 * 2048 / np.pi, abs=8)
-
-
-def test_the_density_of_a_pinhole_is_its_focal_length():
-    """At the image's middle a step is 1 / f; the finest is towards the corners, by 1 / cos^2 at most."""
-    camera = omniscv.cameras.create("pinhole", width=512, height=512, fov_deg=90)
-    assert 1.2 * 512 <= ImageRays(camera).face_size <= 1.2 * 2 * 512
-
-
-def test_the_size_of_a_small_image_is_what_edges_take():
-    camera = omniscv.cameras.create("equirectangular", width=64, height=32)
-    assert ImageRays(camera).face_size == densities.SMALLEST
+def test_face_sizes_follow_from_what_the_camera_sees():
+    """A panorama's equator; a pinhole's focal length, at its middle, where the finest step is towards the
+    corners, by 1 / cos^2 at most; and what edges take of a small image."""
+    panorama, small = (omniscv.cameras.create("equirectangular", 2 * n, n) for n in (1024, 32))
+    pinhole = omniscv.cameras.create("pinhole", width=512, height=512, fov_deg=90)
+    assert ImageRays(panorama).face_size == pytest.approx(1.2 * 2048 / np.pi, abs=8)
+    assert 1.2 * 512 <= ImageRays(pinhole).face_size <= 1.2 * 2 * 512
+    assert ImageRays(small).face_size == densities.SMALLEST

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -17,35 +16,6 @@ Mask = NDArray[np.bool_]
 _CREASE = np.cos(np.radians(20))
 _A_PIXEL = 4
 """Steps of rays that are traced beside another within a captured pixel."""
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """One image, all as parts of its valid pixels but for metres and ratios.
-
-    Attributes:
-        wrong_labels: labels that are not those of the pixels' own rays.
-        depth_50_m, depth_99_m: quantiles of the error of finite depth.
-        off_1_percent: depth that is off by more than 1 %, or finite where the truth is not.
-        normals_20_deg: normals more than 20 degrees off those of every surface within a pixel.
-        uncovered: depth off by more than its bound, or a label wrong and not at an edge, and not unsure.
-        thin: pixels of what is thinner than a capture's pixel, wrong and not marked: no capture can show it.
-        unsure: marked as verified by no capture; ``unsure_wrong``: the part of them that is wrong.
-        label_edge: marked as at a label boundary.
-        tightness: the median of the bound over the median of the error.
-    """
-
-    wrong_labels: float
-    depth_50_m: float
-    depth_99_m: float
-    off_1_percent: float
-    normals_20_deg: float
-    uncovered: float
-    thin: float
-    unsure: float
-    unsure_wrong: float
-    label_edge: float
-    tightness: float
 
 
 class Errors:
@@ -78,31 +48,22 @@ class Errors:
             hidden[unmarked] = _too_thin(scene, image, unmarked, self.depth_m, focal_px)
         self.uncovered, self.thin = unmarked & ~hidden, unmarked & hidden
 
-    def judgement(self) -> Judgement:
-        """Return the errors in numbers."""
-        image, valid, hits = self.image, self.image.valid, self.hits
-        error, bound = self.depth_m[valid], image.depth_error[valid]
-        finite = np.isfinite(error) & np.isfinite(hits.distance[valid])
+    def unsure_wrong(self) -> float:
+        """Return the share of the pixels that are marked as unsure whose depth, by 1 %, or label is wrong."""
         with np.errstate(invalid="ignore"):
-            off = self.depth_m > 0.01 * hits.distance
-        unsure = image.unsure & valid
-        if not finite.any():  # all of it is sky
-            finite = np.ones_like(finite)
-            error, bound = np.zeros_like(error), np.zeros_like(bound)
-        least, most = np.median(error[finite]), np.median(bound[finite])
-        return Judgement(
-            wrong_labels=float(self.label[valid].mean()),
-            depth_50_m=float(least),
-            depth_99_m=float(np.quantile(error[finite], 0.99)),
-            off_1_percent=float(off[valid].mean()),
-            normals_20_deg=float(_normals_off(image, hits.normal)[valid].mean()),
-            uncovered=float(self.uncovered[valid].mean()),
-            thin=float(self.thin[valid].mean()),
-            unsure=float(unsure[valid].mean()),
-            unsure_wrong=float((off | self.label)[unsure].mean()) if unsure.any() else 1.0,
-            label_edge=float(image.label_edge[valid].mean()),
-            tightness=float(most / least) if least > 0 else float("inf"),
-        )
+            wrong = (self.depth_m > 0.01 * self.hits.distance) | self.label
+        return float(wrong[self.image.unsure & self.image.valid].mean())
+
+    def normals_off(self) -> float:
+        """Return the share of the valid pixels whose normals are more than 20 degrees off those of every
+        surface within a pixel."""
+        image = self.image
+        own_w = image.normals @ image.pose.R_w_c.T
+        near = np.zeros(image.valid.shape, np.bool_)
+        for step in product((-1, 0, 1), repeat=2):
+            other = np.roll(self.hits.normal, step, axis=(0, 1))
+            near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= _CREASE
+        return float((~near & np.isfinite(image.depth))[image.valid].mean())
 
 
 def _too_thin(scene: Tracer, image: OmniImage, pixels: Mask, wrong_m: NDArray[Any], focal_px: float) -> Mask:
@@ -133,15 +94,3 @@ def _too_thin(scene: Tracer, image: OmniImage, pixels: Mask, wrong_m: NDArray[An
     edges |= np.sum(normal * hits.normal[..., 1:, :], axis=-1) < _CREASE
     windows = np.lib.stride_tricks.sliding_window_view(edges, _A_PIXEL, axis=-1)
     return np.asarray((windows.sum(axis=-1) >= 2).any(axis=(1, 2)))
-
-
-def _normals_off(image: OmniImage, normals_w: NDArray[np.float64]) -> Mask:
-    """Where normals are more than 20 degrees off all true ones within a pixel; nowhere without normals."""
-    if image.normals is None:
-        return np.zeros(image.valid.shape, np.bool_)
-    own_w = image.normals @ image.pose.R_w_c.T
-    near = np.zeros(image.valid.shape, np.bool_)
-    for step in product((-1, 0, 1), repeat=2):
-        other = np.roll(normals_w, step, axis=(0, 1))
-        near |= np.nan_to_num(np.sum(own_w * other, axis=-1)) >= _CREASE
-    return image.valid & ~near & np.isfinite(image.depth if image.depth is not None else 0.0)
