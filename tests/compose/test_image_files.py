@@ -83,58 +83,46 @@ def test_the_files_are_named_after_their_layers(image, tmp_path):
     assert sorted(written) == sorted(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("layer", "mode"),
-    [("lit", "RGB"), ("object_mask", "RGB"), ("labels", "I;16"), ("label_edge", "L"), ("unsure", "L")],
-)
-def test_png_holds_colours_labels_of_16_bits_and_white_marks(image, folder, layer, mode):
-    form, pixels = with_pillow(folder / f"pano-0.{layer}.png")
-    assert form.startswith(mode)
-    wanted = np.where(image[layer], 255, 0).astype(np.uint8) if mode == "L" else image[layer]
-    assert equal_bits(pixels.astype(wanted.dtype), wanted)
-
-
-def test_jpeg_is_rgb_and_close(image, folder):
-    mode, pixels = with_pillow(folder / "pano-0.lit.jpg")
-    off = np.abs(pixels.astype(int) - image.lit)
+def test_pictures_hold_colours_labels_of_16_bits_and_white_marks(image, folder):
+    forms = {"lit": "RGB", "object_mask": "RGB", "labels": "I;16", "label_edge": "L", "unsure": "L"}
+    for layer, mode in forms.items():
+        form, pixels = with_pillow(folder / f"pano-0.{layer}.png")
+        assert form.startswith(mode)
+        wanted = np.where(image[layer], 255, 0).astype(np.uint8) if mode == "L" else image[layer]
+        assert equal_bits(pixels.astype(wanted.dtype), wanted)
+    form, pixels = with_pillow(folder / "pano-0.lit.jpg")
     swapped = np.abs(image.lit[..., ::-1].astype(int) - image.lit)
-    assert mode == "RGB"
-    assert off.mean() < 4 < swapped.mean() / 4
+    assert form == "RGB"
+    assert np.abs(pixels.astype(int) - image.lit).mean() < 4 < swapped.mean() / 4
 
 
-def test_depth_is_float32_to_the_bit_in_exr(image, folder):
-    channels, header = with_openexr(folder / "pano-0.depth.exr")
-    assert list(channels) == ["Y"]
-    assert equal_bits(channels["Y"], image.depth)
-    assert np.isposinf(channels["Y"][30, 20])
-    assert "metres" in header["comments"]
-    assert "+inf" in header["comments"]
-    assert header["unit"] == "metre"
-    assert "along the ray" in header["kind"]
+@pytest.mark.parametrize(
+    ("layer", "unit", "kind", "comments"),
+    [
+        ("depth", "metre", "along the ray", ("metres", "+inf")),
+        ("normals", "1", "unit normal of", ("camera",)),
+    ],
+)
+def test_exr_is_float32_to_the_bit_and_says_what_it_is(image, folder, layer, unit, kind, comments):
+    """Compressed as ZIP: readers before OpenEXR 3.5 have no Zstandard."""
+    channels, header = with_openexr(folder / f"pano-0.{layer}.exr")
+    assert equal_bits(rgb(channels) if layer == "normals" else channels.pop("Y"), image[layer])
+    assert (header["unit"], header["compression"]) == (unit, OpenEXR.ZIP_COMPRESSION)
+    assert kind in header["kind"]
+    assert all(each in header["comments"] for each in comments)
     assert "x right, y down, z forward" in header["frame"]
 
 
-def test_normals_are_float32_to_the_bit_in_exr(image, folder):
-    channels, header = with_openexr(folder / "pano-0.normals.exr")
-    assert equal_bits(rgb(channels), image.normals)
-    assert (header["unit"], header["kind"]) == ("1", "unit normal of the surface")
-    assert "camera frame" in header["comments"]
-
-
-def test_colours_of_floats_go_to_exr_whatever_the_format(image, tmp_path):
+def test_colours_of_floats_go_to_exr_and_those_of_bytes_can(image, tmp_path):
     lit = (image.lit / np.float32(255)) ** np.float32(2.2) * 4
     changed = replace(image, layers={**image.layers, "lit": lit})
     for image_format in ("png", "jpg"):
         names = {path.name for path in changed.save(tmp_path / image_format, "hdr", image_format)}
         assert {name for name in names if name.startswith("hdr.lit")} == {"hdr.lit.exr"}
-        channels, _ = with_openexr(tmp_path / image_format / "hdr.lit.exr")
-        assert equal_bits(rgb(channels), lit)
-
-
-def test_colours_of_bytes_can_go_to_exr_and_lose_nothing(image, tmp_path):
+        assert equal_bits(rgb(with_openexr(tmp_path / image_format / "hdr.lit.exr")[0]), lit)
     image.save(tmp_path, "a", "exr")
-    channels, _ = with_openexr(tmp_path / "a.lit.exr")
-    assert np.array_equal(np.rint(rgb(channels).astype(np.float64) * 255), image.lit)
+    codes = np.rint(rgb(with_openexr(tmp_path / "a.lit.exr")[0]).astype(np.float64) * 255)
+    assert np.array_equal(codes, image.lit)
 
 
 def test_the_json_describes_the_image(image, folder):
@@ -166,10 +154,9 @@ def test_objects_name_the_labels_and_the_colours_of_masks(image, folder):
 
 def test_no_file_holds_the_time_of_writing(folder):
     assert not any("capDate" in with_openexr(path)[1] for path in folder.glob("*.exr"))
+    assert not any(b"tIME" in path.read_bytes() for path in folder.glob("*.png"))
     with Image.open(folder / "pano-0.lit.jpg") as opened:
         assert not {Base.DateTime, Base.DateTimeOriginal} & set(opened.getexif())
-    for path in folder.glob("*.png"):
-        assert b"tIME" not in path.read_bytes()
 
 
 def test_a_stem_that_is_no_file_name_and_an_unknown_format_are_refused(image, tmp_path):
@@ -268,6 +255,14 @@ def test_bounds_are_rounded_up_to_half_floats(tmp_path):
     np.testing.assert_array_equal(written, as_half_floats(bounds, every=1))
 
 
+def foreign(path):
+    """The pixels of a file of floats as other programs read them."""
+    if path.suffix == ".npy":
+        return [np.load(path)]
+    bgr, own = cv2.imread(str(path), cv2.IMREAD_UNCHANGED), imagecodecs.tiff_decode(path.read_bytes())
+    return [own, bgr[..., ::-1]] if bgr.ndim == 3 else [own, bgr, with_pillow(path)[1]]
+
+
 @pytest.mark.parametrize("depth_format", ["tiff", "npy"])
 def test_other_forms_of_depth_are_float32_to_foreign_readers(image, tmp_path, depth_format):
     """TIFF by OpenCV, Pillow and imagecodecs' own reader; NPY by NumPy: what is in memory, bit for bit."""
@@ -275,28 +270,9 @@ def test_other_forms_of_depth_are_float32_to_foreign_readers(image, tmp_path, de
     for name in ("depth", "depth_error", "normals"):
         path = tmp_path / f"a.{name}.{depth_format}"
         np.testing.assert_array_equal(read(path, name), image[name])
-        if depth_format == "npy":
-            foreign = [np.load(path)]
-        else:
-            foreign = [imagecodecs.tiff_decode(path.read_bytes())]
-            bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            foreign += [bgr if bgr.ndim == 2 else bgr[..., ::-1]]
-            if image[name].ndim == 2:
-                mode, pixels = with_pillow(path)
-                assert mode == "F"
-                foreign += [pixels]
-        for pixels in foreign:
-            assert pixels.dtype == np.float32
-            np.testing.assert_array_equal(pixels, image[name])
+        assert all(equal_bits(pixels, image[name]) for pixels in foreign(path))
     with pytest.raises(ArgumentError, match="depth_format: expected one of exr, tiff, npy; got 'exrs'"):
         image.save(tmp_path, "a", depth_format="exrs")
-
-
-def test_exr_is_compressed_as_every_reader_knows_it(folder):
-    """ZIP: readers before OpenEXR 3.5 have no Zstandard."""
-    for name in ("depth", "depth_error", "normals"):
-        with OpenEXR.File(str(folder / f"pano-0.{name}.exr")) as file:
-            assert file.header()["compression"] == OpenEXR.ZIP_COMPRESSION
 
 
 def test_depth_has_no_more_digits_than_its_bound_knows():
