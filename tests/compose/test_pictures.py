@@ -23,12 +23,14 @@ def image():
         return omniscv.render(camera, POSE, source, ("lit", "object_mask", "depth", "normals"), face_size=64)
 
 
-def test_every_layer_is_a_picture_of_its_size(image):
+def test_every_layer_is_a_picture_of_its_size_and_no_other(image):
     for layer in image.layers:
         picture = image.to_pil(layer)
         assert (picture.size, picture.mode) == ((64, 48), "RGB")
         outside = np.array(picture)[~image.valid]
         assert (outside == outside[0]).all()
+    with pytest.raises(ArgumentError, match=r"layer: expected one of lit, .*got 'classes'"):
+        image.to_pil("classes")
 
 
 def test_near_is_red_far_is_blue_and_the_sky_is_white(image):
@@ -65,11 +67,6 @@ def test_the_systems_viewer_is_shown_the_picture(image):
     image.show("depth")
     viewer.watched = False
     assert np.array_equal(np.array(viewer.shown[0]), np.array(image.to_pil("depth")))
-
-
-def test_a_layer_that_is_not_there_is_named(image):
-    with pytest.raises(ArgumentError, match=r"layer: expected one of lit, .*got 'classes'"):
-        image.to_pil("classes")
 
 
 def test_one_line_says_what_it_is(image, tmp_path):

@@ -309,19 +309,17 @@ def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
     assert "gains explain" in mend([*views(256)], [*darkened], "gains", "srgb").report["refused"]
 
 
-def test_an_image_with_pixels_outside_the_field_of_view_is_mended():
-    camera = omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170)
+def test_what_is_outside_the_field_of_view_and_what_is_no_cube_stays():
+    camera, pose = (
+        omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170),
+        Pose.from_angles(CENTER),
+    )
+    narrow = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
     with open_scene("scene://four-wall?traces=0") as source:
-        image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="gains")
-    assert not image.valid.all()
-    assert not image["relit"][~image.valid].any()
-
-
-def test_what_is_no_cube_stays_and_says_so():
-    camera = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
-    with open_scene("scene://four-wall?traces=0") as source:
-        image = omniscv.render(camera, Pose.from_angles(CENTER), source, seams="close")
-        kept = omniscv.render(camera, Pose.from_angles(CENTER), source)
+        round_ = omniscv.render(camera, pose, source, seams="gains")
+        image, kept = (omniscv.render(narrow, pose, source, seams=seams) for seams in ("close", "keep"))
+    assert not round_.valid.all()
+    assert not round_["relit"][~round_.valid].any()
     np.testing.assert_array_equal(image.lit, kept.lit)
     assert image.provenance["seams"] == [{"refused": "expected six 8-bit faces of a cube"}]
 

@@ -117,7 +117,7 @@ def views(edge, count=6):
     return [View(Pose((0, 0, 0), R_w_c), 90.06, edge, edge) for R_w_c in rotations[:count]]
 
 
-def test_six_large_faces_fit_and_do_not_overlap():
+def test_six_large_faces_fit_and_do_not_overlap_and_more_are_refused():
     atlas = Atlas(views(LARGE), range(4), support=2)
     assert max(atlas.shape) < 32767
     slots = [
@@ -130,6 +130,8 @@ def test_six_large_faces_fit_and_do_not_overlap():
         assert 0 <= top < bottom <= atlas.shape[0]
         for other in slots[:i]:
             assert left >= other[2] or right <= other[0] or top >= other[3] or bottom <= other[1]
+    with pytest.raises(ArgumentError, match="fit into 32766"):
+        Atlas(views(LARGE, count=24), range(1), support=0)
 
 
 def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
@@ -143,11 +145,6 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
         mine = lookup.view == k
         exact = view.project(rays[mine])[:, :2] + atlas.levels[0].corners[k] - 0.5
         np.testing.assert_allclose(np.stack([x, y], axis=1)[mine], exact, atol=0.005)
-
-
-def test_more_than_fit_are_refused():
-    with pytest.raises(ArgumentError, match="fit into 32766"):
-        Atlas(views(LARGE, count=24), range(1), support=0)
 
 
 def columns(view):
