@@ -31,7 +31,7 @@ def views(edge, turned=None, center=CENTER):
         yield View(Pose(center, Rotation.from_rotvec(turn).as_matrix() @ R_w_c), 90, edge, edge)
 
 
-def faces(edge=256, smooth=2, turned=None, scene="four-wall", center=CENTER, mode="lit"):
+def faces(edge=128, smooth=2, turned=None, scene="four-wall", center=CENTER, mode="lit"):
     """Pictures of a room, (6, s, s, 3) uint8, averaged over the pixel as engines do; masks are not."""
     smooth = smooth if mode == "lit" else 1
     with open_scene(f"scene://{scene}?traces=0") as source:
@@ -58,16 +58,16 @@ def room():
 
 def test_one_bright_face_meets_the_others_half_way():
     """The known answer of a membrane: half the step on either side, and nothing a reach away."""
-    pixels = np.full((6, 256, 256, 3), 100, np.uint8)
+    pixels = np.full((6, 128, 128, 3), 100, np.uint8)
     pixels[2] += 12
     assert sorted(cube(pixels).steps().round(6)) == [0] * 8 + [12] * 4
     closed = close(cube(pixels))
     assert np.abs(cube(closed).steps()).max() < 0.5
-    assert abs(int(closed[2, 128, 0, 0]) - 106) <= 1
-    assert closed[2, 128, 128, 0] == 112
-    report = mend([*views(256)], [*pixels], "close", "unknown").report
+    assert abs(int(closed[2, 64, 0, 0]) - 106) <= 1
+    assert closed[2, 64, 64, 0] == 112
+    report = mend([*views(128)], [*pixels], "close", "unknown").report
     assert report["mean_change"] < report["change_p99"] <= 6
-    assert closed[0, 128, 128, 0] == 100
+    assert closed[0, 64, 64, 0] == 100
 
 
 def test_gains_are_those_of_light(room):
@@ -76,7 +76,7 @@ def test_gains_are_those_of_light(room):
     assert found.proven
     expected = np.exp(np.log(GAINS).mean()) / GAINS
     np.testing.assert_allclose(found.gains, expected, rtol=0.005)
-    mended = mend([*views(256)], [*darkened], "gains", "srgb")
+    mended = mend([*views(128)], [*darkened], "gains", "srgb")
     common = exposed(room, [np.exp(np.log(GAINS).mean())] * 6)
     usable = (common < 250) & (darkened < 250)
     assert np.abs(np.stack(mended.pixels).astype(float) - common)[usable].mean() < 0.5
@@ -93,16 +93,16 @@ def test_light_that_is_added_is_no_gain(room):
         broken = np.clip(pictures, 0, 255).astype(np.uint8)
         found = estimate_gains(cube(broken), "srgb")
         assert not found.proven or np.abs(found.gains - 1).max() < 0.005
-        refused = mend([*views(256)], [*broken], "gains", "srgb")
+        refused = mend([*views(128)], [*broken], "gains", "srgb")
         assert "gains explain" in refused.report["refused"]
         assert all((a == b).all() for a, b in zip(refused.pixels, broken, strict=True))
-        closed = mend([*views(256)], [*broken], "close", "srgb")
+        closed = mend([*views(128)], [*broken], "close", "srgb")
         assert closed.report["steps_after"]["p90"] < 0.6 * max(closed.report["steps"]["p90"], 1)
         error = [np.abs(np.stack(each).astype(float) - room).mean() for each in (broken, closed.pixels)]
         assert error[1] <= 1.05 * error[0]
 
 
-def drawn(edge=256):
+def drawn(edge):
     """A corner of two walls that lies exactly on a vertical edge of the cube, and a floor without outlines
     on edges: faces (6, s, s, 3) uint8, and masks (6, s, s) of ids."""
     x = (np.arange(edge) + 0.5) * 2 / edge - 1
@@ -119,11 +119,13 @@ def drawn(edge=256):
 def test_an_outline_along_an_edge_is_no_seam(scene):
     """Corners of walls lie on edges of these cubes: with masks they stay, and what light adds is closed."""
     if scene == "drawn":
-        true, masks = drawn()
+        true, masks = drawn(256)
         shown = true.copy()
         shown[0] += 8
     else:
-        true, masks = (faces(scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask"))
+        true, masks = (
+            faces(256, scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask")
+        )
         halo = [gaussian_filter(face.astype(float), (32, 32, 0), mode="nearest") for face in true]
         shown = np.uint8(0.95 * true + 0.05 * np.stack(halo) + 0.5)
     mended = (mend([*views(256)], [*shown], "close", "unknown", some) for some in ((), masks))
@@ -142,17 +144,17 @@ def wide_views(edge, border):
 
 def test_faces_with_overscan_fade_into_each_other():
     """One bright face: half of its step on the edge, none of it where the overlap ends."""
-    pixels = np.full((6, 288, 288, 3), 100, np.uint8)
+    pixels = np.full((6, 144, 144, 3), 100, np.uint8)
     pixels[0] += 12
-    mended = mend(wide_views(256, 16), [*pixels], "close", "unknown")
-    assert mended.report["faded_px"] == 16
-    row = mended.pixels[0][144, :, 0].astype(int)
-    x = (np.arange(288) + 0.5 - 144) / 128  # of the face, in half widths
+    mended = mend(wide_views(128, 8), [*pixels], "close", "unknown")
+    assert mended.report["faded_px"] == 8
+    row = mended.pixels[0][72, :, 0].astype(int)
+    x = (np.arange(144) + 0.5 - 72) / 64  # of the face, in half widths
     own, other = 1.125 - np.abs(x), np.maximum(1.125 - 1 / np.maximum(np.abs(x), 1e-9), 0)
     assert np.abs(row - (100 + 12 * own / (own + other))).max() <= 0.5 + 1e-3  # rounded
     assert mended.report["steps_after"]["worst"] < 1  # a row of the ramp
-    agreeing = np.full((6, 288, 288, 3), 100, np.uint8)
-    assert (np.stack(mend(wide_views(256, 16), [*agreeing], "close", "unknown").pixels) == 100).all()
+    agreeing = np.full((6, 144, 144, 3), 100, np.uint8)
+    assert (np.stack(mend(wide_views(128, 8), [*agreeing], "close", "unknown").pixels) == 100).all()
 
 
 @pytest.mark.parametrize("drift", [1.0, 0.0])
@@ -162,7 +164,7 @@ def test_gains_and_vignette_from_overscan(room_with_overscan, drift):
     A vignette alone has no step at the edges.
     """
     wide, true = room_with_overscan
-    x = (np.arange(288) + 0.5) / 144 - 1
+    x = (np.arange(144) + 0.5) / 72 - 1
     loss = (1 + 0.16 * (x[None] ** 2 + x[:, None] ** 2)) ** -2
     gains = 0.6 * GAINS**drift  # nothing clips
     dark = exposed(true, [gain * loss for gain in gains])
@@ -203,10 +205,10 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
 
 @pytest.fixture(scope="module")
 def room_with_overscan():
-    """Six views of 256 px of a face and 16 more on every side, and what they see."""
+    """Six views of 128 px of a face and 8 more on every side, and what they see."""
     with open_scene("scene://four-wall?traces=0") as source:
-        poses = [Pose((0.5, 0, 1.4), each.pose.R_w_c) for each in wide_views(256, 16)]
-        wide = [View(pose, wide_views(256, 16)[0].fov_deg, 288, 288) for pose in poses]
+        poses = [Pose((0.5, 0, 1.4), each.pose.R_w_c) for each in wide_views(128, 8)]
+        wide = [View(pose, wide_views(128, 8)[0].fov_deg, 144, 144) for pose in poses]
         return wide, np.stack([each.pixels for each in source.capture(Request(view, "lit") for view in wide)])
 
 
@@ -255,17 +257,17 @@ def uneven(tmp_path_factory, room):
     """A recording of the room, with depth and masks, whose faces have gains."""
     path = tmp_path_factory.mktemp("uneven") / "room.sqlite"
     with Recording(open_scene("scene://four-wall"), path) as recording:
-        truth = [Request(view, mode) for view in views(256) for mode in ("depth", "object_mask")]
+        truth = [Request(view, mode) for view in views(128) for mode in ("depth", "object_mask")]
         list(recording.capture(truth))
     store = Store(path, write=True)
-    for view, pixels in zip(views(256), exposed(room, GAINS), strict=True):
+    for view, pixels in zip(views(128), exposed(room, GAINS), strict=True):
         store.add(Capture(Request(view, "lit"), view, pixels, {}))
     store.close()
     return path
 
 
 def test_an_image_is_mended_in_colour_alone(uneven):
-    camera, pose = omniscv.cameras.create("equirectangular", 256, 128), Pose.from_angles(CENTER, yaw_deg=45)
+    camera, pose = omniscv.cameras.create("equirectangular", 128, 64), Pose.from_angles(CENTER, yaw_deg=45)
     modes = ("lit", "depth", "object_mask")
     with RecordedSource(uneven) as source:
         kept = omniscv.render(camera, pose, source, modes)
@@ -283,7 +285,7 @@ def test_an_image_is_mended_in_colour_alone(uneven):
         alone = omniscv.render(camera, pose, source, seams="close")
     np.testing.assert_array_equal(alone.lit, mended.lit)  # the recording's masks count, asked for or not
     # A camera that sees one face gets the colours of the whole cube.
-    np.testing.assert_allclose(front.lit[32, 32].astype(float), mended.lit[64, 160].astype(float), atol=12)
+    np.testing.assert_allclose(front.lit[32, 32].astype(float), mended.lit[32, 80].astype(float), atol=12)
     assert front["relit"].any()
 
 
@@ -306,7 +308,7 @@ def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
     for side in range(3):
         np.rot90(darkened[5], side)[:2] = 2
     assert not estimate_gains(cube(darkened), "srgb").proven
-    assert "gains explain" in mend([*views(256)], [*darkened], "gains", "srgb").report["refused"]
+    assert "gains explain" in mend([*views(128)], [*darkened], "gains", "srgb").report["refused"]
 
 
 def test_what_is_outside_the_field_of_view_and_what_is_no_cube_stays():
@@ -335,7 +337,7 @@ def test_the_doctor_examines_recordings(uneven, capsys, tmp_path):
     assert "seams: close" in capsys.readouterr().out
     rows = np.asarray(Image.open(tmp_path / "worst.png")).astype(float).mean(axis=-1)
     changes = np.abs(np.diff(rows, axis=0)).mean(axis=1)
-    assert rows.shape == (128, 256)
+    assert rows.shape == (128, 128)
     assert changes[63] > 3 * max(changes[62], changes[64])  # the edge, in the middle
     assert cli.run(["doctor", "mock://four-wall", "--picture", str(tmp_path / "no.png")]) == 2
     assert "expected a recording" in capsys.readouterr().err
