@@ -6,7 +6,7 @@ import os
 import tempfile
 import time
 import warnings
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from omniscv.cli import run
 from omniscv.errors import LONGEST_LINE
@@ -19,8 +19,7 @@ class FaultError(AssertionError):
     """What an attack found."""
 
 
-@dataclass
-class Outcome:
+class Outcome(NamedTuple):
     """How a command ended."""
 
     code: int
@@ -55,14 +54,14 @@ def ran(arguments):
 @contextlib.contextmanager
 def no_library_prints():
     """Raise where something is written past Python's own streams, as libraries in C do."""
-    saved = [os.dup(number) for number in (1, 2)]
+    saved = {number: os.dup(number) for number in (1, 2)}
     with tempfile.TemporaryFile() as file:
         try:
-            for number in (1, 2):
+            for number in saved:
                 os.dup2(file.fileno(), number)
             yield
         finally:
-            for number, previous in zip((1, 2), saved, strict=True):
+            for number, previous in saved.items():
                 os.dup2(previous, number)
                 os.close(previous)
         file.seek(0)
@@ -78,9 +77,7 @@ def refused_in_one_line(outcome):
     """
     before = (" overrides ", "no boxes of objects are recorded: ", "colours keep the game's own exposure: ")
     lines = [line for line in outcome.err.splitlines() if not any(each in line for each in before)]
-    if outcome.out and outcome.code == 1:
-        return
-    if not lines and outcome.out.lstrip().startswith("Usage:"):
+    if (outcome.out and outcome.code == 1) or (not lines and outcome.out.lstrip().startswith("Usage:")):
         return
     require(len(lines) == 1, f"expected one line, got {outcome.err[:500]!r}")
     require(lines[0].startswith("omniscv: "), f"expected 'omniscv: ...', got {lines[0]!r}")

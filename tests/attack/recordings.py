@@ -17,26 +17,15 @@ def bytes_changed(rng, data):
     data = bytearray(data)
     pages = len(data) // PAGE
     for _ in range(rng.choice([1, 1, 1, 2, 8])):
-        where = rng.random()
-        if where < 0.2:
-            offset = rng.randrange(100)  # the header of the file
-        elif where < 0.5:
-            offset = rng.randrange(pages) * PAGE + rng.randrange(64)  # b-tree headers and cell pointers
-        elif where < 0.7:
-            offset = rng.randrange(min(len(data), 4 * PAGE))  # the schema, small tables, indexes
-        else:
-            offset = rng.randrange(len(data))
+        header, page = rng.randrange(100), rng.randrange(pages) * PAGE + rng.randrange(64)  # a b-tree's head
+        tables = rng.randrange(min(len(data), 4 * PAGE))  # the schema, small tables, indexes
+        offset = rng.choice([header, page, tables, rng.randrange(len(data))])
         length = min(rng.choice([1, 1, 1, 4, 16, 300]), len(data) - offset)
-        kind = rng.randrange(6)
-        if kind <= 2:
-            data[offset] ^= 1 << rng.randrange(8)
-        elif kind == 3:
-            data[offset : offset + length] = rng.randbytes(length)
-        elif kind == 4:
-            data[offset : offset + length] = bytes([rng.choice([0, 255])]) * length
-        else:
-            source = rng.randrange(len(data) - length + 1)
-            data[offset : offset + length] = data[source : source + length]
+        source = rng.randrange(len(data) - length + 1)
+        flipped = bytes([data[offset] ^ 1 << rng.randrange(8)])
+        others = [rng.randbytes(length), bytes(length), b"\xff" * length, data[source : source + length]]
+        new = rng.choice([*[flipped] * 3, *others])
+        data[offset : offset + len(new)] = new
     return bytes(data)
 
 
@@ -44,18 +33,10 @@ def pages_changed(rng, data):
     """The file cut, lengthened, or with its pages exchanged."""
     pages = [data[i : i + PAGE] for i in range(0, len(data), PAGE)]
     i, j = rng.randrange(len(pages)), rng.randrange(len(pages))
-    kind = rng.randrange(5)
-    if kind == 0:
-        return data[: rng.randrange(len(data))]
-    if kind == 1:
-        return data + rng.randbytes(rng.choice([1, 100, PAGE, 3 * PAGE]))
-    if kind == 2:
-        pages[i], pages[j] = pages[j], pages[i]
-    elif kind == 3:
-        pages[i] = pages[j]
-    else:
-        pages[i] = bytes(PAGE)
-    return b"".join(pages)
+    longer = data + rng.randbytes(rng.choice([1, 100, PAGE, 3 * PAGE]))
+    changes = rng.choice([{i: pages[j], j: pages[i]}, {i: pages[j]}, {i: bytes(PAGE)}])
+    changed = b"".join(changes.get(k, page) for k, page in enumerate(pages))
+    return rng.choice([data[: rng.randrange(len(data))], longer, *[changed] * 3])
 
 
 def sql_changed(rng, path):

@@ -68,14 +68,13 @@ def strange(rng, path):
     """Put something else in the place of a file."""
     others = [other for other in path.parent.iterdir() if other != path and other.is_file()]
     path.unlink()
+    target = rng.choice(["/dev/zero", path.name, rng.choice(others)])
     rng.choice(
         [
             lambda: None,
             path.mkdir,
             lambda: os.mkfifo(path),
-            lambda: path.symlink_to("/dev/zero"),
-            lambda: path.symlink_to(path.name),
-            lambda: path.symlink_to(rng.choice(others)),
+            *[lambda: path.symlink_to(target)] * 3,
             lambda: shutil.copy(rng.choice(others), path),
             lambda: (path.touch(), os.truncate(path, 64 << 30)),
             path.touch,

@@ -4,6 +4,7 @@ import json
 import time
 
 import yaml
+from support.calibration_files import LENS, SAVED, TEXTS
 
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.spoiling import replaced, scrambled, write
@@ -78,29 +79,13 @@ def scene(rng, folder):
         require([each.name for each in work.iterdir()] == ["scene.yaml"], "a refused scene left files")
 
 
-def _calibrations():
-    lens = cameras.create("kannala-brandt", 40, 30, fx=15.0, fy=15.5, cx=20.25, cy=14.0, k=[0.1, 0, 0, 1e-5])
-    bent = cameras.create("scaramuzza", 40, 30, coefficients=[-15.0, 0.0, 0.01], affine=(1.01, 0.001, -0.002))
-    plain = cameras.create("pinhole", 40, 30, fx=25.0, fy=26.0, distortion=(-0.2, 0.03, 1e-3, 0))
-    mei = cameras.create("unified", 40, 30, fx=20.0, fy=21.0, xi=1.1)
-    aria = cameras.create("fisheye624", 640, 480, fx=240.0, fy=240.0)
-    theta = cameras.create("ftheta", 40, 30, polynomial=(0, 0.05, 0, 1e-6), reference="pixel-to-angle")
-    rig = Rig({"cam0": RigCamera(lens), "cam1": RigCamera.turned(lens, (0.1, 0, 0), 20, time_offset=0.01)})
-    return {
-        "json": calibration.dumps({"cam0": bent}, "json"),
-        "opencv": calibration.dumps({"cam0": plain}, "opencv", ".xml"),
-        "opencv-fisheye": calibration.dumps({"cam0": lens}, "opencv-fisheye"),
-        "opencv-omnidir": calibration.dumps({"cam0": mei}, "opencv-omnidir", ".json"),
-        "kalibr": KALIBR.write(rig.cameras, rig=True),
-        "colmap": calibration.dumps({"1": lens}, "colmap"),
-        "ocamcalib": calibration.dumps({"cam0": bent}, "ocamcalib"),
-        "aria": calibration.dumps({"camera-slam-left": aria}, "aria"),
-        "isaac": calibration.dumps({"cam0": lens, "cam1": theta}, "isaac"),
-        "ncore": calibration.dumps({"cam0": theta}, "ncore"),
-    }
-
-
-CALIBRATIONS = _calibrations()
+CHAIN = Rig({"cam0": RigCamera(LENS), "cam1": RigCamera.turned(LENS, (0.1, 0, 0), 20, time_offset=0.01)})
+CALIBRATIONS = {
+    **TEXTS,
+    "opencv": calibration.dumps(SAVED["opencv"], "opencv", ".xml"),
+    "opencv-omnidir": calibration.dumps(SAVED["opencv-omnidir"], "opencv-omnidir", ".json"),
+    "kalibr": KALIBR.write(CHAIN.cameras, rig=True),
+}
 
 
 def calibration_file(rng, folder):
@@ -132,34 +117,22 @@ OPTIONS = {
 """By command; a value may also stand alone."""
 
 RUNS = {
-    "render": [
-        "--size",
-        "8x4",
-        "--source",
-        "scene://direction",
-        "--set",
-        "face_size=16",
-        "--set",
-        "strategy=cube",
-    ],
-    "plan": ["--size", "8x4"],
-    "record": ["--set", "face_size=16", "--source", "scene://direction", "--modes", "lit"],
-    "serve": ["--port", "99999"],
-    "chart": ["nothing"],
+    "render": "--size 8x4 --source scene://direction --set face_size=16 --set strategy=cube",
+    "plan": "--size 8x4",
+    "record": "--set face_size=16 --source scene://direction --modes lit",
+    "serve": "--port 99999",
+    "chart": "nothing",
 }
 """What makes a command cheap, or sure to be refused, where it is not overridden."""
 
 
 def command_line(rng, folder):
     command = rng.choice([*OPTIONS, "render", "render", "plan"])
-    arguments = list(RUNS.get(command, []))
+    arguments = RUNS.get(command, "").split()
     for _ in range(rng.randint(1, 3)):
         option, value = rng.choice([*OPTIONS[command], ""]), rng.choice(ARGUMENTS)
-        arguments += (
-            [f"{option}={value}"]
-            if option and rng.random() < 0.5
-            else [each for each in (option, value) if each]
-        )
+        one = option and rng.random() < 0.5
+        arguments += [f"{option}={value}"] if one else filter(None, (option, value))
     if command == "recording":
         arguments.insert(0, rng.choice(["info", "verify", "export", "import", "info"]))
     with nothing_left(folder):
