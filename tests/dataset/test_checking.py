@@ -11,15 +11,6 @@ from omniscv.compose.files import write_picture
 from omniscv.errors import DatasetError
 
 
-def changed(out, key, layer, where, value):
-    """Change pixels of a layer of a frame, and enter it."""
-    frame = next(frame for frame in dataset.open(out) if frame.key == key)
-    pixels = frame.layer(layer).copy()
-    pixels[where(pixels, frame.valid)] = value
-    write_picture(frame.files[layer], pixels, modalities.get(layer))
-    enter(out, key, layer)
-
-
 def test_a_dataset_as_it_was_made_has_no_faults(whole):
     assert dataset.check(whole / "dataset") == []
     assert dataset.check(whole / "dataset", deep=True) == []
@@ -64,33 +55,25 @@ def test_a_fault_is_one_line_and_exit_code_1(name, change, says, copied, capsys)
     assert says in capsys.readouterr().out
 
 
-def inside(pixels, valid):
-    return valid
-
-
-def outside(pixels, valid):
-    return ~valid
-
-
-def of_one(pixels, valid):
-    return tuple(place[0] for place in np.nonzero(valid))
-
-
 @pytest.mark.parametrize(
     ("layer", "where", "value", "says"),
     [
-        ("labels", inside, 999, "labels: expected instance ids of the dataset"),
-        ("labels", outside, 1, "labels: expected 0 outside the field of view"),
-        ("labels", inside, 999, "classes: expected the class of the object in labels"),
-        ("classes", of_one, 77, "classes: expected the class of the object in labels, got 1 other"),
-        ("depth", inside, np.nan, "depth: expected metres >= 0, or inf"),
-        ("depth", inside, 0, "depth: expected more than 0 m inside the field of view"),
-        ("depth", outside, np.inf, "depth: expected 0 outside the field of view"),
-        ("normals", inside, 2, "normals: expected unit vectors, or 0"),
+        ("labels", "inside", 999, "labels: expected instance ids of the dataset"),
+        ("labels", "outside", 1, "labels: expected 0 outside the field of view"),
+        ("labels", "inside", 999, "classes: expected the class of the object in labels"),
+        ("classes", "one", 77, "classes: expected the class of the object in labels, got 1 other"),
+        ("depth", "inside", np.nan, "depth: expected metres >= 0, or inf"),
+        ("depth", "inside", 0, "depth: expected more than 0 m inside the field of view"),
+        ("depth", "outside", np.inf, "depth: expected 0 outside the field of view"),
+        ("normals", "inside", 2, "normals: expected unit vectors, or 0"),
     ],
 )
 def test_deep_faults_are_found_behind_right_checksums(layer, where, value, says, copied):
-    changed(copied, "lens-1", layer, where, value)
+    (frame,) = (frame for frame in dataset.open(copied) if frame.key == "lens-1")
+    pixels, valid = frame.layer(layer).copy(), frame.valid
+    pixels[{"inside": valid, "outside": ~valid, "one": tuple(np.argwhere(valid)[0])}[where]] = value
+    write_picture(frame.files[layer], pixels, modalities.get(layer))
+    enter(copied, "lens-1", layer)
     assert dataset.check(copied) == []
     found = dataset.check(copied, deep=True)
     assert any(line.startswith(f"lens-1: {says}") for line in found), found

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.datasets import CLASSES, image, job_file, traced_names
+from support.command_line import ROOT
+from support.datasets import CLASSES, image, job_file
 
+from mock_server import load_scene
 from omniscv import cli, dataset
+from omniscv.chart import traced
 from omniscv.cli.dataset import object_names
-from omniscv.errors import ArgumentError, UnmatchedNamesError
+from omniscv.dataset import manifest
+from omniscv.errors import ArgumentError, DatasetError, UnmatchedNamesError
 from omniscv.frame.classes import class_rules
 from omniscv.job import load
 from omniscv.make import make
@@ -50,7 +54,7 @@ def test_patterns_match_whole_names_and_see_case():
     assert found == ["a", None, None, "b", None]
 
 
-def test_nyu40_is_shipped_as_a_table():
+def test_nyu40_is_shipped_as_a_table_whose_names_and_ids_stay():
     text = (files("omniscv.frame") / "taxonomies" / "nyu40.csv").read_text(encoding="utf-8")
     rows = {row["name"]: int(row["id"]) for row in csv.DictReader(text.splitlines())}
     assert sorted(rows.values()) == list(range(1, 41))
@@ -58,6 +62,9 @@ def test_nyu40_is_shipped_as_a_table():
     assert rows.items() >= known.items()  # as Structured3D and ScanNet number them
     table = class_rules({"taxonomy": "nyu40", "rules": [{"match": "L*", "class": "lamp"}]})
     assert table.classes["lamp"].id == 35
+    for rule, says in (({"class": "chairs"}, "one of wall"), ({"class": "chair", "id": 4}, "expected 5")):
+        with pytest.raises(ArgumentError, match=says):
+            class_rules({"taxonomy": "nyu40", "rules": [{"match": "a", **rule}]})
 
 
 @pytest.mark.parametrize(
@@ -77,12 +84,6 @@ def test_wrong_rules_are_one_line(rules, says):
         class_rules({"rules": rules})
     assert says in str(failed.value)
     assert len(str(failed.value)) <= 300
-
-
-def test_a_taxonomy_keeps_its_names_and_ids():
-    for rule, says in (({"class": "chairs"}, "one of wall"), ({"class": "chair", "id": 4}, "expected 5")):
-        with pytest.raises(ArgumentError, match=says):
-            class_rules({"taxonomy": "nyu40", "rules": [{"match": "a", **rule}]})
 
 
 def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
@@ -116,8 +117,6 @@ def test_unmatched_names_may_be_other_or_nothing(unmatched, known):
 
 @pytest.mark.parametrize("scene", ["four-wall", "scene://four-wall", "mock://four-wall", "captures"])
 def test_names_come_from_scenes_sources_and_recordings(scene):
-    from support.command_line import ROOT
-
     place = ROOT / "captures" / "four-wall.sqlite" if scene == "captures" else scene
     names = object_names(str(place))
     assert {"Ball", "Layout_Floor"} <= set(names)
@@ -125,7 +124,8 @@ def test_names_come_from_scenes_sources_and_recordings(scene):
 
 
 def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):
-    """Objects of a second scene come after those of the first, whose ids stay, resumed or not."""
+    """Objects of a second scene come after those of the first, whose ids stay, resumed or not; a closed
+    dataset, which several processes write, refuses them."""
     first, second = image(), image("scene://six-wall")
     with dataset.Writer(tmp_path / "both") as writer:
         writer.add("a", first, time=0.0)
@@ -136,26 +136,32 @@ def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):
     frames = dataset.open(tmp_path / "both")
     names = frames[1].instances
     assert ids == {name: i for i, name in enumerate(first.objects.names(), start=1)}
-    assert names.items() >= ids.items()
-    assert sorted(names.values()) == list(range(1, len(names) + 1))
+    late = sorted(set(second.objects.names()) - set(ids))
+    assert names == {**ids, **{name: i for i, name in enumerate(late, start=len(ids) + 1)}}
     for frame, shown in zip(frames, (first, second), strict=True):
         labels = frame.layer("labels")
         for rank, name in enumerate(shown.objects.names(), start=1):
             np.testing.assert_array_equal(labels == names[name], shown.labels == rank)
     shared = set(first.objects.names()) & set(second.objects.names())
-    assert shared
     assert any(second.objects.label(name) != names[name] for name in shared)
+    begun = manifest.Manifest(names=ids)
+    with dataset.Writer(tmp_path / "open", begun=begun) as writer:
+        writer.add("b", second)
+    assert dataset.open(tmp_path / "open")[0].instances == names
+    with pytest.raises(DatasetError, match="expected the objects that the dataset was begun with"):
+        dataset.Writer(tmp_path / "closed", begun=begun, closed=True).add("b", second)
 
 
 def test_labels_and_classes_are_those_of_the_scene(whole):
     """Against exact tracing, away from the boundaries of objects; a table's legs are thinner than a pixel."""
-    rules = class_rules(whole / "classes.yaml")
+    rules, scene = class_rules(whole / "classes.yaml"), load_scene("four-wall")
     for frame in dataset.open(whole / "dataset"):
-        names = traced_names("four-wall", frame.camera, frame.pose)
+        traced_labels = traced(scene, frame.camera, frame.pose).label
         ids = {name: rules.classes[rules.class_of(name)].id for name in frame.instances}
         sure = frame.valid & ~frame.layer("label_edge")
         assert sure.mean() > 0.2
         for layer, wanted in (("labels", frame.instances), ("classes", ids)):
-            found, expected = frame.layer(layer), np.vectorize({**wanted, "": 0}.get)(names)
+            of_label = {0: 0} | {scene.label(name): wanted[name] for name in scene.objects}
+            found, expected = frame.layer(layer), np.vectorize(of_label.get)(traced_labels)
             assert (found == expected)[sure].mean() > 0.99
             assert not found[~frame.valid].any()

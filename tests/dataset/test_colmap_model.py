@@ -54,6 +54,17 @@ def by_name(read):
     return {image.name.split("/")[1].removesuffix(".png"): image for image in read.images.values()}
 
 
+def w2c(pose):
+    return np.column_stack([pose.rotation.T, -pose.rotation.T @ pose.position])
+
+
+def assert_poses(read, frames):
+    images = by_name(read)
+    for frame in frames:
+        found = images[frame.key].cam_from_world().matrix()
+        np.testing.assert_allclose(found, w2c(frame.pose), atol=1e-9)
+
+
 def test_pycolmap_has_the_poses_of_all_sensors_and_frames(model):
     frames, _, read = model
     (rig,) = read.rigs.values()
@@ -61,18 +72,14 @@ def test_pycolmap_has_the_poses_of_all_sensors_and_frames(model):
     assert len(read.frames) == 3
     images = by_name(read)
     assert len(images) == 15
+    assert_poses(read, frames)
     for frame in frames:
         image = images[frame.key]
-        np.testing.assert_allclose(image.cam_from_world().matrix(), w2c(frame.pose), atol=1e-9)
         np.testing.assert_allclose(image.projection_center(), frame.pose.position, atol=1e-9)
         sensor = rig.sensor_from_rig(image.camera.sensor_id).matrix() if image.camera_id > 1 else np.eye(3, 4)
         key = frame.key.replace(frame.camera_name, "brandt")
         reference = next(each for each in frames if each.key == key)
         np.testing.assert_allclose(sensor, w2c(reference.pose.inverse() @ frame.pose), atol=1e-9)
-
-
-def w2c(pose):
-    return np.column_stack([pose.rotation.T, -pose.rotation.T @ pose.position])
 
 
 def test_points_project_to_where_they_were_seen(model):
@@ -119,19 +126,14 @@ def test_cameras_that_move_apart_are_rigs_of_their_own(tmp_path):
     get("colmap").export([*frames, *turning], tmp_path, {})
     read = pycolmap.Reconstruction(tmp_path / "sparse/0")
     assert (len(read.rigs), len(read.frames), len(read.images)) == (2, 5, 8)
-    for frame in turning:
-        found = by_name(read)[frame.key].cam_from_world().matrix()
-        np.testing.assert_allclose(found, w2c(frame.pose), atol=1e-9)
+    assert_poses(read, turning)
 
 
 def test_a_moment_may_lack_an_image(tmp_path):
     """Of the reference camera, even: the rig's pose follows from another one."""
     frames = [f for f in rig_frames(tmp_path, ("panorama", "pinhole")) if f.key != "panorama-1"]
     get("colmap").export(frames, tmp_path, {})
-    read = pycolmap.Reconstruction(tmp_path / "sparse/0")
-    for frame in frames:
-        found = by_name(read)[frame.key].cam_from_world().matrix()
-        np.testing.assert_allclose(found, w2c(frame.pose), atol=1e-9)
+    assert_poses(pycolmap.Reconstruction(tmp_path / "sparse/0"), frames)
 
 
 def test_frames_of_other_names_are_together_by_time_or_pose(tmp_path):

@@ -37,7 +37,7 @@ def export(tmp_path, depth, camera, **options):
     ],
 )
 def test_known_answers(scale, codes, tmp_path):
-    """Section 11.5 of the formats' reference. Both readers keep 16 bits; nothing is clamped."""
+    """Both readers keep 16 bits; nothing is clamped."""
     path, meaning = export(tmp_path, [[1.0, 2.71828, 80, 200]], PINHOLE, scale=scale)
     read = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert read.dtype == np.uint16
@@ -79,10 +79,10 @@ def test_24_bits(tmp_path):
     assert c[0, 3].tolist() == [255, 255, 255]
 
 
-@pytest.mark.parametrize("scale", ["matterport", "kitti", "tum", "shift"])
-def test_planar_presets_are_refused_for_other_cameras(scale, tmp_path):
+def test_planar_presets_are_refused_for_other_cameras(tmp_path):
     format = get("depth_png")
-    with pytest.raises(ArgumentError, match="cam: scale: expected a preset of depth along the ray"):
-        format.check_options(format.read_options({"scale": scale}), {"cam": PANORAMA})
+    for scale in ("matterport", "kitti", "tum", "shift"):
+        with pytest.raises(ArgumentError, match="cam: scale: expected a preset of depth along the ray"):
+            format.check_options(format.read_options({"scale": scale}), {"cam": PANORAMA})
     with pytest.raises(ArgumentError, match="scale: expected a preset"):
-        export(tmp_path, np.ones((16, 32)), PANORAMA, scale=scale)
+        export(tmp_path, np.ones((16, 32)), PANORAMA, scale="tum")

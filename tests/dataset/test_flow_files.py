@@ -62,13 +62,25 @@ def test_both_readers_get_the_flow_between_neighbours(tmp_path):
             np.testing.assert_array_equal(moved[f"sceneflow.{axis}"], wanted.scene[..., i].astype(np.float32))
 
 
-def test_frames_pair_by_time_and_gap(tmp_path):
-    get("flow").export(frames(tmp_path, times=(2, 1, 3)), tmp_path, {})
-    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-1": "cam-0", "cam-0": "cam-2"}
-    get("flow").export(frames(tmp_path), tmp_path, {"gap": 2})
-    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-2"}
-    (only,) = get("flow").export(frames(tmp_path), tmp_path / "far", {"gap": 3})
-    assert json.loads(only.read_text())["to"] == {}
+def targets(frames, out, **options):
+    """The frame that each one's flow leads to."""
+    get("flow").export(frames, out, options)
+    return json.loads((out / "flow/flow.json").read_text())["to"]
+
+
+def test_frames_pair_by_time_and_gap_within_a_scene(tmp_path):
+    assert targets(frames(tmp_path, times=(2, 1, 3)), tmp_path) == {"cam-1": "cam-0", "cam-0": "cam-2"}
+    one, two, three = frames(tmp_path)
+    assert targets([one, two, three], tmp_path, gap=2) == {"cam-0": "cam-2"}
+    assert targets([one, two, three], tmp_path, gap=3) == {}
+    assert targets([one, two, replace(three, scene="another")], tmp_path) == {"cam-0": "cam-1"}
+
+
+def placed(frame, poses):
+    """A frame with a record of the poses of objects."""
+    path = frame.files["depth"].with_name(f"{frame.key}.truth.json")
+    path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in poses.items()}}))
+    return replace(frame, files={**frame.files, "truth": path})
 
 
 def test_objects_move_by_their_recorded_poses(tmp_path):
@@ -79,9 +91,7 @@ def test_objects_move_by_their_recorded_poses(tmp_path):
     pair = []
     for i, poses in enumerate(recorded):
         frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[i], key=f"cam-{i}")
-        path = tmp_path / f"cam-{i}.truth.json"
-        path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in poses.items()}}))
-        pair.append(replace(frame, files={**frame.files, "truth": path}, scene=f"moment {i}"))
+        pair.append(replace(placed(frame, poses), scene=f"moment {i}"))
     get("flow").export(pair, tmp_path, {"scene": True})
     T = [np.vstack([np.column_stack([p.rotation, p.position]), [0, 0, 0, 1]]) for p in (before, after)]
     motion = T[1] @ np.linalg.inv(T[0])
@@ -113,39 +123,25 @@ def test_objects_that_move_during_readout_have_no_flow(tmp_path):
     for i, known in enumerate(poses):
         labels = np.zeros((30, 40), np.uint16)
         labels[:, :20], labels[:, 20:] = (SCENE.label(name) for name in known)
-        path = tmp_path / f"cam-{i}.truth.json"
-        path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in known.items()}}))
         layers = {"depth": np.full((30, 40), 2, np.float32), "labels": labels}
-        frame = frame_of(tmp_path, layers, camera, looking, key=f"cam-{i}", scene=SCENE)
-        pair.append(replace(frame, files={**frame.files, "truth": path}))
+        pair.append(placed(frame_of(tmp_path, layers, camera, looking, key=f"cam-{i}", scene=SCENE), known))
     get("flow").export(pair, tmp_path, {})
     mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
     assert (mask[:, :20] == 0).all()
     assert (mask[:, 20:] == 1).all()
 
 
-def test_frames_of_two_scenes_have_no_flow_between_them(tmp_path):
-    one, two, three = frames(tmp_path)
-    elsewhere = replace(three, scene="another")
-    get("flow").export([one, two, elsewhere], tmp_path, {})
-    assert json.loads((tmp_path / "flow/flow.json").read_text())["to"] == {"cam-0": "cam-1"}
-
-
 def test_unsure_pixels_have_no_flow(tmp_path):
-    depth = np.full((32, 64), 2, np.float32)
     unsure = np.zeros((32, 64), bool)
     unsure[5:9] = True
-    layers = {"depth": depth, "unsure": unsure}
-    pair = [frame_of(tmp_path, layers, CAMERA, POSES[0], key=f"cam-{i}") for i in (0, 1)]
-    get("flow").export(pair, tmp_path, {})
-    mask = channels(tmp_path / "flow/cam-0.exr")["mask"]
-    np.testing.assert_array_equal(mask == 0, unsure)
+    layers = {"depth": np.full((32, 64), 2, np.float32), "unsure": unsure}
+    targets([frame_of(tmp_path, layers, CAMERA, POSES[0], key=f"cam-{i}") for i in (0, 1)], tmp_path)
+    np.testing.assert_array_equal(channels(tmp_path / "flow/cam-0.exr")["mask"] == 0, unsure)
 
 
 def known_flow(*values):
     pixels = np.array([[(value, 0.0) for value in values]])
-    mask = np.where(np.isnan(pixels[..., 0]), 0, 1).astype(np.uint8)
-    return Flow(pixels, mask, np.zeros((1, len(values), 3)))
+    return Flow(pixels, np.uint8(~np.isnan(pixels[..., 0])), np.zeros((1, len(values), 3)))
 
 
 def test_known_answers_of_kitti():
@@ -160,7 +156,6 @@ def test_known_answers_of_kitti():
 
 def test_kitti_refuses_classic_flow_of_wide_panoramas(tmp_path):
     wide = cameras.create("equirectangular", width=1040, height=2)
-    depth = np.full((2, 1040), 2, np.float32)
     poses, depth = (Pose.from_angles((0, 0, 0), yaw) for yaw in (0, 5)), np.full((2, 1040), 2, np.float32)
     pair = [frame_of(tmp_path, {"depth": depth}, wide, pose, key=f"cam-{i}") for i, pose in enumerate(poses)]
     with pytest.raises(ArgumentError, match=r"cam-0: kitti: expected flow within -512 to 511.98 px"):
@@ -208,7 +203,8 @@ def made(tmp_path_factory):
     return folder
 
 
-def test_frames_have_the_poses_of_all_that_moves(made):
+def test_frames_have_the_poses_of_all_that_moves(made, tmp_path):
+    """Without them there is no flow, rather than that of a world that stands still."""
     frames = dataset.open(made / "moving")
     assert len({frame.state for frame in frames} - {""}) == 3
     for time, frame in zip(TIMES, frames, strict=True):
@@ -218,6 +214,10 @@ def test_frames_have_the_poses_of_all_that_moves(made):
             np.testing.assert_allclose(pose["position"], place, atol=1e-9)
             np.testing.assert_allclose(pose["rotation"], R_w_o, atol=1e-9)
     assert dataset.check(made / "moving", deep=True) == []
+    assert targets(frames, tmp_path / "all") != {}
+    bare = [{kind: path for kind, path in frame.files.items() if kind != "truth"} for frame in frames]
+    frames = [replace(frame, files=files) for frame, files in zip(frames, bare, strict=True)]
+    assert targets(frames, tmp_path / "none") == {}
 
 
 def test_boxes_follow_the_objects(made):
@@ -244,13 +244,3 @@ def test_frames_of_another_motion_are_made_again(made, tmp_path):
     other = Motion(Trajectory.timed((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
     done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), existing="resume")
     assert (done.written, done.kept) == (2, 1)
-
-
-def test_frames_without_object_poses_have_no_flow(made, tmp_path):
-    """Rather than that of a world that stands still."""
-    frames = [
-        replace(frame, files={kind: path for kind, path in frame.files.items() if kind != "truth"})
-        for frame in dataset.open(made / "moving")
-    ]
-    (only,) = dataset.get("flow").export(frames, tmp_path, {})
-    assert json.loads(only.read_text(encoding="utf-8"))["to"] == {}

@@ -25,15 +25,12 @@ KNOWN_CORNERS = """159.670 199.103
 """
 
 
-def write(name, frames, out, **options):
-    return exporting.get(name).export(frames, out, options)
-
-
-# -- HorizonNet -----------------------------------------------------------------------------------------
+def write(frames, out, **options):
+    return exporting.get("horizonnet").export(frames, out, options)
 
 
 def test_the_known_room_has_the_known_lines(tmp_path):
-    files = write("horizonnet", [plain_frame(tmp_path, "a", PANORAMA, LEVEL)], tmp_path / "out")
+    files = write([plain_frame(tmp_path, "a", PANORAMA, LEVEL)], tmp_path / "out")
     names = [path.relative_to(tmp_path / "out").as_posix() for path in files]
     assert names == ["img/a.png", "label_cor/a.txt"]
     assert files[1].read_text() == KNOWN_CORNERS
@@ -42,11 +39,11 @@ def test_the_known_room_has_the_known_lines(tmp_path):
 def test_horizonnet_refuses_tilted_cameras_and_other_rooms(tmp_path):
     leaning = plain_frame(tmp_path, "b", SMALL, Pose.from_angles((0, 0, 1.5), pitch_deg=4))
     with pytest.raises(ArgumentError, match="b: expected an upright camera, got pitch 4"):
-        write("horizonnet", [leaning], tmp_path / "out")
+        write([leaning], tmp_path / "out")
     record = project_layout(room_of_plan(PLAIN), SMALL, LEVEL)
     record["corners"][6]["world"][2] = 3.3
     with pytest.raises(ArgumentError, match="c: layout: expected a room of upright walls"):
-        write("horizonnet", [frame(tmp_path, "c", SMALL, LEVEL, record)], tmp_path / "out")
+        write([frame(tmp_path, "c", SMALL, LEVEL, record)], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -59,7 +56,7 @@ def test_colours_come_as_wanted_from_whatever_the_frame_has(tmp_path, kind, lit)
     light = np.where(shade <= 10, low, ((shade / 255 + 0.055) / 1.055) ** 2.4)
     layers = {"lit": shade if lit is np.uint8 else light.astype(np.float32)}
     seen = frame(tmp_path, "a", SMALL, LEVEL, record, layers)
-    (path, _) = write("horizonnet", [seen], tmp_path / "out", image_format=kind)
+    (path, _) = write([seen], tmp_path / "out", image_format=kind)
     assert path.name == f"a.{kind}"
     found = np.asarray(Image.open(path)).astype(int)
     assert np.abs(found - shade).mean() <= (0 if kind == "png" else 4)

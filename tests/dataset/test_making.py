@@ -14,7 +14,7 @@ import mock_server
 import omniscv
 from omniscv import dataset
 from omniscv.dataset import manifest
-from omniscv.errors import ArgumentError, DatasetError
+from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.make import dataset as maker
 from omniscv.make import make
@@ -145,22 +145,6 @@ def test_a_key_has_no_dot_and_is_used_once(tmp_path):
         assert writer.add("a", shown)
         with pytest.raises(ArgumentError, match=r"key: expected one that no other frame.*got 'a' again"):
             writer.add("a", replace(shown, pose=omniscv.Pose.from_angles((1, 0, 1.5))))
-
-
-def test_objects_that_come_late_get_the_next_ids(tmp_path):
-    """Of a closed dataset, which several processes write, they are refused."""
-    first, second = image(), image("scene://six-wall")
-    begun = manifest.Manifest(names={name: i for i, name in enumerate(first.objects.names(), start=1)})
-    with dataset.Writer(tmp_path / "open", begun=begun) as writer:
-        writer.add("a", first)
-        writer.add("b", second)
-    ids = dataset.open(tmp_path / "open")[1].instances
-    assert manifest.with_names({"c": 1}, ["b", "a"]) == {"c": 1, "a": 2, "b": 3}
-    late = [name for name in ids if name not in begun.names]
-    assert late == sorted(set(second.objects.names()) - set(first.objects.names()))
-    assert [ids[name] for name in late] == list(range(len(begun.names) + 1, len(ids) + 1))
-    with pytest.raises(DatasetError, match="expected the objects that the dataset was begun with"):
-        dataset.Writer(tmp_path / "closed", begun=begun, closed=True).add("b", second)
 
 
 def test_frames_of_a_writer_are_read_back(tmp_path):

@@ -96,18 +96,12 @@ def test_several_cameras_get_a_folder_each_with_depth_and_masks(tmp_path):
     np.testing.assert_array_equal(mask > 0, fisheye.valid())
 
 
-def test_splits_are_lists_of_files(tmp_path):
-    frames = [
-        black_frame(tmp_path, CAMERAS["EQUIRECTANGULAR"], POSES[0], key=f"cam-{i}", split=split)
-        for i, split in enumerate(("train", "val", "train"))
-    ]
+def test_splits_are_lists_of_files_and_a_pinhole_with_skew_is_refused(tmp_path):
+    camera, splits = CAMERAS["EQUIRECTANGULAR"], ("train", "val", "train")
+    frames = [black_frame(tmp_path, camera, POSES[0], key=f"cam-{i}", split=s) for i, s in enumerate(splits)]
     get("nerfstudio").export(frames, tmp_path, {})
     data = json.loads((tmp_path / "transforms.json").read_text())
     assert data["train_filenames"] == ["images/cam-0.png", "images/cam-2.png"]
-    assert data["val_filenames"] == ["images/cam-1.png"]
-    assert data["test_filenames"] == []
-
-
-def test_a_pinhole_with_skew_is_refused():
+    assert (data["val_filenames"], data["test_filenames"]) == (["images/cam-1.png"], [])
     tilted = cameras.create("pinhole", 32, 24, fx=20.0, fy=21.0, cx=15.5, cy=11.0, skew=0.1)
     assert "pinhole" in get("nerfstudio").refuses(tilted)

@@ -4,9 +4,6 @@ import hashlib
 import json
 from dataclasses import asdict, replace
 
-import numpy as np
-
-import mock_server
 import omniscv
 from omniscv.frame import FileEntry
 from omniscv.job import load
@@ -89,16 +86,6 @@ def relisted(out, change):
     path = out / "frames.jsonl"
     lines = change([json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()])
     path.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
-
-
-def traced_names(scene, camera, pose):
-    """(H, W) the name of the object that each pixel's ray meets, empty for none, by exact tracing."""
-    scene = mock_server.load_scene(scene)
-    rays = camera.unproject()
-    directions = np.where(rays.valid[..., None], rays.directions, (0, 0, 1)) @ pose.R_w_c.T
-    hits = scene.trace(pose.to_world(rays.origins), directions)
-    name_of = {0: ""} | {scene.label(name): name for name in scene.objects}
-    return np.vectorize(name_of.get)(np.where(rays.valid, hits.label, 0))
 
 
 def image(source="scene://four-wall", position=(0, 0, 1.5), width=32, modes=("lit", "object_mask")):

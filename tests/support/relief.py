@@ -143,18 +143,33 @@ def extruded(profile):
         yield quad((x, -HALF_M, z), (x1 - x, 0, z1 - z), tall)
 
 
+TALL, WIDE = (0.0, 2 * HALF_M, 0.0), (2 * HALF_M, 0.0, 0.0)
+
+
 def across(pitch):
     return np.arange(-HALF_M, HALF_M, pitch)
 
 
-def logs(rng, p):
-    return [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 2) for x in across(p)]
+def around(pitch, most=24):
+    reach = min(HALF_M, most * pitch)
+    return np.arange(-reach, reach, pitch)
+
+
+def upright(xs, radius, z=AWAY, lean=0.0):
+    return [rod((x, -HALF_M, z), (x + lean, HALF_M, z), radius) for x in xs]
+
+
+def level(ys, radius, z):
+    return [rod((-HALF_M, y, z), (HALF_M, y, z), radius) for y in ys]
+
+
+def strips(xs, width, z=AWAY, more=0.0):
+    return [quad((x, -HALF_M, z), (width, more, 0), TALL) for x in xs]
 
 
 def saw(degrees):
     def make(rng, p):
-        high = p / 2 * np.tan(np.radians(degrees))
-        xs = np.arange(-HALF_M, HALF_M, p / 2)
+        high, xs = p / 2 * np.tan(np.radians(degrees)), across(p / 2)
         return list(extruded([(x, AWAY + high * (k % 2)) for k, x in enumerate(xs)]))
 
     return make
@@ -162,13 +177,11 @@ def saw(degrees):
 
 def panels(rng, p):
     """Panels that differ by 3 mm."""
-    return [
-        quad((x, -HALF_M, AWAY + 0.003 * rng.integers(2)), (p, 0, 0), (0, 2 * HALF_M, 0)) for x in across(p)
-    ]
+    return [quad((x, -HALF_M, AWAY + 0.003 * rng.integers(2)), (p, 0, 0), TALL) for x in across(p)]
 
 
-def stairs(rng, p, ahead=(-HALF_M, AWAY - 0.5)):
-    x, z = ahead
+def stairs(rng, p):
+    x, z = -HALF_M, AWAY - 0.5
     corners = [(x, z)]
     while x < HALF_M:
         corners += [(x + p, z), (x + p, z + p * 0.6)]
@@ -180,15 +193,14 @@ def grazing(rng, p):
     """Stairs away along the line of sight, below it."""
     parts = []
     for k, z in enumerate(np.arange(1.0, BEHIND, p * 4)):
-        y = 0.9 - k * p * 0.5
-        parts += [quad((-HALF_M, y, z), (2 * HALF_M, 0, 0), (0, 0, p * 4))]
-        parts += [quad((-HALF_M, y, z), (2 * HALF_M, 0, 0), (0, p * 0.5, 0))]
+        corner = (-HALF_M, 0.9 - k * p * 0.5, z)
+        parts += [quad(corner, WIDE, (0, 0, p * 4)), quad(corner, WIDE, (0, p * 0.5, 0))]
     return parts
 
 
 def boards(rng, p):
     """A floor of boards with slits of a tenth, seen at a grazing angle, and the ground below."""
-    parts = [quad((-HALF_M, 0.75, 0.8), (2 * HALF_M, 0, 0), (0, 0, BEHIND))]
+    parts = [quad((-HALF_M, 0.75, 0.8), WIDE, (0, 0, BEHIND))]
     for x in across(p):
         parts += box((x, 0.7, 0.8), (x + 0.9 * p, 0.75, BEHIND))
     return parts
@@ -203,32 +215,12 @@ def books(rng, p):
     return parts
 
 
-def louver(rng, p):
-    return [quad((-HALF_M, y, AWAY), (2 * HALF_M, 0, 0), (0, 0.9 * p, 0.7 * p)) for y in across(p)]
-
-
-def packed(rng, p):
-    at = [x for x in across(p) if abs(x) < 40 * p]
-    return [ball((x, y, AWAY), p / 2) for x in at for y in at]
-
-
 def gravel(rng, p):
     spread = min(HALF_M, 15 * p)
     return [
         ball((*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-p, p)), p * rng.uniform(0.3, 0.7))
         for _ in range(900)
     ]
-
-
-def bars(rng, p):
-    """Two layers of bars, one turned against the other."""
-    first = [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 4) for x in across(p)]
-    return first + [rod((x, -HALF_M, AWAY + 0.3), (x + 0.4, HALF_M, AWAY + 0.3), p / 4) for x in across(p)]
-
-
-def mesh(rng, p):
-    wires = [rod((x, -HALF_M, AWAY), (x, HALF_M, AWAY), p / 8) for x in across(p)]
-    return wires + [rod((-HALF_M, y, AWAY + p / 8), (HALF_M, y, AWAY + p / 8), p / 8) for y in across(p)]
 
 
 def leaves(rng, p):
@@ -257,35 +249,26 @@ def cables(rng, p):
 
 
 def bricks(rng, p):
-    parts = [quad((-HALF_M, -HALF_M, AWAY + 0.005), (2 * HALF_M, 0, 0), (0, 2 * HALF_M, 0))]
     reach = min(HALF_M, 22 * p)
-    for k, y in enumerate(np.arange(-reach, reach, p)):
-        for x in np.arange(-reach - (k % 2) * p, reach, 2 * p):
-            parts += [quad((x, y, AWAY), (1.8 * p, 0, 0), (0, 0.8 * p, 0))]
-    return parts
+    at = [
+        (x, y, AWAY)
+        for k, y in enumerate(np.arange(-reach, reach, p))
+        for x in np.arange(-reach - (k % 2) * p, reach, 2 * p)
+    ]
+    ground = quad((-HALF_M, -HALF_M, AWAY + 0.005), WIDE, TALL)
+    return [ground, *(quad(corner, (1.8 * p, 0, 0), (0, 0.8 * p, 0)) for corner in at)]
 
 
 def waves(rng, p):
-    xs = np.arange(-HALF_M, HALF_M, p / 12)
+    xs = across(p / 12)
     return list(extruded(np.stack([xs, AWAY + p / 4 * np.sin(2 * np.pi * xs / p)], axis=1)))
-
-
-def rungs(rng, p):
-    """Ladders of bars across, at several depths."""
-    return [rod((-HALF_M, y, z), (HALF_M, y, z), p / 5) for z in (2.6, 3.1, 3.7) for y in across(p)]
 
 
 # Drawn when the rules were fixed.
 
 
-def around(pitch, most=24):
-    reach = min(HALF_M, most * pitch)
-    return np.arange(-reach, reach, pitch)
-
-
 def shingles(rng, p):
-    rows = enumerate(around(p))
-    at = [(x - k % 2 * 0.5 * p, y) for k, y in rows for x in around(p)]
+    at = [(x - k % 2 * 0.5 * p, y) for k, y in enumerate(around(p)) for x in around(p)]
     lifted = rng.uniform(0.5, 1.5, len(at))
     return [
         quad((x, y, AWAY - 0.05 * p * up), (0.94 * p, 0, 0), (0, 1.25 * p, 0.35 * p))
@@ -293,24 +276,11 @@ def shingles(rng, p):
     ]
 
 
-def half_open(rng, p):
-    """Slats of a louver that is half open and turned away by 22 degrees."""
-    return [quad((-2, y, AWAY + 0.8), (4, 0, -1.6), (0, 0.55 * p, 0.8 * p)) for y in across(p)]
-
-
 def perforated(rng, p):
     """A sheet with square holes."""
     sheet = [quad((-2, y, AWAY), (4, 0, 0), (0, 0.45 * p, 0)) for y in around(p)]
-    at = [(x, y + 0.45 * p) for y in around(p) for x in around(p)]
-    return sheet + [quad((x, y, AWAY), (0.45 * p, 0, 0), (0, 0.55 * p, 0)) for x, y in at]
-
-
-def chain_link(rng, p):
-    return [
-        rod((a - s * HALF_M, -HALF_M, AWAY + z), (a + s * HALF_M, HALF_M, AWAY + z), p / 9)
-        for a in np.arange(-2 * HALF_M, 2 * HALF_M, p)
-        for s, z in ((1, 0), (-1, p / 9))
-    ]
+    at = [(x, y + 0.45 * p, AWAY) for y in around(p) for x in around(p)]
+    return sheet + [quad(corner, (0.45 * p, 0, 0), (0, 0.55 * p, 0)) for corner in at]
 
 
 def twigs(rng, p):
@@ -334,20 +304,38 @@ def shell(rng, p):
     return [ball((x, y + p * rng.uniform(-0.1, 0.1), AWAY + 2.4 * p + 0.25 * x), 2.5 * p) for x, y in at]
 
 
-def gratings(rng, p):
-    """Two gratings behind each other."""
-    tall = (0, 2 * HALF_M, 0)
-    front = [quad((x, -HALF_M, AWAY), (0.5 * p, 0, 0), tall) for x in across(p)]
-    return front + [quad((x, -HALF_M, AWAY + 0.45), (0.6 * p, 0.02, 0), tall) for x in across(1.13 * p)]
+def chain_link(rng, p):
+    return [
+        rod((a - s * HALF_M, -HALF_M, AWAY + z), (a + s * HALF_M, HALF_M, AWAY + z), p / 9)
+        for a in np.arange(-2 * HALF_M, 2 * HALF_M, p)
+        for s, z in ((1, 0), (-1, p / 9))
+    ]
 
 
 KINDS: dict[str, Callable[..., list]] = {
-    "logs": logs, "saw 45": saw(45), "saw 20": saw(20), "panels 3 mm": panels, "stairs": stairs,
-    "stairs, grazing": grazing, "boards, grazing": boards, "books": books, "louver": louver, "balls": packed,
-    "gravel": gravel, "bars": bars, "mesh": mesh, "leaves": leaves, "fence": fence, "cables": cables,
-    "bricks": bricks, "waves": waves, "rungs": rungs, "saw 70": saw(70), "shingles": shingles,
-    "half-open louver": half_open, "perforated sheet": perforated, "chain link": chain_link, "twigs": twigs,
-    "cans": cans, "shell": shell, "two gratings": gratings,
+    "logs": lambda rng, p: upright(across(p), p / 2),
+    "saw 45": saw(45), "saw 20": saw(20), "panels 3 mm": panels, "stairs": stairs,
+    "stairs, grazing": grazing, "boards, grazing": boards, "books": books,
+    "louver": lambda rng, p: [quad((-HALF_M, y, AWAY), WIDE, (0, 0.9 * p, 0.7 * p)) for y in across(p)],
+    "balls": lambda rng, p: [
+        ball((x, y, AWAY), p / 2) for x in across(p) for y in across(p) if max(abs(x), abs(y)) < 40 * p
+    ],
+    "gravel": gravel,
+    # Two layers, one turned against the other.
+    "bars": lambda rng, p: upright(across(p), p / 4) + upright(across(p), p / 4, AWAY + 0.3, lean=0.4),
+    "mesh": lambda rng, p: upright(across(p), p / 8) + level(across(p), p / 8, AWAY + p / 8),
+    "leaves": leaves, "fence": fence, "cables": cables, "bricks": bricks, "waves": waves,
+    # Ladders of bars across, at several depths.
+    "rungs": lambda rng, p: [bar for z in (2.6, 3.1, 3.7) for bar in level(across(p), p / 5, z)],
+    "saw 70": saw(70), "shingles": shingles,
+    # Turned away by 22 degrees.
+    "half-open louver": lambda rng, p: [
+        quad((-2, y, AWAY + 0.8), (4, 0, -1.6), (0, 0.55 * p, 0.8 * p)) for y in across(p)
+    ],
+    "perforated sheet": perforated, "chain link": chain_link, "twigs": twigs, "cans": cans, "shell": shell,
+    "two gratings": lambda rng, p: (
+        strips(across(p), 0.5 * p) + strips(across(1.13 * p), 0.6 * p, AWAY + 0.45, more=0.02)
+    ),
 }  # fmt: skip
 
 
