@@ -1,7 +1,4 @@
-"""Each form and model against the program's own formula, written here from its documentation or its paper.
-
-The files are made here, from the programs' documentation, in the dialects that people's files show.
-"""
+"""Each form and model against the program's own formula, in files made from the programs' documentation."""
 
 # ruff: noqa: E501
 import io
@@ -12,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from test_opencv import omnidir
 
 from omniscv import calibration, cameras
 from omniscv.calibration.files import doubts, loads_rig, read
@@ -43,11 +41,9 @@ def fisheye(points: np.ndarray, k: Any = KB, matrix: Any = K) -> np.ndarray:
     return cv2.fisheye.projectPoints(points[:, None], r3, r3, np.array(matrix), np.array(k))[0][:, 0]
 
 
-def mei(points: np.ndarray, xi: float, D: Any) -> np.ndarray:
+def mei(points: np.ndarray) -> np.ndarray:
     """Mei and Rives 2007; the same as cv::omnidir's manual."""
-    x, y, z = (points / np.linalg.norm(points, axis=1, keepdims=True)).T
-    plane = np.stack([x / (z + xi), y / (z + xi), np.ones(len(x))], axis=1)
-    return pinhole(plane, D)
+    return omnidir(K, 1.2, D5[:4], points)
 
 
 def fov(points: np.ndarray, omega: float) -> np.ndarray:
@@ -167,10 +163,7 @@ PTO = 'p f2 w9 h9 v360 n"TIFF"\ni w640 h480 f{} v{} a{} b{} c{} d2.25 e-1.5 g0 t
 THREE = [-0.12, 0.03, 0, 0, 4e-3]
 
 CASES: dict[str, tuple[str | bytes, Any]] = {
-    "camodocal-mei": (
-        camodocal("MEI", mirror_parameters={"xi": 1.2}, **NEW, projection_parameters=GAMMA),
-        lambda p: mei(p, 1.2, D5[:4]),
-    ),
+    "camodocal-mei": (camodocal("MEI", mirror_parameters={"xi": 1.2}, **NEW, projection_parameters=GAMMA), mei),
     "camodocal-kb": (camodocal("KANNALA_BRANDT", projection_parameters={**K2, **MU}), fisheye),
     "camodocal-kb-other-heading": (camodocal("KANNALA_BRANDT", distortion_parameters=K2, projection_parameters=MU), fisheye),
     "camodocal-pinhole": (camodocal("PINHOLE", **NEW, projection_parameters=F), four),
@@ -275,11 +268,10 @@ CASES: dict[str, tuple[str | bytes, Any]] = {
     ),
     "dso-fov": ("310.5 309.25 322.25 238.75 0.9\n640 480\ncrop\n640 480\n", lambda p: fov(p, 0.9)),
     "kalibr-fov": (kalibr("pinhole", [], "fov", [0.9]), lambda p: fov(p, 0.9)),
-    "kalibr-omni": (kalibr("omni", [1.2], "radtan", D5[:4]), lambda p: mei(p, 1.2, D5[:4])),
+    "kalibr-omni": (kalibr("omni", [1.2], "radtan", D5[:4]), mei),
     "kalibr-eucm": (kalibr("eucm", [0.6, 1.1]), lambda p: eucm(p, 0.6, 1.1)),
     "kalibr-ds": (kalibr("ds", [-0.2, 0.6]), lambda p: double_sphere(p, -0.2, 0.6)),
-    "colmap-fov": ("1 FOV 640 480 310.5 309.25 322.75 239.25 0.9\n", lambda p: fov(p, 0.9)),
-    "zed": (ZED, lambda p: pinhole(p, D5)),
+    "zed": (ZED, pinhole),
     "hugin-fisheye": (
         PTO.format(3, 110, -0.01, 0.02, -0.03),
         lambda p: of_angle(
@@ -387,11 +379,9 @@ def test_poses_of_rigs() -> None:
 
 REFUSED = {
     "fov": (ROS.format("fov", D5), "distortion_model: expected one of"),
-    "inverse": (ROS.format("inverse_brown_conrady", D5), "distortion_model: expected one of"),
     "thin prism": (json.dumps({"K": K, "D": D5, "distortion_model": "thin_prism_fisheye", "image_size": SIZE}), "got 'thin_prism"),
     "omni without xi": (json.dumps({"K": K, "D": D5, "model": "omnidirectional", "image_size": SIZE}), "got 'omni"),
     "skew": (json.dumps({"K": K, "D": D5, "skew": 0.1, "image_size": SIZE}), "skew: expected no such key"),
-    "alpha": (json.dumps({"K": K, "D": D5, "alpha": 0.1, "image_size": SIZE}), "alpha: expected no such key"),
     "tilt": (json.dumps({"K": K, "D": [*D8, 0, 0, 0, 0, 0.01, 0], "image_size": SIZE}), "expected 0"),
     "K twice": (json.dumps({"K": K, "camera_matrix": np.eye(3).tolist(), "D": D5, "image_size": SIZE}), "camera_matrix and K"),
     "a key twice": ('{"K": 1, "K": 2}', "K: expected this key once"),

@@ -106,6 +106,10 @@ def test_wrong_arguments_are_refused(name):
         cameras.from_dict({**good, "width": 10**6, "height": 10**6})
     with pytest.raises(ArgumentError, match="no_such_thing"):
         cameras.from_dict({**good, "no_such_thing": 1})
+    parameters = inspect.signature(cameras.model(name)).parameters
+    if "fov_deg" in parameters and "focal" in parameters and parameters["focal"].default is None:
+        with pytest.raises(ArgumentError, match=r"^focal: expected .*got both \(50, 90\)"):
+            cameras.from_dict({**good, "focal": 50, "fov_deg": 90})
     camera = cameras.from_dict(good)
     for pixels in (np.zeros(3), np.zeros((2, 1)), np.float64(1), [[True, False]], [["a", "b"]]):
         with pytest.raises(ArgumentError, match="pixels: expected"):
