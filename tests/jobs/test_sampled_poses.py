@@ -40,6 +40,8 @@ def inside_the_room(position):
 
 
 def test_random_positions_are_free_and_the_same_every_time(scene, source):
+    with pytest.raises(ArgumentError, match=r"2 positions with a clearance of 0\.1 m in the box, got 0"):
+        sample_poses(RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)), source)
     wanted = RandomPoses(4, **ROOM, clearance=0.35, start=(0, 0, 1.5), seed=3, pitch_deg=(-10, 10))
     found = sample_poses(wanted, source).poses
     assert len(found) == 4
@@ -112,11 +114,6 @@ def test_paths_look_level_or_at_a_point():
 def test_wrong_descriptions_are_one_line(value, message):
     with pytest.raises(ArgumentError, match=message):
         read_sampling("poses", value)
-
-
-def test_nothing_is_free_outside_the_room(source):
-    with pytest.raises(ArgumentError, match=r"2 positions with a clearance of 0\.1 m in the box, got 0"):
-        sample_poses(RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)), source)
 
 
 JOB = """
