@@ -20,8 +20,6 @@ class FaultError(AssertionError):
 
 
 class Outcome(NamedTuple):
-    """How a command ended."""
-
     code: int
     out: str
     err: str

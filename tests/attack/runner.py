@@ -44,7 +44,6 @@ class Tally:
             seeds.append(seed)
 
     def lines(self):
-        """What a long run prints."""
         for family, count in self.cases.items():
             found = sum(len(seeds) for (name, _), (seeds, _) in self.faults.items() if name == family)
             yield f"{family}: {count} cases in {self.seconds[family]:.0f} s, {found} failures"

@@ -30,7 +30,6 @@ source_options: {{timeout_s: 0.4, patience_s: 2, retries: 1}}
 
 
 def requests():
-    """The requests that the recording answers."""
     return face_requests(SIZE, MODES)
 
 
@@ -51,7 +50,6 @@ class Sample:
 
 @cache
 def server():
-    """A mock server for the life of the process."""
     return _held.enter_context(mock_server.serve("four-wall", port=0, size=(SIZE, SIZE)))
 
 

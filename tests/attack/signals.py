@@ -23,7 +23,6 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
 
 
 def case(rng, folder):
-    """Start a command, send it one or two signals, and look at what is left."""
     name, number = rng.choice(list(COMMANDS)), rng.choice(SIGNALS)
     with nothing_left(folder, may_leave=number == signal.SIGKILL) as work:
         environment = {**os.environ, "TMPDIR": str(folder / "tmp")}

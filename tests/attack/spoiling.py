@@ -56,7 +56,6 @@ def text_changed(rng, text):
 
 
 def bytes_changed(rng, data):
-    """Bytes flipped, cut or added."""
     data = bytearray(data)
     for _ in range(rng.choice([0, 1, 1, 5]) if data else 0):
         data[rng.randrange(len(data))] = rng.randrange(256)

@@ -140,5 +140,4 @@ def command_line(rng, folder):
 
 
 def case(rng, folder):
-    """Draw a hostile text of any kind."""
     rng.choice([job, scene, calibration_file, command_line])(rng, folder)

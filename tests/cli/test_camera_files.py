@@ -69,7 +69,6 @@ RENDER = ["render", "--source", "scene://four-wall", "--set", "face_size=32", "-
 
 
 def rendered(here, stem):
-    """The camera of an image that was rendered."""
     return cameras.from_dict(json.loads((here / "out" / f"{stem}.json").read_text())["camera"])
 
 

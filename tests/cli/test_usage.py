@@ -21,7 +21,6 @@ from omniscv.sources.recording.inspection import info
 
 
 def failed(capsys, code, arguments):
-    """The one line that a failing command prints."""
     assert run([str(a) for a in arguments]) == code
     printed = capsys.readouterr()
     lines = printed.err.strip().splitlines()
@@ -69,7 +68,6 @@ def test_wrong_usage_is_one_line_that_says_what_to_write(arguments, says, capsys
 
 
 def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, monkeypatch):
-    """Also where a file has captures of several sizes."""
     monkeypatch.chdir(tmp_path)
     for mode, edge in (("lit", 64), ("depth", 32)):
         run(["record", "--modes", mode, "--set", f"face_size={edge}", "--out", "two.sqlite"])
@@ -130,7 +128,6 @@ def test_a_command_without_standard_error(monkeypatch, tmp_path):
 
 
 def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
-    """Another source, another file, and wider faces."""
     out = tmp_path / "two.sqlite"
     sources = ["--source", "mock://six-wall", "--source", "mock://six-wall?latency_ms=1"]
     assert run(["record", str(job), *sources, "--overscan", "9", "--fix-exposure", "--out", str(out)]) == 0
@@ -160,7 +157,6 @@ def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
 
 
 def planned(capsys, *arguments):
-    """The rows of a plan, by their first column."""
     assert run(["plan", *arguments]) == 0
     heading, *rows = capsys.readouterr().out.splitlines()
     assert heading.split() == ["strategy", "captures", "Mpx", "seconds", "marked", "%"]
@@ -181,7 +177,6 @@ def test_plan_says_what_is_marked_where_it_is_known(capsys):
 
 
 def loaded(job, **values):
-    """The job of a file and options with these values."""
     values = {name.replace("-", "_"): value for name, value in values.items()}
     return JobArguments(job, IMAGES, values, frozenset(values)).load()
 

@@ -232,8 +232,6 @@ POSE = Pose.from_angles((0.1, 0.2, 1.5), yaw_deg=10, pitch_deg=5, roll_deg=-7)
 
 
 class Scaled(SourceWrapper):
-    """A source whose world is so many times larger."""
-
     def __init__(self, source, scale):
         super().__init__(source)
         self.scale = scale
@@ -253,7 +251,6 @@ def moved(view, scale):
 
 
 def made(name, way, scale):
-    """An image of the world at a scale, as it would be of the world as it is."""
     pose = Pose(POSE.t_w_c * scale, POSE.R_w_c)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(CAMERAS[name](scale), pose, Scaled(source, scale), MODES, face_size=128, **way)

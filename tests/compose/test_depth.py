@@ -61,7 +61,6 @@ def test_the_sky_stays_infinite_and_is_never_blended(filter):
 
 
 def test_a_thin_pole_keeps_its_depth():
-    """Thinner than two pixels of a face: no neighbour continues it, so its own pixel's depth is taken."""
     scene = plain_room({"Pole": {"solids": [{"cylinder": [0.01, 3], "at": [1.5, 0, 1.5]}]}})
     source = float_source(scene)
     camera = create("equirectangular", width=1024, height=512)

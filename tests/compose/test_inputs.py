@@ -59,8 +59,6 @@ def test_values_and_types_pass_through(value, dtype, filter):
 
 
 def faulty(fault):
-    """Make captures of which one is of another size, or most of another type, or that look elsewhere."""
-
     def make(i, request):
         view, dtype = request.view, np.float32 if fault == "type" and i else np.uint8
         if fault == "size" and i == 3:

@@ -59,7 +59,6 @@ def test_a_sound_scene_has_no_bit(scene, faults):
 
 @pytest.fixture(scope="module")
 def sofa():
-    """(H, W) where the sofa is."""
     with omniscv.open_source("scene://four-wall?traces=0") as source:
         image = examined(source, checks="none")
         return image["labels"] == source.objects().label("Sofa")

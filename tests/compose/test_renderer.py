@@ -39,7 +39,6 @@ def same(a, b):
 
 @cache
 def reference(camera, pose, filter="auto"):
-    """What a new renderer makes."""
     return omniscv.render(camera, pose, SOURCE, MODES, face_size=64, filter=filter)
 
 
@@ -109,7 +108,6 @@ def test_wrong_arguments_get_one_sentence(arguments, says):
 @pytest.mark.parametrize("filter", ["nearest", "bilinear"])
 @pytest.mark.parametrize("name", [name for name in CAMERAS if name != "panorama"])
 def test_few_pixels_are_those_of_an_image_that_reads_many(name, filter, monkeypatch):
-    """Read from each face, and from all faces in one picture: the same bytes."""
     images = []
     for least in (0, 1 << 40):
         monkeypatch.setattr(arrays, "_FEW", least)

@@ -41,7 +41,6 @@ def faces(edge=128, smooth=2, turned=None, scene="four-wall", center=CENTER, mod
 
 
 def exposed(pictures, factors):
-    """Pictures whose light is multiplied by a factor, or by (s, s) factors, each."""
     lights = (light.decode(picture, "srgb") for picture in pictures)
     both = zip(lights, factors, strict=True)
     return np.stack([light.encode(np.float32(one * np.atleast_3d(factor)), "srgb") for one, factor in both])
@@ -205,7 +204,6 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
 
 @pytest.fixture(scope="module")
 def room_with_overscan():
-    """Six views of 128 px of a face and 8 more on every side, and what they see."""
     with open_scene("scene://four-wall?traces=0") as source:
         poses = [Pose((0.5, 0, 1.4), each.pose.R_w_c) for each in wide_views(128, 8)]
         wide = [View(pose, wide_views(128, 8)[0].fov_deg, 144, 144) for pose in poses]
@@ -254,7 +252,6 @@ def test_a_turned_face_is_put_straight_in_every_mode(tmp_path, slipped):
 
 @pytest.fixture(scope="module")
 def uneven(tmp_path_factory, room):
-    """A recording of the room, with depth and masks, whose faces have gains."""
     path = tmp_path_factory.mktemp("uneven") / "room.sqlite"
     with Recording(open_scene("scene://four-wall"), path) as recording:
         truth = [Request(view, mode) for view in views(128) for mode in ("depth", "object_mask")]
@@ -303,7 +300,6 @@ def test_faces_of_several_places_are_not_mended():
 
 
 def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
-    """Three edges of the face below are dark."""
     darkened = exposed(room, GAINS)
     for side in range(3):
         np.rot90(darkened[5], side)[:2] = 2

@@ -39,7 +39,6 @@ CASES = {
 
 
 def judged(camera, pose, way, uri="mock://four-wall"):
-    """Return the image's errors, and where it is wrong about hidden centres, away from edges."""
     scene = mock_server.load_scene(uri.partition("://")[2].partition("?")[0])
     with omniscv.open_source(uri) as source:
         image = omniscv.render(camera, pose, source, MODES, **{"face_size": 224, **way})

@@ -33,7 +33,6 @@ pytestmark = pytest.mark.usefixtures("all_cores")
 
 
 def same_in_tiles(camera, rows, options, modes=MODES):
-    """Compose an image in tiles of so many rows, and whole: every layer to the byte."""
     tile_bytes = rows * camera.width * BYTES_PER_RAY
     tiled, whole = (
         renderer.render(camera, POSE, modes, options)
@@ -78,7 +77,6 @@ def test_what_plans_need_of_the_rays_is_the_same(camera):
 
 
 def peak_bytes(job):
-    """The most memory that a job takes, and what it returns."""
     tracemalloc.start()
     try:
         made = job()
@@ -148,7 +146,6 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
 
 
 def columns(view):
-    """Pixels whose value is their column."""
     column = np.arange(view.width, dtype=np.float32)[None, :, None]
     return np.broadcast_to(column, (view.height, view.width, 3))
 

@@ -16,6 +16,5 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def copied(whole, tmp_path):
-    """A copy of its folder."""
     shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     return tmp_path / "dataset"

@@ -26,7 +26,6 @@ def blank_colours(out):
 
 
 def swap_labels(out):
-    """Two frames' labels, exchanged."""
     a, b = (out / f"pano-{i}.labels.png" for i in range(2))
     kept = a.read_bytes()
     a.write_bytes(b.read_bytes())

@@ -52,7 +52,6 @@ def frames(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def read(frames, tmp_path_factory):
-    """The frames as pycocotools reads them."""
     return written(frames, tmp_path_factory.mktemp("coco"))[1]
 
 

@@ -31,7 +31,6 @@ FILES = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A dataset of four frames."""
     folder = tmp_path_factory.mktemp("posed")
     R, t = walk(np.arange(4), 3, step_deg=5.0)
     rows = np.column_stack([np.arange(4) / 2, 0.8 * t, Rotation.from_matrix(R).as_quat()])

@@ -46,7 +46,6 @@ def made(tmp_path, monkeypatch, recording):
 
 
 def stderr(capsys):
-    """The one line on standard error."""
     (line,) = capsys.readouterr().err.splitlines()
     return line
 

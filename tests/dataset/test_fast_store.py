@@ -23,7 +23,6 @@ PICTURES = (".png", ".exr")
 
 @pytest.fixture(scope="module")
 def stores(tmp_path_factory):
-    """The same dataset in both stores."""
     folder = tmp_path_factory.mktemp("stores")
     more = "truth: {boxes: true, layout: true}\n"
     return made(folder, more=more), made(folder, out="fast", more=f"{more}store: fast\n")
@@ -31,7 +30,6 @@ def stores(tmp_path_factory):
 
 @pytest.fixture
 def fast(stores, tmp_path):
-    """A copy of the fast one."""
     return shutil.copytree(stores[1], tmp_path / "fast")
 
 
@@ -108,7 +106,6 @@ def test_a_dataset_has_one_store(stores, tmp_path):
 
 
 def array(pixels, **settings):
-    """The bytes of an array as somebody else writes it."""
     return blosc2.asarray(np.ascontiguousarray(pixels), **settings).to_cframe()
 
 

@@ -77,7 +77,6 @@ def test_frames_pair_by_time_and_gap_within_a_scene(tmp_path):
 
 
 def placed(frame, poses):
-    """A frame with a record of the poses of objects."""
     path = frame.files["depth"].with_name(f"{frame.key}.truth.json")
     path.write_text(json.dumps({"poses": {name: pose.to_dict() for name, pose in poses.items()}}))
     return replace(frame, files={**frame.files, "truth": path})
@@ -145,7 +144,6 @@ def known_flow(*values):
 
 
 def test_known_answers_of_kitti():
-    """Section 11.6 of the formats' reference."""
     codes = kitti_codes(known_flow(-512, -511.984375, 0, 1.5, 511.984375, np.nan))
     assert codes[0, :, 0].tolist() == [0, 1, 32768, 32864, 65535, 0]
     assert codes[0, :, 2].tolist() == [1, 1, 1, 1, 1, 0]

@@ -25,7 +25,6 @@ EXPORT = "export: [webdataset]\n"
 
 
 def test_workers_and_shards_make_the_same_bytes(whole, tmp_path):
-    """Shards into one folder; shards into folders of their own, joined by copying; several workers."""
     wanted = tree(whole / "dataset")
     job = load(job_file(tmp_path, more=EXPORT))
     make(replace(job, out=tmp_path / "workers"), workers=3)
@@ -52,7 +51,6 @@ def test_a_frame_is_made_again_where_a_file_of_it_is_damaged(copied):
 
 
 def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
-    """Two servers at two ports, some time apart, into two folders."""
     trees = []
     for name in ("first", "second"):
         with mock_server.serve("four-wall") as server:
@@ -148,7 +146,6 @@ def test_a_key_has_no_dot_and_is_used_once(tmp_path):
 
 
 def test_frames_of_a_writer_are_read_back(tmp_path):
-    """Cameras are named after their models; poses, times, places, splits and records come back."""
     shown, other = image(), image(width=48)
     pose = omniscv.Pose.from_angles((1, 2, 3), 10, 20, 30)
     with dataset.Writer(tmp_path / "d", classes={"rules": [{"match": "*", "class": "thing"}]}) as writer:

@@ -82,7 +82,6 @@ def test_a_dataset_tags_its_panoramas_and_nothing_else(tmp_path):
 
 
 def frames(folder, model="equirectangular", count=5, width=64, height=32):
-    """Frames whose colour changes smoothly."""
     camera = omniscv.cameras.create(model, width=width, height=height)
     for i in range(count):
         ramp = np.add.outer(np.arange(height) * 3, np.arange(width) * 2) + 10 * i

@@ -25,7 +25,6 @@ def picture():
 
 
 def written(out, picture, split="train", name="chair", supercategory=""):
-    """A dataset of one frame, all of whose objects have one class."""
     rule = {"match": "*", "class": name, "supercategory": supercategory}
     with dataset.Writer(out, classes={"rules": [rule]}) as writer:
         writer.add("room", picture, split=split)

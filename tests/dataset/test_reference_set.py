@@ -94,7 +94,6 @@ def test_lens_files_are_pycolmaps(name, reference):
 
 
 def read_colmap(path):
-    """The camera of a line of cameras.txt."""
     words = next(line for line in path.read_text().splitlines() if not line.startswith("#")).split()
     size = {"width": int(words[2]), "height": int(words[3])}
     return pycolmap.Camera(model=words[1], **size, params=[*map(float, words[4:])])

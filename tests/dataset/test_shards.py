@@ -35,7 +35,6 @@ def packed(whole, tmp_path_factory):
 
 @pytest.fixture
 def shards(packed, tmp_path):
-    """A copy of it."""
     return shutil.copytree(packed, tmp_path / "shards")
 
 
@@ -63,7 +62,6 @@ def repacked(folder, change):
 
 
 def enter(folder, lines):
-    """List the shard with its size and checksum."""
     lines["shards"][0] |= asdict(FileEntry.of(folder / lines["shards"][0]["path"]))
     (folder / "shards.json").write_text(json.dumps(lines), encoding="utf-8")
 
@@ -124,8 +122,6 @@ def test_a_damaged_shard_is_named(copied):
 
 
 def linked(type, target):
-    """The first depth as a link."""
-
     def change(tar, member, data):
         if member.name.endswith(".depth.exr"):
             member = tarfile.TarInfo(member.name)

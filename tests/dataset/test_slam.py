@@ -57,7 +57,6 @@ export:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A dataset with its exports."""
     root = tmp_path_factory.mktemp("slam")
     (root / "job.yaml").write_text(JOB + EXPORTS)
     job = load(root / "job.yaml")
@@ -133,7 +132,6 @@ def pcd(folder, frame, i):
 
 @cache
 def messages_of(path):
-    """By topic, stamps and messages."""
     messages = {}
     with highlevel.AnyReader([path]) as reader:
         for connection, stamp, data in reader.messages():

@@ -33,7 +33,6 @@ def test_places_are_those_of_single_linkage(positions):
 @cases(50)
 @given(POSITIONS, POSITIONS)
 def test_places_stay_in_their_split_when_others_come(before, after):
-    """Others that are far away."""
     both = np.concatenate([before, after + 100])
     assert SPLIT.places(both)[: len(before)] == SPLIT.places(before)
 

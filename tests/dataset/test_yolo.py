@@ -41,7 +41,6 @@ def read(root, split="train"):
 
 
 def made(folder, yaws, **keys):
-    """The path of a dataset of the room, turned so."""
     camera = {"model": "pinhole", "width": 101, "height": 67, "fov_deg": 90}
     poses = [{"position": [0, 0, 1.5], "yaw_deg": yaw} for yaw in yaws]
     job = {"source": "scene://four-wall", "cameras": {"front": camera}, "poses": poses, **keys}

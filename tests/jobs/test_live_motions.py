@@ -34,7 +34,6 @@ SLIDE = "motions: {Cabinet: [{time: 0, position: [-2, -0.6, 0.85]}, {time: 2, po
 
 @pytest.fixture(scope="module")
 def server():
-    """A game whose own objects move."""
     with mock_server.serve("workshop", size=(64, 64), time_step_s=0.05) as running:
         yield running
 

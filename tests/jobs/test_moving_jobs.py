@@ -56,7 +56,6 @@ def rendered(job, time, camera=None, pose=None, poses=None):
 
 
 def images_of(job):
-    """The images that a job writes, as read back, by stem."""
     written = run(job)
     stems = sorted({path.name.partition(".")[0] for path in written if path.suffix == ".png"})
     found = {}
@@ -73,7 +72,6 @@ def assert_same(layers, image):
 
 
 def test_each_image_is_of_the_scene_at_its_time(tmp_path):
-    """An object is moved by the job, others move by themselves; one pose is taken at three times."""
     job = job_of(tmp_path, f"times: [0, 0.5, 1.25]\nmotions: {{Cabinet: {SLIDE}}}")
     found = images_of(job)
     assert list(found) == ["pano-0", "pano-1", "pano-2"]
@@ -109,7 +107,6 @@ def test_motions_of_files_and_splines(tmp_path):
 
 
 def test_times_of_poses(tmp_path):
-    """One pose at all times; a pose for each; a trajectory at other times than its own."""
     ranged = job_of(tmp_path, "times: {start: 1, rate: 4, count: 3}")
     assert ranged.times_ns == (10**9, 1_250_000_000, 1_500_000_000)
     assert len(ranged) == 3
@@ -217,7 +214,6 @@ def on_the_way(folder, more="", traces=0, readout=0.05, camera=ROLLING):
 
 
 def image_of(job, i):
-    """An image in memory, and what it is made of."""
     with opened(job) as (job, source):
         shared = list(frames_by_instant(job))[i]
         return job, shared, next(instants.images_of(omniscv.Renderer(source), shared, job))
@@ -243,7 +239,6 @@ def test_each_line_is_the_path_and_the_world_at_its_time(tmp_path, more, traces,
 
 @pytest.mark.parametrize("traces", [0, 1])
 def test_each_column_of_a_push_broom_is_the_path_at_its_time(tmp_path, traces):
-    """Each column looks straight ahead from the spline's pose at its time."""
     line = "{{model: push-broom, width: 64, height: 48, readout: {}}}"
     made = image_of(on_the_way(tmp_path, "", traces, 0.25, line), 0)
     down = (np.arange(0.5, 48) - 24) / 24

@@ -45,7 +45,6 @@ def test_overscan_changes_no_image(filter_, both):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """Recordings of the same faces, with the border that filters need, and with the overscan."""
     folder = tmp_path_factory.mktemp("overscan")
     narrow, wide = folder / "narrow.sqlite", folder / "wide.sqlite"
     assert record(narrow, "--overscan", "4") == {"72x72": 24}

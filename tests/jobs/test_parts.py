@@ -27,8 +27,6 @@ from omniscv.storage.local import scratch_folder
 
 
 class Counted(SourceWrapper):
-    """The room, and how often each request was made of it."""
-
     requests: ClassVar = Counter()
 
     def capture(self, requests):
@@ -45,7 +43,6 @@ def counted():
 
 
 def job_of(folder, **fields):
-    """Two cameras at five poses, at three positions."""
     first, second, third = (0, 0, 1.5), (0.5, 0.2, 1.5), (-1, 0.5, 1)
     turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
     poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)

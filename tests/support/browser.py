@@ -10,14 +10,12 @@ _OPTIONS = ("--no-sandbox", "--disable-background-networking", "--no-first-run",
 
 
 def found():
-    """The path of a browser that can be driven, or None."""
     paths = (shutil.which(name) for name in _NAMES)
     return next(filter(None, paths), None) if importlib.util.find_spec("playwright") else None
 
 
 @contextmanager
 def started():
-    """A browser."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

@@ -46,7 +46,6 @@ def job_file(folder, source="scene://four-wall", out="dataset", more=""):
 
 
 def made(folder, **job):
-    """Make the dataset of such a job; return its folder."""
     wanted = load(job_file(folder, **job))
     make(wanted)
     return wanted.out
@@ -82,14 +81,12 @@ def enter(out, key, kind, name=None):
 
 
 def relisted(out, change):
-    """Change the lines of ``frames.jsonl``, as plain values."""
     path = out / "frames.jsonl"
     lines = change([json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()])
     path.write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
 
 
 def image(source="scene://four-wall", position=(0, 0, 1.5), width=32, modes=("lit", "object_mask")):
-    """A small panorama."""
     camera = omniscv.cameras.create("equirectangular", width=width, height=width // 2)
     with omniscv.open_source(source) as opened:
         return omniscv.render(camera, omniscv.Pose.from_angles(position), opened, modes, face_size=32)

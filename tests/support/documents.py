@@ -35,7 +35,6 @@ class Block:
         return found[1] if found and self.language not in (*_SHELLS, "python") else None
 
     def commands(self):
-        """The command lines, as lists of words."""
         if self.language not in _SHELLS:
             return []
         lines = re.sub(r"\\\n\s*", " ", self.text).split("\n")
@@ -43,7 +42,6 @@ class Block:
 
 
 def blocks(document):
-    """The fenced blocks of a document's text, in order."""
     found = []
     for match in _FENCE.finditer(document):
         indent = match[1]

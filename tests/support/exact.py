@@ -35,12 +35,10 @@ def plain_room(objects):
 
 
 def float_source(scene, capabilities=None):
-    """A scene traced in this process, colours as floats."""
     return SceneSource(scene, capabilities, lit="float32")
 
 
 def cameras_at(width):
-    """An example of every model at a width."""
     return {name: cameras.model(name).example(width) for name in cameras.names()}
 
 

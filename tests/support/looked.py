@@ -23,8 +23,6 @@ POSE = Pose.from_angles((0.3, -0.2, 1.4), yaw_deg=25, pitch_deg=-8)
 
 @dataclass
 class Looked:
-    """A folder of images, and the truth that it shows."""
-
     scene: mock_server.Scene
     folder: Path
 
@@ -35,7 +33,6 @@ class Looked:
 
 
 def images(folder, scene="four-wall"):
-    """Write an image of every camera into a folder."""
     scene = mock_server.load_scene(scene)
     objects = ObjectTable({name: (i, 0, 255 - i) for i, name in enumerate(scene.objects)})
     for stem, camera in CAMERAS.items():

@@ -10,7 +10,6 @@ def plan_of(camera, pose, capabilities=None, *, border_px=None, cover=lambda vie
 
 
 def viewpoints_of(plan):
-    """The viewpoints that serve pixels."""
     found = []
     drive(plan.rounds(), lambda round_: found.extend(v for v in round_.viewpoints if len(v.pixels)))
     return found

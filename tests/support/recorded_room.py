@@ -11,7 +11,6 @@ MODES = ("lit", "object_mask", "depth", "normals")
 
 
 def central(source, model, size, **parameters):
-    """An image at the place, of faces in all modes."""
     camera = cameras.create(model, width=size[0], height=size[1], **parameters)
     return omniscv.render(camera, TURNED, source, MODES, strategy="cube", face_size=FACE_PX)
 

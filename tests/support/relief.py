@@ -43,7 +43,6 @@ class World(NamedTuple):
         return distance, label
 
     def seen_from(self, point):
-        """Return the world with the origin at a point."""
         quads, balls, rods = self.quads.copy(), self.balls.copy(), self.rods.copy()
         for corners in (quads[:, :3], balls[:, :3], rods[:, :3], rods[:, 3:6]):
             corners -= point
@@ -176,7 +175,6 @@ def saw(degrees):
 
 
 def panels(rng, p):
-    """Panels that differ by 3 mm."""
     return [quad((x, -HALF_M, AWAY + 0.003 * rng.integers(2)), (p, 0, 0), TALL) for x in across(p)]
 
 
@@ -357,7 +355,6 @@ COLORS = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
 
 
 def captured(scene, view, encoding=FLOATS):
-    """Return depth and mask of a structure in a view."""
     at_x, at_y = ((np.arange(size) + 0.5 - size / 2) / view.focal_px for size in (view.width, view.height))
     rays = np.stack([*np.broadcast_arrays(at_x[None], at_y[:, None], 1.0)], axis=-1)
     lengths = np.linalg.norm(rays, axis=-1)
@@ -379,8 +376,6 @@ VIEW = View(Pose(np.zeros(3), np.eye(3)), 90.0, EDGE_PX, EDGE_PX)
 
 
 class Traced(Source):
-    """Any view of a structure."""
-
     capabilities = Capabilities(frozenset(MODES))
 
     def __init__(self, scene):
@@ -426,7 +421,6 @@ def judge(kind, px, seed, encoding=FLOATS, camera_px=300, objects=200):
 
 
 def judged(image, scene):
-    """Return how an image errs without saying so."""
     distance, label = scene.trace(image.camera.unproject().directions[image.valid] @ image.pose.R_w_c.T)
     on = label > 1
     depth, bound = image.depth[image.valid].astype(float), image.depth_error[image.valid].astype(float)

@@ -32,7 +32,6 @@ def room_of_plan(plan, height=2.8):
 
 
 def scene_of_plan(plan, height=2.8):
-    """The same room in the mock server, traced exactly."""
     return mock_server.Scene("plan", {"room": {"floor": plan, "height": height}})
 
 

@@ -29,7 +29,6 @@ def frame_of(folder, layers, camera, pose, camera_name="cam", key="cam", scene=N
 
 
 def traced_frame(folder, scene, camera, pose, camera_name="cam", key="cam", **more):
-    """A frame of a scene."""
     return frame_of(folder, traced(scene, camera, pose), camera, pose, camera_name, key, scene, **more)
 
 
