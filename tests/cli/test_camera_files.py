@@ -15,17 +15,11 @@ K, D = [[21.0, 0.0, 15.5], [0.0, 21.5, 11.5], [0.0, 0.0, 1.0]], [0.02, -0.008, 0
 FISHEYE = calibration.from_opencv_fisheye(K, D, 32, 24)
 PLAIN = calibration.from_opencv(K, D, 32, 24)
 
+MATRICES = {"camera": K, "rectification": np.eye(3).tolist(), "projection": np.c_[K, np.zeros(3)].tolist()}
 ROS = json.dumps(
-    {
-        "image_width": 32,
-        "image_height": 24,
-        "camera_name": "narrow_stereo",
-        "camera_matrix": {"rows": 3, "cols": 3, "data": np.ravel(K).tolist()},
-        "distortion_model": "MODEL",
-        "distortion_coefficients": {"rows": 1, "cols": 4, "data": D},
-        "rectification_matrix": {"rows": 3, "cols": 3, "data": np.eye(3).ravel().tolist()},
-        "projection_matrix": {"rows": 3, "cols": 4, "data": np.c_[K, np.zeros(3)].ravel().tolist()},
-    }
+    {"image_width": 32, "image_height": 24, "camera_name": "narrow_stereo", "distortion_model": "MODEL"}
+    | {"distortion_coefficients": {"rows": 1, "cols": 4, "data": D}}
+    | {f"{of}_matrix": {"rows": 3, "cols": len(M[0]), "data": [*np.ravel(M)]} for of, M in MATRICES.items()}
 )
 """A file of ROS; JSON is YAML."""
 
@@ -35,10 +29,9 @@ def written(folder, text, name="lens.yaml"):
     return folder / name
 
 
-NAMES = [("K", "D"), ("camera_matrix", "dist_coeffs"), ("cameraMatrix", "distCoeffs")]
-
-
-@pytest.mark.parametrize("keys", NAMES)
+@pytest.mark.parametrize(
+    "keys", [("K", "D"), ("camera_matrix", "dist_coeffs"), ("cameraMatrix", "distCoeffs")]
+)
 def test_bare_matrices_need_a_size_and_four_coefficients_a_format(keys, tmp_path):
     path = written(tmp_path, f"{keys[0]}: {K}\n{keys[1]}: {D}\n")
     with pytest.raises(ArgumentError, match=r"opencv \(k1 k2 p1 p2 of the plain model\) or opencv-fisheye"):
@@ -48,15 +41,10 @@ def test_bare_matrices_need_a_size_and_four_coefficients_a_format(keys, tmp_path
         calibration.load(path, "opencv")
     assert calibration.load(path, "opencv", (32, 24)) == {"cam0": PLAIN}
     assert calibration.load(path, "opencv-fisheye", (32, 24)) == {"cam0": FISHEYE}
+    with pytest.raises(ArgumentError, match="size: expected 32 x 24, got 64 x 48"):
+        calibration.load(written(tmp_path, ROS.replace("MODEL", "plumb_bob"), "ros.yaml"), size=(64, 48))
     five = written(tmp_path, f"{keys[0]}: {K}\n{keys[1]}: [{[*D, 0.0]}]\n")
     assert calibration.load(five, size=(32, 24))["cam0"].name == "pinhole"
-
-
-def test_a_size_that_a_file_contradicts_is_refused(tmp_path):
-    path = written(tmp_path, ROS.replace("MODEL", "plumb_bob"))
-    assert calibration.load(path, size=(32, 24)) == {"cam0": PLAIN}
-    with pytest.raises(ArgumentError, match="size: expected 32 x 24, got 64 x 48"):
-        calibration.load(path, size=(64, 48))
 
 
 @pytest.fixture
@@ -82,9 +70,6 @@ def test_a_calibration_file_is_a_camera_of_the_command_line(here, capsys):
     assert "--set camera.format=opencv" in capsys.readouterr().err
     assert run([*bare, "--set", "camera.format=opencv"]) == 0
     assert rendered(here, "bare") == PLAIN
-
-
-def test_one_of_several_cameras_is_named(here, capsys):
     calibration.save("chain.yaml", {"cam0": FISHEYE, "cam1": PLAIN}, "kalibr")
     assert run([*RENDER, "--camera", "chain.yaml"]) == 2
     assert "chain.yaml: name: expected one of cam0, cam1; got None" in capsys.readouterr().err

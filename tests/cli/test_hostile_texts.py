@@ -23,11 +23,7 @@ WRONG = [
     ("source", '"a\\0b"', "source: expected a text, got 'a\\x00b'"),
     ("cameras", CAMERA.format(".nan"), "cameras.a: width: expected a whole number of pixels"),
     ("cameras", CAMERA.format("9" * 1_000_000), "numbers of at most 64 characters"),
-    (
-        "cameras",
-        "{a: {model: equirectangular, width: 1000000, height: 1000000}}",
-        "cameras.a: size: expected at most",
-    ),
+    ("cameras", "{a: {model: pinhole, width: 99999, height: 99999}}", "cameras.a: size: expected at most"),
     ("cameras", "{'': {model: pinhole, width: 8, height: 4}}", "cameras: expected the start of a file name"),
     ("poses", POSE.format(".nan"), "poses[0].yaw_deg: expected a finite number"),
     ("poses", "[{position: [0, 0, 1e300]}]", "position: expected coordinates of at most 1e+09"),
@@ -114,20 +110,14 @@ def test_a_long_error_keeps_its_beginning_and_its_end(capsys):
 
 @pytest.mark.timeout(60)
 @pytest.mark.skipif(sys.platform == "win32", reason="no named pipes in folders")
-@pytest.mark.parametrize(
-    "words",
-    [
-        *(["job"], ["render"], ["plan"], ["dataset", "make"], ["look"], ["serve"], ["doctor"]),
-        ["recording", "check"],
-        ["recording", "import", ".", "a.sqlite", "--layout"],
-        ["evaluate", "odometry", "--trajectory"],
-        ["render", "--source", "scene://four-wall", "--size", "8x4", "--camera"],
-    ],
-)
-def test_a_named_pipe_hangs_no_command(words, tmp_path, monkeypatch, capsys):
+def test_a_named_pipe_hangs_no_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     os.mkfifo("p.yaml")
     os.mkfifo("p.sqlite")
-    pipe = "p.sqlite" if words[:1] in (["doctor"], ["recording"]) and "--layout" not in words else "p.yaml"
-    assert cli.run([*words, pipe]) in (1, 2)
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    for words in (
+        *("job p.yaml", "render p.yaml", "plan p.yaml", "dataset make p.yaml", "look p.yaml", "serve p.yaml"),
+        *("doctor p.sqlite", "recording check p.sqlite", "recording import . a.sqlite --layout p.yaml"),
+        *("evaluate odometry --trajectory p.yaml", "render --size 8x4 --camera p.yaml"),
+    ):
+        assert cli.run(words.split()) in (1, 2), words
+        assert len(capsys.readouterr().err.splitlines()) == 1, words

@@ -63,13 +63,9 @@ def test_recording_counts_each_capture_once(job, capsys):
     assert last.startswith(f"images 4/4, {there}/{there} captures, ")
 
 
-@pytest.mark.parametrize("style", [(), ("--progress", "none")])
-def test_nothing_is_printed_to_a_file_unless_it_is_asked_for(style, job, capfd):
-    assert run(["render", str(job), *style]) == 0
+def test_plain_progress_is_lines_and_nothing_is_printed_to_a_file_unless_it_is_asked_for(job, capfd):
+    assert run(["render", str(job)]) == 0
     assert capfd.readouterr().err == ""
-
-
-def test_plain_progress_is_lines(job, capfd):
     assert run(["render", str(job), "--progress", "plain"]) == 0
     lines = capfd.readouterr().err.splitlines()
     line = r"images \d/4(, \d+/\d+ captures, \d+\.\d MB, [\d.e+]+/s, \d+\.\d MB/s)?(, [\d:]+ left)?"
@@ -162,11 +158,8 @@ def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path
     assert 0 < info(out).captures["lit"] < 6000
 
 
-def test_a_signal_that_was_lost_is_noticed_later():
-    """What a handler raises within a callback of C, or in ``__del__``, is printed and gone."""
-    lost = """
-import os, signal, sys
-from omniscv.cli import console
+# What a handler raises within a callback of C, or in ``__del__``, is printed and gone.
+LOST = """
 class Ends:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGTERM)
@@ -175,26 +168,23 @@ def command():
     Ends()
     console.check()
     return 0
-sys.exit(console.unwound(command))
 """
-    done = subprocess.run([sys.executable, "-c", lost], timeout=60, capture_output=True)
-    assert (done.returncode, done.stderr) == (143, b"")
-
-
-def test_what_an_interrupted_import_raises_is_no_failure_of_its_own():
-    interrupted = """
-import os, signal, sys
-from omniscv.cli import console
+INTERRUPTED = """
 def command():
     try:
         os.kill(os.getpid(), signal.SIGINT)
         sum(range(1000))
     except KeyboardInterrupt as cause:
         raise ImportError("failed to import") from cause
-sys.exit(console.unwound(command))
 """
-    done = subprocess.run([sys.executable, "-c", interrupted], timeout=60, capture_output=True)
-    assert (done.returncode, done.stderr) == (130, b"")
+
+
+@pytest.mark.parametrize(("command", "code"), [(LOST, 143), (INTERRUPTED, 130)])
+def test_a_signal_that_was_lost_is_noticed_and_what_an_import_makes_of_it_is_no_failure(command, code):
+    program = f"import os, signal, sys\nfrom omniscv.cli import console\n{command}"
+    run_it = [sys.executable, "-c", f"{program}\nsys.exit(console.unwound(command))"]
+    done = subprocess.run(run_it, timeout=60, capture_output=True)
+    assert (done.returncode, done.stderr) == (code, b"")
 
 
 def test_a_signal_before_the_command_begins_stops_it_too(monkeypatch):

@@ -30,10 +30,6 @@ def failed(capsys, code, arguments):
     return lines[0]
 
 
-def names_in(folder):
-    return {path.name for path in folder.iterdir()}
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -77,23 +73,21 @@ def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, m
     assert "size: 40 x 40 recorded, 72 x 72 px requested; 'omniscv recording places two.sqlite' lists" in line
 
 
-def test_recording_again_says_how_many_captures_are_new(capsys, tmp_path):
-    path = tmp_path / "one.sqlite"
-    wanted = ("lit", "6 captures"), ("lit", "6 captures, none new"), ("lit,depth", "12 captures, 6 new")
-    for modes, count in wanted:
-        assert run(["record", "--modes", modes, "--set", "face_size=16", "--out", str(path)]) == 0
-        assert capsys.readouterr().out == f"{path}: {count}\n"
-
-
-def test_captures_of_another_process_in_the_same_file_are_not_counted(capsys, tmp_path, monkeypatch):
+def test_recording_again_says_how_many_captures_are_new(capsys, tmp_path, monkeypatch):
+    """Those of another process in the same file are not counted."""
     path, opened = tmp_path / "one.sqlite", render.opened
     arguments = ["record", "--set", "face_size=16", "--out", str(path), "--modes"]
+    wanted = ("lit", "6 captures"), ("lit", "6 captures, none new"), ("lit,depth", "12 captures, 6 new")
+    for modes, count in wanted:
+        assert run([*arguments, modes]) == 0
+        assert capsys.readouterr().out == f"{path}: {count}\n"
 
     def opened_while_another_records(*args):
         monkeypatch.undo()
         assert run([*arguments, "lit,depth"]) == 0
         return opened(*args)
 
+    path.unlink()
     monkeypatch.setattr(render, "opened", opened_while_another_records)
     assert run([*arguments, "lit"]) == 0
     assert capsys.readouterr().out == f"{path}: 12 captures\n{path}: 6 captures\n"
@@ -121,12 +115,6 @@ def test_a_file_where_a_folder_is_wanted(capsys, tmp_path):
     assert path.read_text() == "dear diary"
 
 
-def test_a_command_without_standard_error(monkeypatch, tmp_path):
-    monkeypatch.setattr(sys, "stderr", None)  # as Python has it where it is closed
-    assert run(["render", "--source", "scene://waves", "--size", "8x4", "--out", str(tmp_path)]) == 0
-    assert run(["scenes", "moon"]) == 2
-
-
 def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
     out = tmp_path / "two.sqlite"
     sources = ["--source", "mock://six-wall", "--source", "mock://six-wall?latency_ms=1"]
@@ -149,11 +137,13 @@ def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path
     assert info(tmp_path / "kept.sqlite").captures == info(tmp_path / "capture.sqlite").captures
 
 
-def test_mask_and_rgb_are_other_words_for_modes(tmp_path, capsys):
+def test_mask_and_rgb_are_other_words_for_modes_and_standard_error_may_be_closed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", None)  # as Python has it where it is closed
     small = ["--size", "16x8", "--set", "face_size=16"]
     assert run(["render", *small, "--modes", "mask, rgb,mask", "--out", str(tmp_path)]) == 0
     layers = {f"equirectangular.{name}.png" for name in ("object_mask", "labels", "lit")}
-    assert layers <= names_in(tmp_path)
+    assert layers <= {path.name for path in tmp_path.iterdir()}
+    assert run(["scenes", "moon"]) == 2
 
 
 def planned(capsys, *arguments):
@@ -288,5 +278,5 @@ def test_what_is_overridden_is_not_changed():
 
 
 def test_a_url_keeps_its_slashes(job):
-    assert loaded(job, out="s3://bucket/kitchen").out == "s3://bucket/kitchen"
-    assert address("s3://bucket/kitchen", Path("/elsewhere")) == "s3://bucket/kitchen"
+    assert loaded(job, out="memory://bucket/kitchen").out == "memory://bucket/kitchen"
+    assert address("memory://bucket/kitchen", Path("/elsewhere")) == "memory://bucket/kitchen"

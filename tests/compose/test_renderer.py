@@ -43,21 +43,14 @@ def reference(camera, pose, filter="auto"):
 
 
 @pytest.mark.parametrize("filter", ["auto", "area"])
-def test_images_of_a_kept_renderer_are_those_of_a_new_one(filter):
-    renderer, options = omniscv.Renderer(SOURCE), omniscv.RenderOptions(filter=filter, face_size=64)
-    for pose in (*POSES, *POSES):
-        for camera in CAMERAS.values():
-            kept = renderer.render(camera, pose, MODES, options)
-            assert same(kept, reference(camera, pose, filter))
-
-
-@pytest.mark.parametrize("limit", [0, 1 << 20, 1 << 30])
-def test_what_is_kept_stays_within_its_bound(limit):
+def test_images_of_a_kept_renderer_are_those_of_a_new_one_within_its_bound(filter):
+    limit = 1 << 30 if filter == "auto" else 1 << 20
     renderer = omniscv.Renderer(SOURCE, cache_bytes=limit)
-    for pose in POSES:
+    for pose in (*POSES[:2], *POSES[:2]):
         for camera in CAMERAS.values():
-            renderer.render(camera, pose, MODES, SMALL)
-            assert renderer.nbytes <= limit
+            kept = renderer.render(camera, pose, MODES, omniscv.RenderOptions(filter=filter, face_size=64))
+            assert same(kept, reference(camera, pose, filter))
+            assert 0 < renderer.nbytes <= limit
 
 
 def test_lookups_of_several_cameras_are_made_once_pose_by_pose():
@@ -140,7 +133,7 @@ def reads(renderer, place, yaw_deg):
     return len(renderer.source.requests), image
 
 
-def test_a_place_is_decoded_once_until_another_one_comes(recording):
+def test_a_place_is_decoded_once_until_another_one_comes_but_captured_anew_live(recording):
     """And images of held captures are those of new ones."""
     fresh = omniscv.open_source("scene://four-wall?traces=0")
     counts = []
@@ -153,6 +146,9 @@ def test_a_place_is_decoded_once_until_another_one_comes(recording):
             other = omniscv.Renderer(fresh).render(CAMERA, pose, TRUTHS, OPTIONS)
             assert all(np.array_equal(image[name], other[name]) for name in other.layers)
     assert counts == [ALL, 0, ALL, 0, ALL]
+    with CountingSource(fresh) as live:
+        renderer = omniscv.Renderer(live)
+        assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
 
 
 @pytest.mark.parametrize("limit", [0, 1 << 15])
@@ -162,12 +158,6 @@ def test_what_does_not_fit_is_read_again(recording, limit):
         counts = [reads(renderer, HERE, yaw_deg)[0] for yaw_deg in (0, 30)]
         assert renderer.nbytes <= limit
     assert counts == [ALL, ALL] if limit == 0 else counts[0] == ALL and 0 < counts[1] < ALL
-
-
-def test_a_live_source_is_captured_anew():
-    with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
-        renderer = omniscv.Renderer(source)
-        assert [reads(renderer, HERE, 0)[0], reads(renderer, HERE, 30)[0]] == [ALL, ALL]
 
 
 def test_what_images_share_is_released_after_the_last_of_them():
