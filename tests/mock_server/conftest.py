@@ -14,7 +14,6 @@ import mock_server
 
 @pytest.fixture
 def open_raw():
-    """Opens raw clients, closed after the test."""
     with contextlib.ExitStack() as clients:
 
         def open_one(server):

@@ -94,7 +94,6 @@ def test_a_server_that_cannot_listen_any_more_ends_with_one_line(capsys):
 
 
 def connect_and_leave(address):
-    """Be a client as soon as there is a server."""
     while True:
         with contextlib.suppress(ConnectionRefusedError):
             return RawClient(address).socket.close()

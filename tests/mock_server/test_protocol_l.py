@@ -38,9 +38,6 @@ def same_depth(got, location_cm=(0, 0, 150), yaw_deg=0):
     return (np.abs(got - truth) <= 2.0**-11 * truth).mean() > 0.99
 
 
-# Poses
-
-
 def test_pictures_lag_behind_the_pose_and_the_rotation_lags_more(start, open_raw):
     raw = open_raw(start(dialect="L", size=SIZE, frames_per_s=1))  # no frame passes by itself
     old = npy(raw.ask("vget /camera/0/depth npy"))
@@ -61,29 +58,17 @@ def test_three_round_trips_or_a_file_command_settle_the_pose(raw):
     assert same_depth(npy(raw.ask("vget /camera/0/depth npy")), (0, 0, 150), yaw_deg=180)
 
 
-# Images
-
-
-@pytest.mark.parametrize("mode", ["lit", "normal"])
-def test_arrays_hold_the_pixels_of_pictures(raw, mode):
-    image, array = png(raw.ask(f"vget /camera/0/{mode} png")), npy(raw.ask(f"vget /camera/0/{mode} npy"))
-    assert image.shape == (*SIZE[::-1], 4)
-    np.testing.assert_array_equal(image[..., :3], array[..., :3])
-
-
-def test_three_arrays_in_one_reply(raw):
+def test_arrays_hold_the_pixels_of_pictures_and_three_come_in_one_reply(raw):
     parts = io.BytesIO(raw.ask("vget /camera/0/lit_depth_normal npy"))
-    lit, depth, normal = (np.load(parts) for _ in range(3))
+    for mode, array in zip(("lit", "depth", "normal"), [np.load(parts) for _ in range(3)], strict=True):
+        np.testing.assert_array_equal(array, npy(raw.ask(f"vget /camera/0/{mode} npy")))
+        image = png(raw.ask(f"vget /camera/0/{mode} png"))
+        assert image.shape == (*SIZE[::-1], 4)
+        if mode == "depth":  # its picture is for the eye
+            assert image[..., 0].max() == 255
+        else:
+            np.testing.assert_array_equal(image[..., :3], array[..., :3])
     assert parts.read() == b""
-    np.testing.assert_array_equal(lit, npy(raw.ask("vget /camera/0/lit npy")))
-    np.testing.assert_array_equal(depth, npy(raw.ask("vget /camera/0/depth npy")))
-    np.testing.assert_array_equal(normal, npy(raw.ask("vget /camera/0/normal npy")))
-
-
-def test_depth_png_is_for_the_eye(raw):
-    image = png(raw.ask("vget /camera/0/depth png"))
-    assert image.shape == (*SIZE[::-1], 4)
-    assert image[..., 0].max() == 255
 
 
 def test_an_impossible_field_of_view_gives_no_data(raw, tmp_path):
@@ -93,9 +78,6 @@ def test_an_impossible_field_of_view_gives_no_data(raw, tmp_path):
     for name in ("x.png", "x.exr"):
         assert raw.text(f"vget /camera/0/depth {name}") == f"{tmp_path}/{name}"
     assert list(tmp_path.iterdir()) == []
-
-
-# Masks
 
 
 def test_displayed_values_are_those_of_the_reference():
@@ -119,9 +101,6 @@ def test_object_mask_leaves_the_window_in_its_view_mode_and_a_lit_file_resets_it
     assert raw.text("vget /viewmode") == "object_mask"
     raw.ask("vget /camera/0/lit x.png")
     assert raw.text("vget /viewmode") == "lit"
-
-
-# Files and order
 
 
 def test_files(raw, tmp_path):

@@ -116,18 +116,6 @@ def test_moves_and_keys_take_the_pawn_to_what_is_in_the_way(talk, dialect):
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_functions_that_objects_lack_are_refused_and_levels_have_names(talk, dialect):
-    request = talk(dialect)
-    refused = "error Fail to execute the function 'Jump 1 2' of Table"
-    assert request("vexec Table Jump 1 2") == refused
-    assert request("vexec Nobody Jump 1") == "error Can not find actor with id 'Nobody'"
-    if dialect != "L":
-        assert request("vbp Table Jump 1 2") == "error Argument Invalid"
-        assert request("vget /persistent_level/id") == "PersistentLevel"
-        assert request("vget /persistent_level/level_script_actor/id") == "four-wall_C_0"
-
-
-@pytest.mark.parametrize("dialect", DIALECTS)
 def test_static_objects_say_so_and_stay(talk, dialect):
     """Walls and floors are static; only plugin 0.3.10 says that it could not move one."""
     request, refused = talk(dialect), "error Failed to move object Layout_Floor" if dialect == "L" else "ok"
@@ -179,9 +167,6 @@ def quiet():
     logging.getLogger("unrealcv").setLevel(logging.CRITICAL)
 
 
-# The client
-
-
 @pytest.mark.parametrize("dialect", MODERN)
 def test_the_official_client(start, connect, dialect):
     client = connect(start(dialect=dialect, size=LARGER))
@@ -191,9 +176,6 @@ def test_the_official_client(start, connect, dialect):
     replies = client.request(["vget /camera/1/lit png", "vget /camera/1/depth npy", "vget /camera/1/seg bmp"])
     assert [reply[:2] for reply in replies] == [b"\x89P", b"\x93N", b"BM"]
     assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
-
-
-# The high-level API
 
 
 def test_construction_asks_for_what_the_reference_says(start):
@@ -266,9 +248,3 @@ def test_objects_are_spawned(official):
     assert api.get_obj_size("Box") == [100, 100, 100]
     with pytest.warns(UserWarning, match="Can not find a class with name 'Cow'"):
         assert api.set_new_obj("Cow", "Daisy") is None
-    if server.settings.dialect == "N3":
-        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) == "Far"
-        assert api.get_obj_location("Far") == [1, 2, 3]
-        return
-    with pytest.warns(UserWarning, match="for URI 'vset /objects/spawn CubeActor Far 1.0 2.0 3.0'"):
-        assert api.set_new_obj("CubeActor", "Far", [1.0, 2.0, 3.0]) is None

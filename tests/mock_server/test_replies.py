@@ -126,7 +126,12 @@ REPLIES = {
         ("vset /objects/spawn Cube MyCube", "error Can not find a class with name 'Cube'"),
         ("vset /viewmode Nothing", "error Can not set ViewMode to nothing"),
         ("vset /action/eyes_distance 3.0", "error Not Implemented"),
+        ("vset /objects/spawn CubeActor Far 1.0 2.0 3.0", None),
         ("vexec Nobody Jump", "error Can not find actor with id 'Nobody'"),
+        ("vexec Sofa Jump 1 2", "error Fail to execute the function 'Jump 1 2' of Sofa"),
+        ("vbp Sofa Jump 1 2", ARGUMENT),
+        ("vget /persistent_level/id", "PersistentLevel"),
+        ("vget /persistent_level/level_script_actor/id", "four-wall_C_0"),
         ("vrun r.Tonemapper.Quality 1", "ok"),
         ("vrun setres 640x480w", "ok"),
         ("vrun a b c d e f", "ok"),
@@ -161,6 +166,7 @@ REPLIES = {
         ("vget /unrealcv/version", "1.1.0"),
         ("nonsense", None),
         ("vget /cameras/ids", None),
+        ("vexec Sofa Jump 1 2", "error Fail to execute the function 'Jump 1 2' of Sofa"),
         ("vget /camera/CID-Actor-00/fov", None),
         ("vget /camera/0/lit_shared", None),
         ("vbatch 1", "ok"),
@@ -184,7 +190,6 @@ REPLIES = {
 
 @pytest.fixture(scope="module")
 def client_of(load_scene, serve_for_module):
-    """By dialect, a raw client of a server that all of this module's tests share."""
     return {name: serve_for_module(load_scene("four-wall"), dialect=name, size=(8, 8)) for name in REPLIES}
 
 
@@ -197,8 +202,6 @@ def test_replies(client_of, dialect, command, reply):
 
 
 class Same(NamedTuple):
-    """The reply to another command."""
-
     command: str
 
 

@@ -119,7 +119,7 @@ def test_a_ray_meets_the_nearest_of_what_it_meets_of_each_object(name):
 def test_the_tree_of_boxes_loses_no_hit_of_3000_solids():
     """Against every solid on its own, whose tree is one leaf; of equal distances, the first solid counts."""
     scene = mock_server.load_scene("courtyard")
-    o, d = random_rays(np.random.default_rng(8), 1500)
+    o, d = random_rays(np.random.default_rng(8), 600)
     nearest, which = np.full(len(o), np.inf), np.full(len(o), -1)
     distance, index, normal = np.empty(len(o)), np.empty(len(o), np.int64), np.empty((len(o), 3))
     for row in range(len(scene.solids)):

@@ -25,7 +25,6 @@ NAMES = "expected names without spaces, of at most 100 characters"
 
 
 def changed(path, value):
-    """The description with one value replaced, added, or (None) removed."""
     description = copy.deepcopy(GOOD)
     *parents, last = path
     place = description
@@ -136,7 +135,6 @@ POSITIVE = {"height", "scale", "box", "sphere", "cylinder", "period_s", "period_
 
 
 def numbers_in(value, path=()):
-    """The places of all numbers of a description."""
     if isinstance(value, (dict, list)):
         items = value.items() if isinstance(value, dict) else enumerate(value)
         return [each for key, below in items for each in numbers_in(below, (*path, key))]

@@ -171,8 +171,6 @@ def test_memory_follows_what_comes_not_what_is_claimed(read, largest, at_once):
     assert peak < 1 << 20
 
 
-# Commands: templates with arguments of every kind, and sheer nonsense.
-
 NAMES = ["Table", "Vase", "Nobody", "", "../../etc/passwd", "é", "a/b", "FusionCameraActor_0"]
 WORDS = st.sampled_from([*NAMES, "png", "npy", "bmp", "x.png", "../x.png", "/x.npy", "lit", "object_mask"])
 COUNTS = st.sampled_from(["0", "1", "2", "16", "", "-1", "255", "99999999", "9" * 30])

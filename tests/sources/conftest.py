@@ -15,7 +15,6 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def other(tmp_path_factory):
-    """A recording of another scene."""
     requests = face_requests(modes=("lit", "object_mask"), center=(0.3, 0.0, 1.5))
     return filled(tmp_path_factory.mktemp("other") / "other.sqlite", requests, "mock://six-wall")
 

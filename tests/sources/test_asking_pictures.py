@@ -22,18 +22,15 @@ SOME = ("unreal, cm", "world to camera, along the ray", "w first", "late", "worl
 
 @pytest.fixture(scope="module")
 def shots():
-    """Ten frames of a room."""
     return room(1, count=10)
 
 
 @pytest.fixture(scope="module")
 def few():
-    """Five frames of another room."""
     return room(3, count=5)
 
 
 def verdict_of(shots, name):
-    """The verdict on shots that are misdescribed, and the convention that they have."""
     told, right = MISDESCRIBED[name]
     pictures = {key: told[key] for key in ("depth", "ray") if key in told}
     R, t = written(shots, **{key: value for key, value in told.items() if key not in pictures})

@@ -36,7 +36,6 @@ LONGEST = 300
 
 @pytest.fixture(scope="module")
 def moving(tmp_path_factory):
-    """The bytes of a recording of three states, with shapes."""
     path = tmp_path_factory.mktemp("moving") / "room.sqlite"
     with omniscv.open_source("scene://workshop") as scene, omniscv.record(scene, path) as recording:
         recording.objects()
@@ -56,7 +55,6 @@ def alter(path, statement, *values):
 
 
 def replay(path):
-    """Read all that images of the room are made of."""
     with omniscv.open_source(path) as source:
         source.objects()
         for capture in source.capture(face_requests()):
@@ -128,8 +126,6 @@ def test_lost_and_changed_rows_are_found_and_refused(statement, says, moving, tm
 
 
 class Bomb:
-    """Runs when it is unpickled."""
-
     def __reduce__(self):
         return (open, ("owned", "w"))
 
@@ -211,7 +207,6 @@ SCHEMAS = {
 
 @pytest.mark.parametrize("statement", SCHEMAS, ids=range(len(SCHEMAS)))
 def test_a_schema_with_anything_else_is_refused(statement, copy):
-    """Neither read, which may take for ever, nor written, which may do nothing."""
     alter(copy, statement)
     before = copy.read_bytes()
     for use in (info, verify, replay, lambda path: Store(path, write=True)):
@@ -234,9 +229,6 @@ def test_a_recording_of_another_version_is_refused(version, error, says, copy):
             Store(copy, write=write)
 
 
-# Whatever a recorder took, 'check' calls sound; what it refused left the file as it was, byte for byte.
-
-
 PIXELS = {
     "lit": np.zeros((2, 2, 3), np.uint8),
     "object_mask": np.ones((2, 2), np.uint16),
@@ -256,8 +248,6 @@ NUMBER = st.floats(-1e6, 1e6)
 
 
 class Says(Source):
-    """A source of whatever is drawn."""
-
     def __init__(self, draw):
         self.draw, self.name, self.table = draw, SceneIdentity(draw(NAMES), draw(NAMES)), draw(TABLE)
 

@@ -18,8 +18,6 @@ EDGE = 32
 
 
 class Counted(SourceWrapper):
-    """Counts the requests that it passes on."""
-
     def __init__(self, source):
         super().__init__(source)
         self.requests = []

@@ -59,7 +59,6 @@ GREY_LEVELS = 4.0
 
 
 def traced(scene, image):
-    """What each pixel's own ray meets."""
     rays = image.camera.unproject()
     assert rays.valid.all()
     return scene.trace(image.pose.to_world(rays.origins), rays.directions @ image.pose.R_w_c.T)

@@ -32,7 +32,6 @@ def server():
 
 @pytest.fixture(scope="module")
 def whole(server, processes, tmp_path_factory):
-    """A recording of all requests, whose recorder was not killed."""
     path = tmp_path_factory.mktemp("whole") / "room.sqlite"
     processes.run("record", server.uri, path)
     return path
@@ -40,7 +39,6 @@ def whole(server, processes, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def half(whole, tmp_path_factory):
-    """A recording of some of the requests."""
     return filled(tmp_path_factory.mktemp("half") / "room.sqlite", recorder.requests()[::2], str(whole))
 
 
@@ -58,7 +56,6 @@ def check(path, allowed):
 
 @pytest.mark.parametrize("kills", NUMBERS)
 def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
-    """What was recorded stays, and resuming captures only the rest."""
     wanted, objects = contents(whole)
     duration_s = max(processes.run("record", server.uri, tmp_path / f"{i}.sqlite") for i in "ab")
     held = []
@@ -104,7 +101,6 @@ def changed(folder, half, whole):
 @pytest.mark.parametrize("kills", NUMBERS)
 @pytest.mark.parametrize("prepare", [imported, replaced, changed])
 def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, tmp_path):
-    """The file is what it was before, or what it should become, and never anything between."""
     shutil.copy(whole, half.with_name("again.sqlite"))
     path = tmp_path / "room" / "room.sqlite"
     path.parent.mkdir()
@@ -162,9 +158,6 @@ def test_a_killed_creation_leaves_no_file_that_does_not_open(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == [path]
 
 
-# A log beside a recording is taken in by the file that it was written for, and by no other.
-
-
 MORE = face_requests(center=(0.3, 0.0, 1.5), modes=("depth",))
 
 
@@ -186,7 +179,6 @@ def leave_journal(recorded, folder):
 
 
 def copied(path, target):
-    """Copy a file and its logs; the names of the copies."""
     files = {file.name: shutil.copy(file, target.parent) for file in path.parent.glob(f"{path.name}*")}
     return set(files)
 

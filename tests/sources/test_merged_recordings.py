@@ -41,7 +41,6 @@ def record_states(path, states):
 
 
 def known(path):
-    """All that a replay can show, of shapes and states too."""
     with closing(Store(path)) as store:
         states = {name: each.instant and each.instant.to_dict() for name, each in store.states().items()}
         return *contents(path), store.geometry().to_dict(), store.scene_identity, states

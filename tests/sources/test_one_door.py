@@ -44,7 +44,6 @@ def meaning(row, frame, scale):
 
 
 def drawn(draw, spelling, count=3):
-    """Rows of random poses by column."""
     turns, places = Rotation.random(count, rng=draw), draw.normal(size=(count, 3)) * 5
     if spelling == "matrix":
         last = np.tile([0.0, 0, 0, 1], (count, 1, 1))
@@ -201,7 +200,6 @@ def check_changed(door, seed, count, folder):
 
 
 def outcome(read, folder, rows, frame):
-    """The poses, or the line that refuses them."""
     try:
         return read(folder, rows, frame, "m")
     except ArgumentError as refusal:

@@ -18,7 +18,6 @@ COLORS = np.random.default_rng(7).integers(0, 256, (12, 24, 3), np.uint8)
 
 
 def exr(path, channels, **spec):
-    """Write float channels by name."""
     pixels = np.stack([*channels.values()], axis=-1).astype(np.float32)
     described = OpenImageIO.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], "float")
     described.channelnames = tuple(channels)
@@ -31,7 +30,6 @@ def exr(path, channels, **spec):
 
 
 def encoded(suffix):
-    """Bytes of a valid picture."""
     if suffix in ("npy", "hdr", "png16"):
         floats, wide = COLORS.astype(np.float32) / 99, COLORS.astype(np.uint16) * 257
         pixels = {"npy": COLORS, "hdr": floats, "png16": wide}

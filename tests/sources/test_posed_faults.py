@@ -24,7 +24,6 @@ def scaled(shots, fx=1.0, fy=1.0, x=0.0, y=0.0):
 
 
 def along(shots, k):
-    """Shots whose depth is partly along the ray."""
     return replace(shots, depth=shots.depth * np.linalg.norm(shots.rays(), axis=-1) ** k)
 
 
@@ -81,12 +80,10 @@ OTHER = {
 
 
 def changed(shots, change):
-    """Shots with another depth."""
     return replace(shots, depth=change(shots.depth))
 
 
 def making(seed, world="boxes", spoiled=False):
-    """Returns shots of a world, with what is told."""
 
     def make(**told):
         shots = room(seed, world=world, **{**SIZE, **told})
@@ -96,13 +93,11 @@ def making(seed, world="boxes", spoiled=False):
 
 
 def found_in(shots):
-    """The faults of shots by name."""
     found = find(read(shots, pairs=PAIRS, most=WIDTH), shots.R, shots.t, along=False)
     return {fault.parameter.name: fault for fault in found.faults}
 
 
 def check_named(name, make):
-    """The fault is named with its size, and nothing else is."""
     of, size = FAULTY[name]
     found = found_in(of(make))
     assert [*found] == [name]
@@ -123,13 +118,11 @@ def test_nothing_is_named_in_sound_pictures_or_from_few_frames():
 
 
 def examined(shots):
-    """The findings on shots by name."""
     found = examine_pictures(read(shots, pairs=PAIRS, most=WIDTH), Words())
     return {finding.name: finding for finding in found}
 
 
 def check_other(name, make):
-    """A finding says what is wrong."""
     of, finding, says = OTHER[name]
     found = examined(of(make))[finding]
     assert found.verdict != "ok"

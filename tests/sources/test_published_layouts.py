@@ -175,9 +175,6 @@ def test_encodings_have_their_known_answers(encoding, payload, metres):
         codecs.decode(payload[:-1], encoding, "depth", VIEW)
 
 
-# Panoramas and layouts of the user's own.
-
-
 def test_panoramas_with_truth_at_many_places(tmp_path, file, capsys):
     folder, poses = tmp_path / "panos", [Pose.from_angles(AT, yaw_deg=30), Pose.from_angles(THERE)]
     for name, pose in zip(("a", "b"), poses, strict=True):
@@ -262,12 +259,8 @@ def test_an_import_that_finds_nothing_says_what_takes_the_pictures(tmp_path, fil
             assert view.fov_deg == pytest.approx(90)
 
 
-# nerfstudio.
-
-
 @pytest.mark.parametrize("model", ["pinhole", "equirectangular"])
 def test_our_export_for_nerfstudio_comes_in_again(model, tmp_path, file, capsys):
-    """Our own dataset of two frames as nerfstudio's folder."""
     camera = {"model": model, "width": 96, "height": 64 if model == "pinhole" else 48}
     camera |= {"fov_deg": 80} if model == "pinhole" else {}
     angles = {"yaw_deg": 20.0, "pitch_deg": 10.0}

@@ -10,7 +10,6 @@ from omniscv.sources.registry import split_address
 
 @pytest.fixture(autouse=True)
 def openers(monkeypatch):
-    """What a test registers is gone after it."""
     monkeypatch.setattr(registry, "_openers", dict(registry._openers))
 
 

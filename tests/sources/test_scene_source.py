@@ -78,9 +78,6 @@ def test_addresses(tmp_path):
         assert next(source.capture(face_requests(8))).provenance["scene"] == "ball"
 
 
-# Instants
-
-
 MOVING = mock_server.load_scene("workshop")
 CRATE = Pose((1.4, -0.3, 1.2), Pose.from_angles((0, 0, 0), yaw_deg=30).R_w_c @ R_LEVEL.T)
 

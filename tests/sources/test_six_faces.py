@@ -30,7 +30,6 @@ def pictures(name="faces", layer=0, edge=EDGE):
 
 
 def written(folder, name="faces", words=WORDS, file="{}.png", change=lambda pixels: pixels, **options):
-    """Write faces by words, each changed by a function."""
     for word, pixels in zip(words.split(), pictures(name), strict=True):
         put(folder / file.format(word), change(pixels), **options)
     return folder

@@ -82,7 +82,6 @@ if blender.found():
 
 @pytest.fixture(params=SOURCES, scope="module")
 def source(request, tmp_path_factory):
-    """A source that no test closes."""
     with SOURCES[request.param](tmp_path_factory.mktemp("shared") / "room.sqlite") as source:
         yield source
 

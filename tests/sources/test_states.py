@@ -37,7 +37,6 @@ def scene():
 
 @pytest.fixture(scope="module")
 def truth(scene):
-    """By request, what the scene shows, traced at its instant."""
     found = {}
     for instant in STATES:
         with scene.at(instant) as there:
@@ -48,7 +47,6 @@ def truth(scene):
 
 @pytest.fixture
 def recorded(scene, tmp_path):
-    """A recording of the same few views in all states."""
     return record_states(scene, tmp_path / "room.sqlite", STATES)
 
 
@@ -188,9 +186,6 @@ def test_a_state_that_was_found_is_replayed_for_what_was_to_be_set(scene, truth,
                 assert np.array_equal(capture.pixels, truth[capture.request])
 
 
-# A recording holds one scene: captures of another one are refused, a resumed recording never is.
-
-
 LIT = face_requests(size=16, modes=("lit",))
 ELSEWHERE = face_requests(size=16, modes=("lit",), center=(0.2, 0.0, 1.5))
 
@@ -203,7 +198,6 @@ def record(address, path, requests=LIT):
 
 @pytest.fixture
 def room(tmp_path):
-    """Colours of the four-wall room, without object masks."""
     path = tmp_path / "room.sqlite"
     record("mock://four-wall", path)
     return path
@@ -241,8 +235,6 @@ def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
 
 
 class Level(SourceWrapper):
-    """A game whose level is known."""
-
     def __init__(self, identity):
         super().__init__(omniscv.open_source("scene://four-wall"))
         self.identity = identity
@@ -288,8 +280,6 @@ def test_captures_of_two_scenes_are_neither_recorded_nor_imported(room, tmp_path
 
 
 class Plain(Computed):
-    """A source that knows nothing of its scene but the objects."""
-
     def __init__(self, table):
         super().__init__(lambda view: np.zeros((view.height, view.width, 3), np.uint8))
         self.table = table

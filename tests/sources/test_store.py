@@ -55,7 +55,6 @@ def test_a_full_disk_is_a_clear_error_and_keeps_what_came_before(copy):
 
 
 def test_two_readers_and_a_writer_at_once(copy):
-    """Readers see whole captures while a writer adds to the file."""
     stop, faults, rounds = threading.Event(), [], [0, 0]
 
     def read(who):
@@ -81,9 +80,6 @@ def test_two_readers_and_a_writer_at_once(copy):
     assert min(rounds) >= 24
     report = verify(copy)
     assert (report.ok, report.captures) == (True, 24 + 4 * 12)
-
-
-# Replay: what a missing capture says, and which views cover another.
 
 
 POSE = Pose.from_angles((0.0, 0.0, 1.5))
@@ -159,15 +155,11 @@ def test_opening_reads_no_views(tmp_path):
     assert calls_to_open(path) - few < 30 * len(many)
 
 
-# Pictures of another view in a recording: depth and masks contradict each other.
-
-
 MODES = ("depth", "object_mask")
 REQUESTS = [each for center in (CENTER, (-0.9, 0.4, 1.2)) for each in face_requests(64, MODES, center)]
 
 
 def halved(capture):
-    """Depth as half floats have it."""
     if capture.mode != "depth":
         return capture
     return replace(capture, pixels=capture.pixels.astype(np.float16).astype(np.float32), payload=None)

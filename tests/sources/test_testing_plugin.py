@@ -55,7 +55,6 @@ def record(pytester):
 
 
 def times(path):
-    """When each capture of a mode was made."""
     found = {}
     for mode, provenance in provenances(path):
         found.setdefault(mode, []).append(provenance["time"])
@@ -220,7 +219,6 @@ HEAVY = {"numba", "cv2", "scipy", "matplotlib", "OpenImageIO", "numpy", "yaml", 
 
 
 def test_it_loads_nothing_heavy_into_other_projects(pytester):
-    """Importing omniscv and running a foreign project's tests with the plugin."""
     pytester.makepyfile("def test_nothing(pytestconfig): assert pytestconfig.getoption('--unrealcv') is None")
     done = subprocess.run(
         [sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True, timeout=120

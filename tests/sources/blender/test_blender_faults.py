@@ -37,7 +37,6 @@ def no_blender_of_the_machine(monkeypatch):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A recording during which nothing failed."""
     folder = tmp_path_factory.mktemp("whole")
     recorded(blender.fake(folder), folder / "room.sqlite")
     assert len(blender.renders(folder)) == RENDERS

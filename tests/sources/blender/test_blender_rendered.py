@@ -25,7 +25,6 @@ MODES = ("object_mask", "depth", "normals")
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory):
-    """A function that returns the address of a scene of support.blender_scenes, made once."""
     folder = tmp_path_factory.mktemp("scenes")
 
     def address(name, query="samples=4"):
@@ -47,7 +46,6 @@ def ahead(yaw_deg=0.0, width=16, height=16, fov_deg=60.0, center=(0.0, 0.0, 0.0)
 
 @pytest.fixture(scope="module")
 def room():
-    """The four-wall room in Blender, and traced."""
     with (
         omniscv.open_source(blender.address("four-wall", sides=512)) as rendered,
         omniscv.open_source("scene://four-wall?masks=ids") as traced,

@@ -46,7 +46,6 @@ def image(request, images):
 
 
 def points_w(image):
-    """(H, W, 3): where the rays of the pixels end."""
     directions = image.camera.unproject().directions @ image.pose.R_w_c.T
     return image.centers_w + image.depth[..., None] * directions
 

@@ -24,11 +24,8 @@ from omniscv.sources.recording.inspection import info, verify
 
 SPOILED = "mock://four-wall?fault=vignette&fault=exposure-drift"
 
-# Recordings with the remedies.
-
 
 def composed(path, uri, *options):
-    """A panorama from a recording of the six faces."""
     arguments = ["record", "--source", uri, "--set", "face_size=64", "--modes", "lit", "--out", str(path)]
     assert run([*arguments, *options]) == 0
     camera = omniscv.cameras.create("equirectangular", width=256, height=128)
@@ -39,7 +36,6 @@ def composed(path, uri, *options):
 
 @pytest.fixture(scope="module")
 def true(tmp_path_factory):
-    """From a server without faults."""
     return composed(tmp_path_factory.mktemp("true") / "faces.sqlite", "mock://four-wall")
 
 
@@ -60,9 +56,6 @@ def test_recordings_with_the_remedies_have_a_tenth_of_the_error(uri, options, tr
     assert after <= before / 10
 
 
-# The command.
-
-
 def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, monkeypatch):
     def examine(uri, position, quick, picture, layout, said, **deadlines):
         assert (position.tolist(), deadlines) == ([0.5, 0, 1.4], {"timeout_s": 3.0})
@@ -81,9 +74,6 @@ def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, mon
 def test_what_is_no_address_is_not_examined(address, capsys):
     assert run(["doctor", address]) == 2
     assert "expected unreal://host:port" in capsys.readouterr().err
-
-
-# Launched games.
 
 
 def record(game, *options):
@@ -121,9 +111,6 @@ def test_sigterm_stops_the_game_and_keeps_the_captures(game, tmp_path):
     assert verify(out).ok
     assert 0 < info(out).captures["lit"] < 1200
     assert not list(game.parent.rglob("unrealcv.ini"))
-
-
-# The report of a server: what is in it, and what is not.
 
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2", "N3"])

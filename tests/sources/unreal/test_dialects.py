@@ -23,7 +23,6 @@ FACES = face_requests(SIZE, MODES)
 
 
 def capabilities(dialect):
-    """What the mock's dialects can do."""
     modern = {"modes": frozenset(MODES), "can_set_tall": False, "dialect": dialect}
     modern["varies"] = frozenset({"objects", "commands"})
     modern["can_set_exposure"] = dialect in ("N2", "N3")
@@ -54,7 +53,6 @@ def captures(source):
 
 
 def rotation_between(a, b):
-    """Degrees."""
     cosine = (np.trace(a.pose.R_w_c.T @ b.pose.R_w_c) - 1) / 2
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
@@ -88,9 +86,6 @@ def test_any_pose_comes_out_right(source):
     for capture in source.capture(Request(view, mode) for view in views for mode in MODES):
         assert agrees(capture, source, ROOM), (capture.mode, capture.view)
         np.testing.assert_allclose(capture.view.pose.t_w_c, capture.request.view.pose.t_w_c, atol=1e-8)
-
-
-# What only plugin 0.3.10 does.
 
 
 def test_one_round_of_captures_disturbs_neither_the_stream_nor_the_window():
@@ -217,9 +212,6 @@ def test_the_player_is_where_it_was_afterwards():
     assert [float(number) for number in pose.split()] == [10, 20, 130, 5, 40, 0]
 
 
-# What only plugin 1.x does.
-
-
 @pytest.mark.parametrize("dialect", ["M", "N3"])
 def test_the_spawned_camera_leaves_with_the_source(dialect):
     """A game that is recorded again and again does not fill with cameras."""
@@ -230,9 +222,6 @@ def test_the_spawned_camera_leaves_with_the_source(dialect):
             with open_connection(server.uri) as connection:
                 assert connection.text("vget /cameras").split() == ["PawnSensor"]
         assert server.statistics.total("vset /cameras/spawn") == 3
-
-
-# What all do.
 
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "N2"])
@@ -284,9 +273,6 @@ def test_lit_images_in_place_of_normals_are_refused():
         view = View(Pose.from_angles(CENTER), 90.0, SIZE, SIZE)
         with pytest.raises(ServerRefusedError, match="expected pictures of normals, got the lit image"):
             list(source.capture([Request(view, "normals")]))
-
-
-# Which plugin a server runs, and which commands it has: by its list, its help, or how it answers.
 
 
 LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"

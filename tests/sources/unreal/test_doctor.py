@@ -49,12 +49,8 @@ TICKS = {
 
 
 def motion(**options):
-    """What the doctor finds about a world that moves, by name."""
     with visited(**MOVING | options) as (connection, camera):
         return {finding.name: finding for finding in MovingWorld(connection, camera).findings()}
-
-
-# Sound servers.
 
 
 def test_a_server_without_faults_is_ok():
@@ -105,11 +101,7 @@ def test_thin_bars_and_an_even_ground_fit_many_fields_of_view(room):
     assert [each for each in findings if each.verdict == "bad"] == []
 
 
-# Every fault of the mock server.
-
-
 def turned(connection, camera):
-    """Findings from two pictures, before and after a turn."""
     pairs = doctor.turned_pairs(camera)
     kind, meaning = doctor.depth_kind(pairs, camera)
     return [doctor.field_of_view("depth", pairs, camera, kind), meaning, doctor.half_floats(pairs, "cm")]
@@ -257,9 +249,6 @@ def test_every_fault_of_the_mock_has_its_place():
     assert sorted([*named, *CONNECTION.split(), *HARMLESS_NAMES]) == sorted(KINDS)
 
 
-# What no fault of the mock shows.
-
-
 def test_things_thinner_than_a_pixel_come_and_go():
     """Wires of 3 mm, and rods of 20 mm."""
     with visited(scene="fence") as (connection, camera):
@@ -334,9 +323,6 @@ def test_frames_that_blend_are_counted_and_dropped():
             errors.append(max(float(np.quantile(each, 0.99)) for each in off[1:]))
     assert errors[0] > 20
     assert errors[1] <= 2  # what remains of changes below a level, and rounding
-
-
-# Worlds that move.
 
 
 @pytest.mark.parametrize("dialect", ["0.3.10", "N1"])

@@ -60,11 +60,7 @@ def test_stops_are_of_colours_and_bounded(mode, stops):
         Request(VIEWS[0], mode, stops=stops)
 
 
-# Manual exposure that matches the game's own: the default where the plugin can set it.
-
-
 def colors(source, count=1, yaw_deg=0):
-    """Captures of one view in colour, with another view before each."""
     poses = [omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=yaw) for yaw in (yaw_deg + 90, yaw_deg)]
     views = [View(pose, 90, 16, 16) for pose in poses]
     captures = list(source.capture([Request(view, "lit") for _ in range(count) for view in views]))

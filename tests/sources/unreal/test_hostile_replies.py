@@ -53,7 +53,6 @@ def is_one_short_line(text):
 
 
 def fault_of(action):
-    """The error of omniscv that an action raises, if it does."""
     try:
         action()
     except OmniscvError as error:
@@ -81,9 +80,6 @@ def test_any_reply_is_a_capture_or_one_short_line(dialect, part, servers, capfd)
     assert capfd.readouterr() == ("", "")
 
 
-# What was set is read back.
-
-
 def test_mask_colours_that_a_server_does_not_keep_are_an_error(servers):
     keeps_nothing = answering("ok", "vset /object")
     says = r"expected mask colour \(\d+, \d+, \d+\) of '\w+', which was set, got \(0, 0, 0\)"
@@ -108,9 +104,6 @@ def test_a_field_of_view_that_is_none_is_the_servers_fault(fov, servers):
         pytest.raises(BadReplyError, match=r"expected (a field of view between 0 and 180|1 numbers|plugin)"),
     ):
         omniscv.open_source(uri, retries=0)
-
-
-# Servers that are silent.
 
 
 @contextmanager
@@ -201,9 +194,6 @@ def test_deadlines_on_the_command_line_are_named_as_there(capsys):
     assert "--timeout: expected a finite number > 0, got inf" in capsys.readouterr().err
 
 
-# The Unix socket that the plugin makes.
-
-
 @pytest.mark.parametrize("kind", ["another user's", "a link"])
 def test_a_local_socket_of_somebody_else_is_not_used(kind, tmp_path):
     """Anybody may make one in /tmp: its owner would choose what is captured."""
@@ -233,8 +223,6 @@ def given_away(path):
         path.unlink()
         path.symlink_to("/dev/log")
 
-
-# Damage on the wire, and greetings that are none.
 
 VIEW = View(Pose.from_angles((0.3, 0.2, 1.3), 40, 10), 90.0, 9, 7)
 

@@ -20,8 +20,6 @@ REQUESTS = [request for x in range(10) for request in face_requests(16, MODES, (
 
 
 class Game:
-    """A server at one port, in which another scene can be opened."""
-
     def __init__(self, dialect, **options):
         self._options = {"dialect": dialect, **DIALECTS[dialect], **options}
         self.server = mock_server.serve("four-wall", **self._options)
@@ -105,7 +103,6 @@ def open_level(server, name):
 
 
 def test_another_level_behind_the_same_connection_is_refused(game):
-    """The game goes on, and so does the connection: only its level is another."""
     with omniscv.open_source(game.server.uri) as source:
         list(source.capture(REQUESTS[:6]))
         open_level(game.server, "six-wall")

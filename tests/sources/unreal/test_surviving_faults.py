@@ -27,7 +27,6 @@ def requests_by_viewpoint(count=5):
 
 
 def resized(view, size):
-    """The same pose in pictures of another size."""
     return View(view.pose, view.fov_deg, size, size)
 
 
@@ -36,7 +35,6 @@ REQUESTS = requests_by_viewpoint()
 
 @pytest.fixture(scope="module")
 def truth():
-    """What a server without faults answers."""
     with omniscv.open_source("mock://four-wall") as source:
         return payloads(source, REQUESTS)
 
@@ -58,8 +56,6 @@ def server():
 def live(server, **options):
     return omniscv.open_source(server.uri, **{"timeout_s": TIMEOUT_S, "retries": 8, **options})
 
-
-# Every fault of the line, now and then: nothing is lost, nothing is wrong.
 
 LINE = [
     "delay=0.5@0.03", "drip=0.5@0.03", "missing@0.03", "wrong-id@0.05", "clicked@0.3", "cut=0.99@0.05",
@@ -101,8 +97,6 @@ def test_slow_but_steady_replies_break_nothing(server, truth):
         assert payloads(source, REQUESTS) == truth
     assert server.statistics.total("vget /cameras") == 1
 
-
-# The same faults at every reply: one clear error, in time, begin they before the source opens or later.
 
 ALWAYS = {
     "delay=60": SourceError,  # too late at first, then no greeting: the server is busy
@@ -191,9 +185,6 @@ def test_captures_from_before_a_fault_are_delivered_before_its_error(server, tru
     assert came == truth[: len(came)]
 
 
-# Pictures from before a move.
-
-
 @pytest.mark.parametrize(
     ("order", "fault"),
     [("by viewpoint", "stale"), ("in sizes", "stale=3"), ("by mode", "stale=2@0.5"), ("depth only", "stale")],
@@ -246,9 +237,6 @@ def test_views_that_show_the_same_are_captured_and_soon_not_doubted():
     with mock_server.serve("direction") as server, live(server, **PATIENT) as source:
         assert len(set(payloads(source, requests * 4))) == 1
         assert server.statistics.total("vget /camera/1/depth") < 2 * len(requests * 4) + 20
-
-
-# Faults of pictures that a source can avoid.
 
 
 def test_vignette_and_exposure_are_fixed_on_request(truth):

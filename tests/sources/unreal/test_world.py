@@ -30,14 +30,12 @@ def source(server):
 
 @pytest.fixture
 def world(source):
-    """The world, put back after each test."""
     with source.world.changes():
         yield source.world
     assert source.state == ""
 
 
 def shows(source, scene):
-    """Whether captures show a scene."""
     return all(agrees(capture, source, scene) for capture in source.capture(ahead(source)))
 
 
@@ -107,9 +105,6 @@ def test_bounds_are_along_the_worlds_axes(server, world):
         box, (low, high) = world.bounds("Pole"), SCENE.bounds("Pole")
         np.testing.assert_allclose(box.center_w, (low + high) / 2, atol=1e-4)
         np.testing.assert_allclose(box.size, high - low, atol=2e-4)
-
-
-# What is put back, whatever happens.
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)

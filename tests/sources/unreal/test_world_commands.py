@@ -63,9 +63,6 @@ def test_a_source_without_a_server_has_no_commands_and_no_world():
             scene.world.objects()
 
 
-# Turns.
-
-
 def test_no_command_comes_between_the_requests_of_a_viewpoint():
     """The command is given while the third request is answered."""
     log, threads = [], []
@@ -98,9 +95,6 @@ def test_turns_are_whole_viewpoints():
     assert [len(turn) for turn in found] == [102, 7, 8, 5]  # more than 2^27 pixels are divided
     alone = list(turns(iter(requests), lambda request: None, alone=True))
     assert [len(turn) for turn in alone] == [6, 6, 90, 6, 1, 1, 12]
-
-
-# Repeating.
 
 
 @pytest.mark.parametrize(
@@ -138,7 +132,6 @@ def test_a_command_whose_reply_is_lost_is_sent_again_only_where_that_is_harmless
 
 
 def test_a_broken_connection_is_made_anew_before_a_command_that_cannot_be_repeated():
-    """It breaks while nothing is under way."""
     broken, log = [], []
 
     def change(command, forward):
@@ -153,9 +146,6 @@ def test_a_broken_connection_is_made_anew_before_a_command_that_cannot_be_repeat
         game.command("vrun slomo 1")
         assert not broken
         assert log.count("vrun slomo 1") == 1
-
-
-# Several replicas.
 
 
 def test_a_pool_changes_all_its_replicas():

@@ -24,12 +24,10 @@ RUNNING = {"time_step_s": 0.02}
 
 
 def faces(source):
-    """Requests of the six faces, in the state of a source."""
     return [Request(each.view, each.mode, source.state) for each in face_requests(SIZE, MODES, CENTER)]
 
 
 def wrong(source, scene):
-    """The faces and modes that do not show a scene."""
     captures = source.capture(faces(source))
     return [(c.mode, c.view.pose.angles()) for c in captures if not agrees(c, source, scene)]
 
@@ -177,9 +175,6 @@ def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_er
             there.close()
 
 
-# What is refused.
-
-
 @pytest.mark.parametrize("dialect", DIALECTS[:3:2])
 def test_batches_are_refused_where_the_dialect_has_none(dialect):
     with (
@@ -221,9 +216,6 @@ def test_a_fault_while_an_instant_is_set_leaves_the_game_as_it_was():
         assert not server.world.paused
         assert not server.world.objects["Ball"].hidden
         assert not wrong(source, SCENE)
-
-
-# Sets of captures of a running game, over the wire: torn ones are refused, frozen ones are the scene's.
 
 
 ALL = ("lit", "object_mask", "depth")
@@ -284,7 +276,6 @@ def test_every_way_to_freeze_is_proven_and_recorded(freeze, tmp_path):
 
 
 def test_a_still_game_is_captured_as_before():
-    """Nothing is proven, where nothing is known to move."""
     with serve("N1") as server, omniscv.open_source(server.uri) as source:
         assert not source.capabilities.moves
         with source.at(Instant()) as same:
@@ -292,7 +283,6 @@ def test_a_still_game_is_captured_as_before():
 
 
 def test_a_pause_that_does_not_hold_is_found():
-    """The game says that it is paused, and the objects move on."""
     with (
         serve("N1", time_step_s=0.02, faults=["ignore-pause"]) as server,
         omniscv.open_source(server.uri) as source,
