@@ -113,7 +113,7 @@ def test_sigterm_stops_the_game_and_keeps_the_captures(game, tmp_path):
     assert not list(game.parent.rglob("unrealcv.ini"))
 
 
-@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N1", "N2", "N3"])
+@pytest.mark.parametrize("dialect", ["0.3.10", "M", "N3"])
 def test_a_report_holds_replies_timings_findings_and_captures(dialect, tmp_path, monkeypatch):
     monkeypatch.setattr(omniscv.diagnostics.server, "EDGE_PX", 64)
     with mock_server.serve("four-wall", dialect=dialect, size=(64, 64)) as server:

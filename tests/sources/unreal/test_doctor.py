@@ -225,12 +225,6 @@ def test_a_fault_is_named(fault, part, name, text):
     assert finding.verdict == ("warning" if fault == "near-plane=100" else "bad")
 
 
-def test_half_floats_of_depth_are_named_and_no_fault():
-    with visited(scene="four-wall", depth="half") as (connection, camera):
-        steps = next(each for each in PARTS["turned"](connection, camera) if each.name == "depth steps")
-    assert ("float16" in steps.value, steps.verdict) == (True, "ok")
-
-
 @pytest.mark.parametrize(("fault", "text"), REFUSED)
 def test_a_server_that_refuses_is_not_measured(fault, text):
     refused = pytest.raises(ServerRefusedError, match=text)

@@ -98,9 +98,7 @@ def test_older_dialects_keep_the_games_own_exposure(dialect):
                     list(source.capture(requests(("lit", 1))))
         assert not server.statistics.total("vset /camera/1/exposure")
         for wrong in ("auto", 0.0):
-            with pytest.raises(
-                ServerRefusedError, match=r"a server that sets the exposure of one camera .* use fix_exposure"
-            ):
+            with pytest.raises(ServerRefusedError, match=r"exposure of one camera .* use fix_exposure"):
                 omniscv.open_source(server.uri, exposure=wrong)
 
 

@@ -232,23 +232,20 @@ PNG = cv2.imencode(".png", np.random.default_rng(3).integers(0, 255, (7, 9, 4), 
 
 def test_no_picture_survives_a_changed_byte_unseen():
     """PNG has checksums. Raw depth has none: TCP's and the record's guard it."""
-    payload = PNG
-    true = decode(payload, "png", "lit", VIEW)
-    for at in range(0, len(payload), 5):
-        changed = payload[:at] + bytes([payload[at] ^ 0x40]) + payload[at + 1 :]
+    true = decode(PNG, "png", "lit", VIEW)
+    for at in range(0, len(PNG), 5):
+        changed = PNG[:at] + bytes([PNG[at] ^ 0x40]) + PNG[at + 1 :]
         with suppress(BadReplyError):
             assert np.array_equal(decode(changed, "png", "lit", VIEW), true)
 
 
-@pytest.mark.parametrize("claimed", [1 << 28, (1 << 32) - 1])
 @pytest.mark.parametrize("chunk", [b"IDAT", b"IHDR", b"IEND"])
-def test_a_chunk_that_claims_4_gb_is_refused_before_it_is_decoded(chunk, claimed):
+def test_a_chunk_that_claims_4_gb_is_refused_before_it_is_decoded(chunk):
     """Regression: OpenCV allocated and cleared all of it, for 12 s, before it found bytes missing."""
-    payload = bytearray(PNG)
-    at = payload.index(chunk)
-    payload[at - 4 : at] = struct.pack(">I", claimed)
-    with pytest.raises(BadReplyError, match="chunks do not add up"):
-        decode(bytes(payload), "png", "lit", VIEW)
+    at = PNG.index(chunk)
+    for claimed in (1 << 28, (1 << 32) - 1):
+        with pytest.raises(BadReplyError, match="chunks do not add up"):
+            decode(PNG[: at - 4] + struct.pack(">I", claimed) + PNG[at:], "png", "lit", VIEW)
 
 
 def test_another_servers_greeting_is_refused():

@@ -83,15 +83,9 @@ def test_an_address_takes_faults_and_their_seed(truth):
         omniscv.open_source("mock://four-wall?fault=wrong")
 
 
-def test_a_click_in_the_window_costs_no_connection(server, truth):
-    server.faults.start("clicked")
-    with live(server, **PATIENT) as source:
-        assert payloads(source, REQUESTS) == truth
-    assert server.statistics.total("vget /cameras") == 1
-
-
-def test_slow_but_steady_replies_break_nothing(server, truth):
+def test_clicks_in_the_window_and_slow_but_steady_replies_cost_no_connection(server, truth):
     # Each reply takes less than the deadline; all together take longer.
+    server.faults.start("clicked")
     server.faults.start("delay=0.03")
     with live(server, timeout_s=2.0) as source:
         assert payloads(source, REQUESTS) == truth
@@ -144,9 +138,7 @@ def test_a_withheld_greeting_is_one_clear_error(server, fault):
 def test_an_unreachable_server_fails_at_once_and_one_that_died_is_retried():
     with mock_server.serve("four-wall") as server:
         source = live(server, retries=2)
-    with pytest.raises(
-        ServerConnectionError, match=r"refused.*is the game running\?; gave up after 3 attempts"
-    ):
+    with pytest.raises(ServerConnectionError, match=r"refused.* running\?; gave up after 3 attempts"):
         payloads(source, REQUESTS)
     with pytest.raises(ServerConnectionError, match=r"refused.*is the game running\?$"):
         live(server)

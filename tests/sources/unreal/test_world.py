@@ -92,16 +92,13 @@ def test_pausing_leaves_a_game_as_it_was(server, source, world):
     server.world.paused = False
 
 
-def test_what_a_dialect_cannot_do_is_refused_before_anything_is_sent(server, world):
+def test_bounds_are_along_the_worlds_axes_or_refused_before_anything_is_sent(server, world):
     if server.dialect == "0.3.10":
         sent = server.statistics.total("")
         with pytest.raises(ServerRefusedError, match=r"expected .* read the bounds.*got plugin"):
             world.bounds("Box")
         assert server.statistics.total("") == sent
-
-
-def test_bounds_are_along_the_worlds_axes(server, world):
-    if server.dialect != "0.3.10":
+    else:
         box, (low, high) = world.bounds("Pole"), SCENE.bounds("Pole")
         np.testing.assert_allclose(box.center_w, (low + high) / 2, atol=1e-4)
         np.testing.assert_allclose(box.size, high - low, atol=2e-4)

@@ -102,7 +102,6 @@ def test_turns_are_whole_viewpoints():
     [
         ("vget /object/Box/location", 2),
         ("vset /object/Box/location 200 0 150", 2),
-        ("vset /object/Box/hide", 2),
         ("vrun slomo 1", 1),
         ("vexec Box jump", 1),
         ("vset /object/Box/destroy", 1),
