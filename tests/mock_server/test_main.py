@@ -121,7 +121,7 @@ def test_handlers_are_restored():
     [
         (
             ["nowhere"],
-            "scene: expected one of courtyard, direction, fence, flat, four-wall, open, six-wall, waves, ",
+            "scene: expected one of courtyard, direction, fence, flat, four-wall, open, six-wall, ",
         ),
         (["--size", "big"], "expected a size such as 640x480, got 'big'"),
         (["--fault", f"delay={'9' * 9999}"], "fault delay: expected a number from 0 to 3600, got '9999"),

@@ -72,7 +72,7 @@ def rendered(source):
     return omniscv.render(CAMERA, POSE, source, ("lit", "depth"), face_size=32, filter="nearest")
 
 
-@pytest.mark.parametrize(("curve", "transfer"), [("srgb", "srgb"), ("srgb", "unknown"), ("film", "unknown")])
+@pytest.mark.parametrize(("curve", "transfer"), [("srgb", "srgb"), ("film", "unknown")])
 def test_the_light_of_a_scene_is_merged(curve, transfer):
     """As light.md bounds it: within .94 % where a step is two stops; film is steeper, and nearly as exact."""
     with bracketed(Exposing(curve, transfer), STOPS) as source:
@@ -83,16 +83,12 @@ def test_the_light_of_a_scene_is_merged(curve, transfer):
     assert np.abs(image.lit[seen] / due()[seen] - 1).max() < 0.02
 
 
-def test_an_unknown_response_is_light_up_to_its_unit():
-    with bracketed(Exposing("gamma"), STOPS) as source:
-        ratio = (rendered(source).lit / due())[due() > 0.05]
-    assert np.abs(ratio / np.median(ratio) - 1).max() < 0.02
-
-
 def test_a_recording_keeps_exposures_and_merges_them_when_it_is_replayed(tmp_path):
     path, live = tmp_path / "room.sqlite", Exposing("gamma")
     with bracketed(live, STOPS, path) as source:
         image = rendered(source)
+    ratio = (image.lit / due())[due() > 0.05]  # light up to its unit, as the response is not known
+    assert np.abs(ratio / np.median(ratio) - 1).max() < 0.02
     counted = [request.stops for request in live.made if not request.again]
     assert [counted.count(stops) for stops in (*STOPS, None)] == [6, 6, 6, 6]  # faces; depth has none
     with omniscv.record(Exposing("gamma"), path) as source:
@@ -144,11 +140,7 @@ def test_sources_without_exposure_are_refused():
     ("live", "error", "says"),
     [
         (Exposing(), ArgumentError, "transfer: expected one of srgb, linear, film; got None"),
-        (
-            SceneSource(load_scene("four-wall"), lit="float32"),
-            BadReplyError,
-            "of one size in 8 bits, got .*float32",
-        ),
+        (SceneSource(load_scene("four-wall"), lit="float32"), BadReplyError, "in 8 bits, got .*float32"),
     ],
     ids=["response unknown", "floats"],
 )

@@ -110,11 +110,7 @@ def pickled():
         (codecs.encode(np.zeros((5, 8, 3), np.uint8))[0], "png", "PNG of 7 x 5, got 8-bit 8 x 5"),
         (codecs.encode(np.zeros((5, 7, 3), np.uint8))[0][:-1], "png", "do not add up"),
         (pickled(), "npy", "expected NPY of numbers"),
-        (
-            codecs.encode(np.zeros((5, 7, 3), np.float32))[0][:-4],
-            "npy",
-            "expected 420 bytes of pixels, got 416",
-        ),
+        (codecs.encode(np.zeros((5, 7, 3), np.float32))[0][:-4], "npy", "420 bytes of pixels, got 416"),
         (codecs.encode(np.zeros((7, 5, 3), np.float32))[0], "npy", "5 rows, 7 columns, got float32"),
         (codecs.encode(np.zeros((5, 7, 2), np.float32))[0], "npy", "expected 3 channels of lit"),
         (b"", "pickle", "expected one of png, npy"),

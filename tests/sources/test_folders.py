@@ -17,12 +17,6 @@ from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.store import Store
 
 
-def test_there_and_back_loses_nothing(recorded, tmp_path):
-    assert export(recorded, tmp_path / "faces") == 24
-    assert import_folder(tmp_path / "faces", tmp_path / "again.sqlite") == 24
-    assert contents(tmp_path / "again.sqlite") == contents(recorded)
-
-
 def test_a_folder_appears_whole_or_not_at_all(recorded, tmp_path):
     wanted = r"faces: expected to read or write it, got: File too large; free space there, and run again"
     with largest_file(2000), pytest.raises(RecordingNotWritableError, match=wanted):
@@ -86,11 +80,9 @@ REFUSED = [
     ("captures", [GOOD | {"view": VIEW | {"fov_deg": 180}}], "fov_deg"),
     ("captures", [GOOD | {"view": VIEW | {"width": 8}}], "expected a PNG of 8 x 4, got 8-bit 4 x 4"),
     ("captures", [GOOD | {"view": VIEW | {"position": [1e999, 0, 0]}}], "got: 'Infinity, which JSON"),
-    (
-        "captures",
-        [GOOD | {"view": VIEW | {"yaw_deg": 9, "rotation": [[1, 0, 0]] * 3}}],
-        "got a matrix and angles",
-    ),
+    ("captures", [GOOD | {"view": VIEW | {"yaw_deg": 9, "rotation": [[1, 0, 0]] * 3}}], "and angles"),
+    ("captures", "[", r"captures\.json: expected JSON"),
+    ("captures", "\xff", r"captures\.json: expected JSON"),
     ("objects", {"a": [1, 2, 300]}, "a.*<= 255, got 300"),
     ("masks", {"tolerance": 3, "ids": {"a": 70000}}, "<= 65535, got 70000"),
     ("masks", {"tolerance": 3, "ids": {"b": 7}}, "expected objects of objects.json, got 'b'"),
@@ -104,20 +96,14 @@ def test_what_is_wrong_in_a_folder_is_one_short_line_and_nothing_is_written(file
     (folder / "a.png").write_bytes(png.encode(np.zeros((4, 4, 3), np.uint8)))
     for name, data in {"captures": [GOOD], "objects": {"a": [1, 2, 3]}, file: content}.items():
         if data is not None:
-            (folder / f"{name}.json").write_text(json.dumps(data))
+            text = data if isinstance(data, str) else json.dumps(data)
+            (folder / f"{name}.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(omniscv.OmniscvError, match=says) as error:
         import_folder(folder, tmp_path / "out.sqlite")
     text = str(error.value).replace(str(tmp_path), "")
     assert text.isprintable()
     assert len(text) <= 310
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
-
-
-@pytest.mark.parametrize("index", ["[", "\xff"])
-def test_an_index_that_is_no_json_is_refused(index, tmp_path):
-    (tmp_path / "captures.json").write_text(index, encoding="latin-1")
-    with pytest.raises(ArgumentError, match=r"captures\.json: expected JSON"):
-        import_folder(tmp_path, tmp_path / "out.sqlite")
 
 
 def folder_of(path, tmp_path, **changes):
@@ -155,9 +141,7 @@ def test_what_is_no_regular_file_is_left_alone(recorded, tmp_path):
     for path, what in ((fifo, "a device, a FIFO"), (tmp_path, "a folder"), (null, "a device")):
         kind = path.stat().st_mode
         for write in (lambda path: import_folder(folder, path), lambda path: Store(path, write=True)):
-            with pytest.raises(
-                RecordingNotWritableError, match=f"expected a file or a free name, got {what}"
-            ):
+            with pytest.raises(RecordingNotWritableError, match=f"or a free name, got {what}"):
                 write(path)
         assert path.stat().st_mode == kind
     assert null.is_symlink()

@@ -13,7 +13,7 @@ from support.faces import CENTER, face_requests
 from support.recordings import filled
 
 import omniscv
-from omniscv.errors import ArgumentError, SourceError
+from omniscv.errors import SourceError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import Request, SourceWrapper, View
 from omniscv.sources.registry import open_sources
@@ -104,11 +104,6 @@ def test_masks_have_colours_of_objects_and_a_scene_its_name(source):
             colors = np.array(list(table.colors.values()))
             off = np.abs(capture.pixels.reshape(-1, 1, 3).astype(int) - colors).max(axis=2).min(axis=1)
             assert off.max() <= table.tolerance
-
-
-def test_unknown_modes_are_refused():
-    with pytest.raises(ArgumentError, match=r"lit, object_mask, depth, normals; got .beauty"):
-        Request(REQUESTS[0].view, "beauty")
 
 
 def test_several_threads_may_use_it(source):

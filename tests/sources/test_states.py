@@ -227,9 +227,7 @@ def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
     record("scene://four-wall", path)
     ball = {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [1, 0, 1]}]}}}
     other = SceneSource(mock_server.Scene(scene.name, ball))
-    with pytest.raises(
-        RecordingNotWritableError, match=r"'four-wall', content '.*', got 'four-wall', content"
-    ):
+    with pytest.raises(RecordingNotWritableError, match=r"content '.*', got 'four-wall', content"):
         omniscv.record(other, path)
     assert record("scene://four-wall", path) == []
 
@@ -272,9 +270,7 @@ def test_captures_of_two_scenes_are_neither_recorded_nor_imported(room, tmp_path
     index[0]["provenance"]["scene"] = "six-wall"
     (tmp_path / "faces" / "captures.json").write_text(json.dumps(index))
     (tmp_path / "faces" / "scene.json").unlink()
-    with pytest.raises(
-        ArgumentError, match="expected captures of one scene, got some of 'four-wall' and 'six"
-    ):
+    with pytest.raises(ArgumentError, match="of one scene, got some of 'four-wall' and 'six"):
         import_folder(tmp_path / "faces", tmp_path / "again.sqlite")
     assert not (tmp_path / "again.sqlite").exists()
 
@@ -306,10 +302,7 @@ def test_objects_none_of_which_is_known_are_another_scenes(tmp_path):
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        (
-            {"Sofa": (1, 1, 1)},
-            r"mask colours of its object masks, but 'Sofa' is \(1, 1, 1\) and was \(9, 0, 0\)",
-        ),
+        ({"Sofa": (1, 1, 1)}, r"of its object masks, but 'Sofa' is \(1, 1, 1\) and was \(9, 0, 0\)"),
         ({**SOFA.colors, "Cat": (9, 0, 0)}, r"'Cat' is \(9, 0, 0\), which was 'Sofa'"),
     ],
 )
