@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from support.cases import cases
 from support.drawn import drawn_camera, drawn_pose
 from support.exact import by_rays, cameras_at, distance_to_surfaces
-from support.plans import plan_of, viewpoints_of, views_of
+from support.plans import plan_of, views_of
 
 import omniscv
 from mock_server import load_scene
@@ -50,9 +50,16 @@ def test_a_pinhole_is_one_view_about_as_large_as_itself(log_fov, width, height, 
     assert view.pose.R_w_c[:, 2] @ pose.R_w_c[:, 2] > 1 - 1e-9
 
 
-@pytest.mark.parametrize("name", NARROW)
-def test_one_view_holds_what_is_narrow(name):
-    assert len(views_of(plan_of(create(name, **NARROW[name]), POSE))) == 1
+def test_one_view_holds_what_is_narrow_and_faces_hold_the_rest():
+    for name, options in NARROW.items():
+        assert len(views_of(plan_of(create(name, **options), POSE))) == 1
+    cube = views_of(plan_of(WIDE, POSE, strategy="cube"))
+    for strategy in ("auto", "exact"):
+        faces = views_of(plan_of(WIDE, POSE, strategy=strategy))
+        assert set(faces) < set(cube)
+        assert len(faces) > 1
+    [view] = views_of(plan_of(create("pinhole", width=64, height=64, fov_deg=60.0), POSE, face_size=512))
+    assert view.focal_px == pytest.approx(256)
 
 
 def test_the_middle_of_an_off_centre_image_is_the_axis():
@@ -61,19 +68,6 @@ def test_the_middle_of_an_off_centre_image_is_the_axis():
     middle = camera.unproject(np.array([32.0, 32.0])).directions @ POSE.R_w_c.T
     assert view.pose.R_w_c[:, 2] @ middle > np.cos(np.radians(2))
     assert view.width < 1.5 * 64 * 192 / 200 + 100
-
-
-def test_what_no_view_holds_is_captured_with_faces():
-    cube = views_of(plan_of(WIDE, POSE, strategy="cube"))
-    for strategy in ("auto", "exact"):
-        faces = views_of(plan_of(WIDE, POSE, strategy=strategy))
-        assert set(faces) < set(cube)
-        assert len(faces) > 1
-
-
-def test_an_explicit_size_sets_the_focal_length():
-    [view] = views_of(plan_of(create("pinhole", width=64, height=64, fov_deg=60.0), POSE, face_size=512))
-    assert view.focal_px == pytest.approx(256)
 
 
 @pytest.mark.parametrize("uri", ["scene://four-wall?traces=0", "mock://four-wall"])
@@ -87,10 +81,6 @@ def test_recordings_of_faces_and_of_the_view_itself_serve_a_narrow_camera(strate
         image = omniscv.render(camera, POSE, replay, modes)
     for layer in captured.layers:
         np.testing.assert_array_equal(image[layer], captured[layer])
-
-
-def test_no_pixel_takes_no_view():
-    assert viewpoints_of(plan_of(create("pinhole", width=1, height=1, fov_deg=1.0), POSE))
 
 
 ROOMS = "four-wall", "six-wall"
@@ -107,14 +97,11 @@ def check(camera, pose, scene):
 
 @pytest.mark.parametrize("name", CENTRAL[::6])
 def test_labels_and_points_of_a_drawn_camera(name):
-    """Of another room for every sixth model; the ball below is a non-central one. ``scripts/judge`` draws of
-    all models."""
     rng = np.random.default_rng([0, *name.encode()])
     check(drawn_camera(name, rng), drawn_pose(rng), load_scene(ROOMS[names().index(name) % 2]))
 
 
 def test_a_mirror_ball_in_a_corner_of_the_image():
-    """A ball that shows the whole room: 2.1 % of its labels were wrong."""
     ball = create("noncentral-spherical-mirror", 80, 80, mirror_radius=0.3, distance=0.25, focal=29)
     pose = Pose.from_angles((-0.18, 0.61, 1.28), yaw_deg=48, pitch_deg=65, roll_deg=62)
     check(ball, pose, load_scene("four-wall"))

@@ -15,7 +15,7 @@ from omniscv.sources.base import Request, View
 
 POSE = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 20, -5, 3)
 CAMERAS = {
-    "ring": omniscv.cameras.create("noncentral-panorama", width=48, height=24, radius=0.4),
+    "ring": omniscv.cameras.create("noncentral-panorama", width=32, height=16, radius=0.4),
     "ball": omniscv.cameras.create(
         "noncentral-spherical-mirror", width=32, height=32, mirror_radius=0.3, distance=0.3, fov_deg=280
     ),

@@ -125,35 +125,19 @@ def sees(view, points):
     return (z > 0) & (u >= 0) & (u <= view.width) & (v >= 0) & (v <= view.height)
 
 
-@pytest.fixture(scope="module")
-def faces():
-    """The views of a cube map that a source of that plugin plans."""
+def test_leaning_views_of_90_degrees_see_everything_and_six_faces_would_not():
+    """Points in all directions, most of them near the edges of up and down, where views lean away."""
     with omniscv.open_source("mock://four-wall?dialect=0.3.10&size=256x256") as source:
         task = plan_of(PANORAMA, Pose.from_angles(LEANING_AT), source.capabilities, cover=source.cover)
         [viewpoint] = viewpoints_of(task)
-    return viewpoint.views
-
-
-@pytest.fixture(scope="module")
-def around():
-    """Points in all directions, most of them near the edges of up and down, where views lean away."""
     rng = np.random.default_rng(1)
     near_edges = rng.uniform(-1, 1, (30_000, 3)) * (1, 1.003, 1)
     near_edges[:, 0] = rng.choice([-1, 1], 30_000) * rng.uniform(0.996, 1.004, 30_000)
     near_edges[:, 2] = rng.choice([-1, 1], 30_000)
-    return LEANING_AT + np.concatenate([rng.normal(size=(30_000, 3)), near_edges, near_edges[:, [1, 0, 2]]])
-
-
-def test_leaning_views_of_90_degrees_see_everything(around, faces):
-    views = [as_captured(view, 90.0) for view in faces]
-    assert np.any([sees(view, around) for view in views], axis=0).all()
-
-
-def test_the_six_faces_alone_would_not(around, faces):
-    views = [as_captured(view, 90.0) for view in faces[:6]]
-    assert not np.any([sees(view, around) for view in views], axis=0).all()
-
-
-def test_other_sources_capture_six():
-    [viewpoint] = viewpoints_of(plan_of(PANORAMA, Pose.from_angles(LEANING_AT)))
-    assert len(viewpoint.views) == 6
+    points = np.concatenate([rng.normal(size=(30_000, 3)), near_edges, near_edges[:, [1, 0, 2]]])
+    seen = [sees(as_captured(view, 90.0), LEANING_AT + points) for view in viewpoint.views]
+    assert np.any(seen, axis=0).all()
+    assert not np.any(seen[:6], axis=0).all()
+    [aligned] = viewpoints_of(plan_of(PANORAMA, Pose.from_angles(LEANING_AT, 40, 20), strategy="cube"))
+    for view, (_, R_w_c) in zip(aligned.views, cube_rotations(), strict=True):
+        np.testing.assert_array_equal(view.pose.R_w_c, R_w_c)  # the world's axes, in every orientation
