@@ -10,16 +10,13 @@ from support.traced_frames import traced
 import mock_server
 from omniscv import Pose, cameras, truth
 from omniscv.errors import ArgumentError
+from omniscv.geometry.instant import object_pose
 from omniscv.truth.optical_flow import AT_INFINITY, INVALID, OCCLUDED, VALID
 
 CAMERAS = example_cameras()
 SCENE = mock_server.load_scene("six-wall")
 BEFORE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
 AFTER = Pose.from_angles((0.55, 0.2, 1.45), 28, 2, 1)
-
-
-def turned(degrees):
-    return Pose.from_angles((0, 0, 0), degrees).R_w_c @ Pose.from_angles((0, 0, 0)).R_w_c.T
 
 
 def world_rays(camera, pose, pixels=None):
@@ -44,7 +41,7 @@ def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
     """For central and non-central models, while the camera and two objects move."""
     camera = cameras.model(name).example(32 if name == "rolling-shutter" else 64)
     label, other = (SCENE.label(each) for each in SCENE.objects[:2])
-    motions = {label: Pose((0.1, -0.05, 0.02), turned(10)), other: Pose((0, 0.2, 0), np.eye(3))}
+    motions = {label: object_pose((0.1, -0.05, 0.02), 10), other: object_pose((0, 0.2, 0))}
     layers = traced(SCENE, camera, BEFORE)
     with np.errstate(invalid="ignore"):
         points_w = seen_points(layers, camera, BEFORE)
@@ -73,24 +70,15 @@ def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
     np.testing.assert_allclose(found.scene[surface], (moved - points_w)[surface], atol=1e-12)
 
 
-def on_plane(normal, at, shift, width=1024, **options):
-    """The flow of a panorama that sees one plane, normal . x = at, and moves by a shift."""
-    camera = cameras.create("equirectangular", width=width, height=width // 2)
-    rays = camera.unproject()
-    toward = rays.directions @ BEFORE_LEVEL.R_w_c.T @ np.asarray(normal, float)
-    depth = np.where(at / toward > 0, at / toward, np.inf)
-    return truth.flow(depth, rays, BEFORE_LEVEL, camera, Pose.from_angles(shift), **options).pixels
-
-
-BEFORE_LEVEL = Pose.from_angles((0, 0, 0))
-
-
 def test_the_shortest_way_is_at_most_half_around():
-    found = on_plane((0, 0, 1), -1.5, (3, 0.5, 0), width=256)[..., 0]
+    """Of a panorama that moves 1.5 m above a plane."""
+    camera, level = cameras.create("equirectangular", 256, 128), Pose.from_angles((0, 0, 0))
+    rays = camera.unproject()
+    down = -1.5 / (rays.directions @ level.R_w_c.T)[..., 2]
+    given = np.where(down > 0, down, np.inf), rays, level, camera, Pose.from_angles((3, 0.5, 0))
+    found, classic = (truth.flow(*given, wrap=wrap).pixels[..., 0] for wrap in ("shortest", "classic"))
     below = found[np.isfinite(found)]
-    assert below.min() >= -128
-    assert below.max() < 128
-    classic = on_plane((0, 0, 1), -1.5, (3, 0.5, 0), width=256, wrap="classic")[..., 0]
+    assert -128 <= below.min() < below.max() < 128
     np.testing.assert_allclose((classic - found) / 256, np.rint((classic - found) / 256), atol=1e-9)
     assert np.nanmax(np.abs(classic)) > 128
 
@@ -138,7 +126,7 @@ def test_hidden_points_are_occluded(name):
     assert wrong.mean() < 0.02
 
 
-def test_unlabelled_surfaces_and_unknown_motions_have_no_flow():
+def test_what_is_unknown_has_no_flow_and_wrong_arguments_are_refused():
     camera = CAMERAS["equirectangular-0"]
     layers = traced(SCENE, camera, BEFORE)
     labels = layers["labels"].copy()
@@ -147,9 +135,6 @@ def test_unlabelled_surfaces_and_unknown_motions_have_no_flow():
     unknown = {"labels": labels, "motions": {label: None}}
     found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, AFTER, **unknown)
     np.testing.assert_array_equal(found.mask == INVALID, (labels == 0) | (labels == label))
-
-
-def test_wrong_arguments_are_refused():
     camera = CAMERAS["pinhole-0"]
     rays, depth = camera.unproject(), np.ones((45, 80))
     for wrong, says in [

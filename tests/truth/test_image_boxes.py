@@ -27,11 +27,9 @@ def test_masks_are_encoded_as_pycocotools_does(mask):
 
 
 def test_long_runs_are_encoded_as_pycocotools_does():
-    mask = np.zeros((3000, 4000), bool)
-    mask[7:2900, 1000:1300] = mask[:, 3500] = True
-    mask[::7, 2000] = True
-    encoded = run_lengths(mask)
-    assert encoded["counts"] == library(mask)["counts"].decode("ascii")
+    mask = np.zeros((3000, 400), bool)
+    mask[7:2900, 100:130] = mask[::7, 200] = True
+    assert run_lengths(mask)["counts"] == library(mask)["counts"].decode("ascii")
 
 
 @given(arrays(np.uint16, SHAPES, elements=st.sampled_from([0, 0, 0, 1, 300, 65535])), st.integers(0, 39))
@@ -57,13 +55,6 @@ def test_boxes_turn_with_a_panorama(labels, by):
         assert a["crosses_seam"] == (x + w > width or w == width)
 
 
-def test_objects_have_the_class_of_their_name():
-    labels = np.array([[1, 2, 3]], np.uint16)
-    table = ClassTable({"chair": SemanticClass(5, "chair")}, {"Chair_1": "chair"})
-    boxes = truth.boxes(labels, ["Chair_1", "Thing"], table)
-    assert [(box["name"], box["class"]) for box in boxes] == [("Chair_1", "chair"), ("Thing", None)]
-
-
 def test_the_distance_is_to_the_nearest_point():
     """Of a ball: that of its centre less its radius; of what has no surface there is none."""
     scene = mock_server.Scene("ball", {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [3, 1, 0]}]}}})
@@ -72,7 +63,10 @@ def test_the_distance_is_to_the_nearest_point():
     (box,) = truth.boxes(hits.label, scene.objects, wrap=camera.wraps, depth=hits.distance.astype(np.float32))
     assert box["distance"] == pytest.approx(np.sqrt(10) - 0.5, abs=3e-3)  # half a pixel beside
     endless = np.full(hits.label.shape, np.inf, np.float32)
-    assert truth.boxes(hits.label, scene.objects, depth=endless)[0]["distance"] is None
+    table = ClassTable({"toy": SemanticClass(5, "toy")}, {"Ball": "toy"})
+    (box,) = truth.boxes(hits.label, scene.objects, table, depth=endless)
+    assert (box["distance"], box["name"], box["class"]) == (None, "Ball", "toy")
+    assert truth.boxes(hits.label, ["Other"], table)[0]["class"] is None
 
 
 FULL = {"equirectangular", "cylindrical", "noncentral-panorama", "ods", "lidar"}
@@ -84,8 +78,5 @@ def test_full_panoramas_wrap_and_nothing_else(name):
     turned = camera.unproject([(0.0, camera.height / 2), (camera.width, camera.height / 2)])
     assert camera.wraps == (name in FULL)
     assert not camera.wraps or np.allclose(*turned.directions)
-
-
-def test_a_part_of_a_panorama_does_not_wrap():
-    assert not omniscv.cameras.create("cylindrical", width=64, height=32, fov_h_deg=300).wraps
-    assert omniscv.cameras.create("noncentral-panorama", width=64, height=32, radius=0.5).wraps
+    if name == "cylindrical":
+        assert not omniscv.cameras.create(name, width=64, height=32, fov_h_deg=300).wraps

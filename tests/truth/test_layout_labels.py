@@ -55,12 +55,21 @@ def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, p
     assert shapely.Polygon(world).symmetric_difference(shapely.Polygon(expected)).area <= 1e-9
 
 
-def test_the_room_that_corners_describe_is_scaled_to_the_usual_height():
-    room = room_seen(seen_from(PLAIN, (0, 0, 1.5)), 1024, 512)
+def test_the_room_that_corners_describe_is_scaled_to_the_usual_height_and_wrong_ones_are_refused():
+    corners = seen_from(PLAIN, (0, 0, 1.5))
+    room = room_seen(corners, 1024, 512)
     assert room.floor_z == -CAMERA_HEIGHT_M
     assert room.ceiling_z == pytest.approx(1.3 * CAMERA_HEIGHT_M / 1.5)
     assert sorted(np.abs(room.corners_w).ravel()) == pytest.approx([2 * 1.6 / 1.5] * 4 + [3 * 1.6 / 1.5] * 4)
     assert shapely.LinearRing(room.corners_w).is_ccw
+    pairs = corners.reshape(-1, 2, 2)
+    for wrong, says in (
+        (corners[1:], "expected at least 3 pairs"),
+        (pairs[:, ::-1], "ceilings above the horizon"),
+        (pairs[[0, 2, 1, 3]], "does not cross itself"),
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            layout_scores(wrong.reshape(-1, 2), corners)
 
 
 def test_scores_of_another_room_are_those_of_hand_calculation():
@@ -110,17 +119,6 @@ def test_other_cameras_and_positions_are_refused():
             cor_id(room, SMALL, Pose.from_angles(outside))
 
 
-def test_wrong_corners_are_refused():
-    corners = seen_from(PLAIN, (0, 0, 1.5))
-    with pytest.raises(ArgumentError, match="expected at least 3 pairs"):
-        layout_scores(corners[1:], corners)
-    with pytest.raises(ArgumentError, match="ceilings above the horizon"):
-        layout_scores(corners.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2), corners)
-    crossed = corners.reshape(-1, 2, 2)[[0, 2, 1, 3]].reshape(-1, 2)
-    with pytest.raises(ArgumentError, match="does not cross itself"):
-        layout_scores(crossed, corners)
-
-
 # -- maps of edges and corners ---------------------------------------------------------------------------
 
 HALF = cameras.create("equirectangular", 512, 256)
@@ -138,6 +136,8 @@ def test_shares_of_the_known_room_are_those_of_the_reference():
         assert picture.max() >= 250
         found = [(picture / 255 >= 0.01).mean(), (picture / 255 > 0.1).mean()]
         assert found == pytest.approx(shares, abs=0.002)
+    with pytest.raises(ArgumentError, match="expected a record of a layout"):
+        exact_maps({}, HALF)
 
 
 def test_maps_turn_with_the_panorama():
@@ -161,11 +161,6 @@ def test_blobs_are_centred_on_the_corners_over_the_seam_too():
             mine = np.where(blob == blob[min(int(v), 255), 256], centred, 0)
             row, column = ndimage.center_of_mass(mine)
             assert (column + 0.5, row + 0.5) == pytest.approx((256 + u - int(u), v), abs=0.5)
-
-
-def test_what_is_no_layout_has_no_maps():
-    with pytest.raises(ArgumentError, match="expected a record of a layout"):
-        exact_maps({}, HALF)
 
 
 @pytest.mark.parametrize("name", ["equirectangular", "pinhole", "noncentral-conical-mirror", "push-broom"])

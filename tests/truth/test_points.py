@@ -76,13 +76,9 @@ def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():
     assert found.values["id"].tolist() == sorted(nearest.values())
     np.testing.assert_array_equal(found.positions_w, whole.positions_w[found.values["id"]])
     np.testing.assert_array_equal(found.distances, whole.distances[found.values["id"]])
-
-
-def test_layers_that_some_clouds_lack_are_left_out():
-    one = Points(np.zeros((1, 3)), np.ones(1), {"lit": np.zeros((1, 3)), "labels": np.ones(1)})
-    other = Points(np.ones((1, 3)), np.ones(1), {"labels": np.ones(1)})
-    assert set(truth.merged([one, other], 0.1).values) == {"labels"}
-    assert len(truth.merged([one.select(np.zeros(1, bool)), one], 0.1)) == 1
+    more = Points(np.zeros((1, 3)), np.ones(1), {"lit": np.zeros((1, 3)), "id": np.ones(1)})
+    assert set(truth.merged([more, whole], 0.3).values) == {"id"}  # what some clouds lack is left out
+    assert len(truth.merged([more.select(np.zeros(1, bool)), more], 0.1)) == 1
 
 
 def test_wrong_arguments_are_refused():

@@ -99,16 +99,13 @@ def test_a_live_server_has_the_same_shares_and_shows_all_again():
             assert by_name[record["name"]]["visib_fract"] == pytest.approx(record["visib_fract"], abs=0.02)
 
 
-def test_stuff_has_no_share():
+def test_stuff_has_no_share_and_recordings_are_refused(tmp_path):
     table = ClassTable({"stuff": SemanticClass(1, "stuff", stuff=True)}, dict.fromkeys(THINGS[1:], "stuff"))
+    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
+        observed(source, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
     with omniscv.open_source("scene://four-wall") as source:
         seen_frame = observed(source, CAMERAS["fisheye"], HERE, classes=table, face_size=64)
         assert {r["name"] for r in truths.get("amodal").apply(seen_frame, {})} <= {THINGS[0]}
-
-
-def test_recordings_are_refused(tmp_path):
-    with omniscv.record(omniscv.open_source("scene://four-wall"), tmp_path / "a.sqlite") as source:
-        observed(source, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
     with omniscv.open_source(tmp_path / "a.sqlite") as replay:
         recorded = observed(replay, CAMERAS["fisheye"], HERE, ("object_mask",), face_size=32)
         with pytest.raises(ArgumentError, match="expected one that can hide objects, got RecordedSource"):
@@ -124,7 +121,8 @@ def test_objects_of_a_group_cannot_hide_each_other():
         center_w, radius = rng.uniform([-1.5, -1.5, 0.5], [1.5, 1.5, 2.2]), rng.choice([0.0, 0.3])
         groups = groups_apart(THINGS, boxes, center_w, radius)
         assert sorted(name for group in groups for name in group) == THINGS
-        origins, directions = center_w + strewn(rng, radius, 20_000), rng.normal(size=(20_000, 3))
+        aside, directions = rng.normal(size=(2, 20_000, 3))
+        origins = center_w + radius * aside / np.linalg.norm(aside, axis=1, keepdims=True)
         for group in groups:
             met = np.zeros(len(directions), int)
             for name in group:
@@ -132,11 +130,6 @@ def test_objects_of_a_group_cannot_hide_each_other():
             assert met.max() <= 1
     # Without a box nothing is known.
     assert groups_apart(["A", "B"], {}, np.zeros(3), 0.0) == [("A",), ("B",)]
-
-
-def strewn(rng, radius, count):
-    points = rng.normal(size=(count, 3))
-    return radius * points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
 def test_a_ball_holds_all_optical_centres():
