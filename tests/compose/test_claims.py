@@ -91,23 +91,6 @@ def test_what_is_wrong_is_marked(name, room, way, rooms):
     assert (image.depth[image.valid] > 0).all()
 
 
-def test_bars_as_narrow_as_what_is_interpolated():
-    """Square bars of 5 cm at 3.3 m against the sky: three pixels of a capture, with a crease between them."""
-    rng = np.random.default_rng(1)
-    bars = {}
-    for i, angle in enumerate(np.linspace(0, 2 * np.pi, 24, endpoint=False)):
-        at = [3.3 * np.cos(angle), 3.3 * np.sin(angle), 1.5]
-        bar = {"box": [0.05, 0.05, 3.0], "at": at, "turn_deg": float(rng.uniform(0, 90))}
-        bars[f"Bar_{i}"] = {"solids": [bar]}
-    scene = mock_server.Scene("rails", {"sky": [0.5, 0.7, 1.0], "objects": bars})
-    camera = create("fisheye-equidistant", width=128, height=128, fov_deg=150)
-    with mock_server.serve(scene) as server, omniscv.open_source(server.uri) as source:
-        for pose in (drawn_pose(1 + turn) for turn in range(3)):
-            image = omniscv.render(camera, pose, source, MODES)
-            found = Errors(image, scene)
-            assert found.uncovered.sum() <= UNCOVERED * image.valid.sum()
-
-
 def test_the_bound_of_depth_is_near_its_error(rooms):
     """Half floats round a wall by one amount: many poses are needed for the median of all."""
     errors, bounds = [], []

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.computed import Computed
 
 import omniscv
 from mock_server import load_scene
 from omniscv import cameras
-from omniscv.cameras import create
 from omniscv.compose.atlas import Atlas
 from omniscv.compose.ray_lookup import look_up
 from omniscv.errors import ArgumentError
@@ -32,15 +30,10 @@ CENTRAL = [camera for camera in CAMERAS.values() if camera.central]
 pytestmark = pytest.mark.usefixtures("all_cores")
 
 
-def same_in_tiles(camera, rows, options, modes=MODES):
+def same_in_tiles(camera, rows, options):
     tile_bytes = rows * camera.width * BYTES_PER_RAY
-    tiled, whole = (
-        renderer.render(camera, POSE, modes, options)
-        for renderer in (
-            omniscv.Renderer(SOURCE, cache_bytes=0, tile_bytes=tile_bytes),
-            omniscv.Renderer(SOURCE),
-        )
-    )
+    renderers = omniscv.Renderer(SOURCE, cache_bytes=0, tile_bytes=tile_bytes), omniscv.Renderer(SOURCE)
+    tiled, whole = (renderer.render(camera, POSE, MODES, options) for renderer in renderers)
     assert tiled.layers.keys() == whole.layers.keys()
     for name, layer in whole.layers.items():
         assert (tiled[name].dtype, tiled[name].tobytes()) == (layer.dtype, layer.tobytes()), name
@@ -69,11 +62,9 @@ def test_what_plans_need_of_the_rays_is_the_same(camera):
     assert np.array_equal(tiled.steps, whole.steps, equal_nan=True)
     assert np.array_equal(tiled.directions, whole.directions, equal_nan=True)
     assert (tiled.face_size, tiled.typical_step) == (whole.face_size, whole.typical_step)
-    assert np.array_equal(tiled.holding_view.half, whole.holding_view.half)
-    assert (
-        tiled.holding_view.focal_px == whole.holding_view.focal_px
-        or not np.isfinite(whole.holding_view.half).all()
-    )
+    one, other = tiled.holding_view, whole.holding_view
+    assert np.array_equal(one.half, other.half)
+    assert one.focal_px == other.focal_px or not np.isfinite(other.half).all()
 
 
 def peak_bytes(job):
@@ -143,18 +134,3 @@ def test_coordinates_in_large_faces_are_exact_to_a_hundredth_of_a_pixel():
         mine = lookup.view == k
         exact = view.project(rays[mine])[:, :2] + atlas.levels[0].corners[k] - 0.5
         np.testing.assert_allclose(np.stack([x, y], axis=1)[mine], exact, atol=0.005)
-
-
-def columns(view):
-    column = np.arange(view.width, dtype=np.float32)[None, :, None]
-    return np.broadcast_to(column, (view.height, view.width, 3))
-
-
-@pytest.mark.soak
-def test_an_image_from_an_8192_px_face():
-    camera = create("pinhole", width=64, height=64, fov_deg=60)
-    pose = Pose.from_angles((0, 0, 0))
-    given = {"strategy": "cube", "filter": "bilinear", "face_size": 8192}
-    image = omniscv.render(camera, pose, Computed(columns), **given)
-    u = (camera.project(camera.unproject().directions)[0][..., 0] - 32) / camera.focal
-    np.testing.assert_allclose(image.lit[..., 0], LARGE / 2 + 4096 * u - 0.5, atol=0.01)

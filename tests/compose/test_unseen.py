@@ -1,6 +1,5 @@
 """Images from whatever views a recording holds at a centre; the exact tracer judges."""
 
-import json
 from dataclasses import replace
 from itertools import count
 
@@ -26,17 +25,12 @@ ONE_PICTURE = [View(POSE, 90.0, 640, 480)]
 
 def pictures(seed, number):
     """Views at one centre of any size, field of view and orientation, some with another principal point."""
-    rng = np.random.default_rng(seed)
-    lenses = [None, Lens(1.1, 0.08, -0.05)]
-    return [
-        View(
-            Pose.from_angles(AT, *rng.uniform(-80, 80, 2), rng.uniform(-180, 180)),
-            float(rng.uniform(40, 110)),
-            *map(int, rng.integers(150, 500, 2)),
-            lens=lenses[int(rng.integers(2))],
-        )
-        for _ in range(number)
-    ]
+    rng, views = np.random.default_rng(seed), []
+    for _ in range(number):
+        pose = Pose.from_angles(AT, *rng.uniform(-80, 80, 2), rng.uniform(-180, 180))
+        fov, size = float(rng.uniform(40, 110)), map(int, rng.integers(150, 500, 2))
+        views.append(View(pose, fov, *size, lens=(None, Lens(1.1, 0.08, -0.05))[int(rng.integers(2))]))
+    return views
 
 
 @pytest.fixture
@@ -146,17 +140,9 @@ def test_a_place_may_be_a_millimetre_away(recording):
 
 def test_datasets_and_exports_treat_unseen_pixels_as_outside(recording, tmp_path):
     path = recording(ONE_PICTURE)
-    keys = {
-        "source": str(path),
-        "cameras": {"eye": fisheye(150).to_dict()},
-        "poses": [{"position": list(AT), "yaw_deg": 20, "pitch_deg": 7, "roll_deg": 3}],
-        "modes": list(MODES),
-        "unseen": "blank",
-        "out": str(tmp_path / "set"),
-    }
-    file = tmp_path / "job.yaml"
-    file.write_text(json.dumps(keys), encoding="utf-8")
-    make.make(job.load(file))
+    poses = [{"position": list(AT), "yaw_deg": 20, "pitch_deg": 7, "roll_deg": 3}]
+    eye = {"cameras": {"eye": fisheye(150).to_dict()}, "poses": poses, "modes": list(MODES)}
+    make.make(job.load({"source": str(path), **eye, "unseen": "blank", "out": str(tmp_path / "set")}))
     (frame,) = dataset.open(tmp_path / "set")
     np.testing.assert_array_equal(frame.valid, seen(ONE_PICTURE, frame.camera))
     assert dataset.check(tmp_path / "set", deep=True) == []

@@ -74,10 +74,8 @@ def test_the_list_of_frames_is_in_the_order_of_keys_with_checksums(whole):
         assert set(row) == fields
         assert {"lit", "labels", "classes", "depth", "normals", "image"} <= set(row["files"])
     stored = json.loads((whole / "dataset" / "dataset.json").read_text(encoding="utf-8"))
-    assert stored["format"] == 2
-    assert stored["omniscv"] == omniscv.__version__
-    assert stored["conventions"]["depth"] == "ray metres"
-    assert stored["conventions"]["pixels"] == "edge"
+    assert (stored["format"], stored["omniscv"]) == (2, omniscv.__version__)
+    assert stored["conventions"].items() >= {"depth": "ray metres", "pixels": "edge"}.items()
     wanted = {"format": "webdataset", "out": "webdataset", "options": {}, "cameras": []}
     assert stored["exports"] == [wanted]
     cameras = {name: omniscv.cameras.from_dict(each) for name, each in stored["cameras"].items()}
@@ -167,15 +165,10 @@ def test_frames_of_a_writer_are_read_back(tmp_path):
 
 def test_the_keys_of_a_job(tmp_path):
     """Flow is an export; what truths and formats share reaches those that take it."""
-    job = load(
-        job_file(
-            tmp_path,
-            more="truth: {boxes: true, bfov: false, amodal: off, layout: {source: scene},\n"
-            "  flow: {gap: 2}, tolerance: {abs_m: 0.05}}\n"
-            "export: [{format: coco, seam: split}, {format: depth-png, out: metres, cameras: [pano]}]\n"
-            "media: {xmp: true}\n",
-        )
-    )
+    truth = "boxes: true, bfov: false, amodal: off, layout: {source: scene}, flow: {gap: 2}"
+    exports = "{format: coco, seam: split}, {format: depth-png, out: metres, cameras: [pano]}"
+    more = f"truth: {{{truth}, tolerance: {{abs_m: 0.05}}}}\nexport: [{exports}]\nmedia: {{xmp: true}}\n"
+    job = load(job_file(tmp_path, more=more))
     contents = Contents.of(job)
     assert contents.truth == {"layout": {"source": "scene", "tolerance": {"abs_m": 0.05}}, "boxes": {}}
     assert [(each.format, each.out, each.options, each.cameras) for each in contents.exports] == [

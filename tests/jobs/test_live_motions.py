@@ -10,25 +10,23 @@ from support.datasets import tree
 
 import mock_server
 from mock_server import load_scene
-from omniscv import Pose, RenderOptions, dataset, open_source
-from omniscv.cameras import create
+from omniscv import Pose, dataset, open_source
 from omniscv.chart import traced
-from omniscv.job import Job, load
+from omniscv.job import load
 from omniscv.make import make, run
 
 JOB = """
 source: {uri}
 cameras: {{pano: {{model: equirectangular, width: 48, height: 24}}}}
 poses: [{{position: [0, 0, 1.2]}}]
-times: [0, 0.5, 1]
 modes: [object_mask, depth]
 face_size: 32
-truth: {{boxes3d: true, flow: {{scene: true}}}}
 record: kept.sqlite
 out: made
 freeze: {freeze}
 {more}
 """
+TIMES = "times: [0, 0.5, 1]\ntruth: {boxes3d: true, flow: {scene: true}}\n"
 SLIDE = "motions: {Cabinet: [{time: 0, position: [-2, -0.6, 0.85]}, {time: 2, position: [-1.2, 0.8, 0.85]}]}"
 
 
@@ -40,7 +38,9 @@ def server():
 
 def made(folder, server, freeze, more=""):
     """Make the dataset of a job, and make it again from its recording: the same bytes; return its frames."""
-    (folder / "job.yaml").write_text(JOB.format(uri=server.uri, freeze=freeze, more=more), encoding="utf-8")
+    (folder / "job.yaml").write_text(
+        JOB.format(uri=server.uri, freeze=freeze, more=TIMES + more), encoding="utf-8"
+    )
     job = load(folder / "job.yaml")
     make(job)
     again = replace(job, source=str(folder / "kept.sqlite"), record=None, freeze=None, out=folder / "again")
@@ -79,17 +79,9 @@ def test_a_game_that_is_paused_where_it_is_has_the_poses_that_were_read(server, 
 
 def test_a_job_without_times_shows_the_world_where_it_is(server, tmp_path):
     """Two places, one instant: it is paused in between, and its replay needs no word of it."""
-    job = Job(
-        source=server.uri,
-        cameras={"pano": create("equirectangular", width=48, height=24)},
-        poses=(Pose.from_angles((0, 0, 1.2)), Pose.from_angles((0.3, 0, 1.2))),
-        modes=("object_mask", "depth"),
-        options=RenderOptions(face_size=32),
-        record=tmp_path / "kept.sqlite",
-        out=tmp_path / "made",
-        freeze="auto",  # pauses, as the job moves nothing
-    )
-    run(job)
+    (tmp_path / "job.yaml").write_text(JOB.format(uri=server.uri, freeze="auto", more=""), encoding="utf-8")
+    poses = tuple(Pose.from_angles((x, 0, 1.2)) for x in (0, 0.3))
+    run(job := replace(load(tmp_path / "job.yaml"), poses=poses))  # pauses, as the job moves nothing
     assert not server.world.paused
     with open_source(tmp_path / "kept.sqlite") as source:
         (state,) = source.states()

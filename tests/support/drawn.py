@@ -6,12 +6,8 @@ from omniscv import cameras
 from omniscv.geometry import Pose
 
 _LEAST = 0.8  # of the largest side
-_MOST_DEG = {
-    "fisheye-equidistant": 360.0,
-    "fisheye-stereographic": 340.0,
-    "fisheye-orthographic": 180.0,
-    "fisheye-equisolid": 360.0,
-}
+_MOST_DEG = {"equidistant": 360.0, "stereographic": 340.0, "orthographic": 180.0, "equisolid": 360.0}
+"""By fisheye."""
 
 
 def drawn_camera(name, rng, most_px=256):
@@ -40,14 +36,13 @@ def drawn_pose_at_a_wall(scene, rng):
     return Pose.from_angles((x, y, rng.uniform(0.3, 2.5)), *rng.uniform(-180, 180, 3))
 
 
-def _focals(between, width, least, most):
-    fx = width * between(least, most)
-    return {"fx": fx, "fy": fx * between(0.97, 1.03)}
-
-
 def _parameters(name, rng, width):
     def between(low, high):
         return float(rng.uniform(low, high))
+
+    def focals(least, most):
+        fx = width * between(least, most)
+        return {"fx": fx, "fy": fx * between(0.97, 1.03)}
 
     match name:
         case "equirectangular" | "octahedral" | "cube-map" | "equiangular-cube":
@@ -69,26 +64,26 @@ def _parameters(name, rng, width):
             terms = [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers
             return {"coefficients": terms, "fov_deg": between(120, 190)}
         case "kannala-brandt":
-            focals, k = _focals(between, width, 0.2, 0.5), (0.02, -0.008, 0.002, -0.0004)
+            focals, k = focals(0.2, 0.5), (0.02, -0.008, 0.002, -0.0004)
             return {**focals, "k": k, "fov_deg": between(100, 185), "skew": between(-0.02, 0.02)}
         case "fisheye624":
             terms = {"p": rng.uniform(-1e-3, 1e-3, 2).tolist(), "s": rng.uniform(-1e-3, 1e-3, 4).tolist()}
             k = (-0.03, 0.09, -0.06, 0.015, -0.002, 1e-4)
-            return {**_focals(between, width, 0.3, 0.5), "k": k, **terms, "fov_deg": between(100, 165)}
+            return {**focals(0.3, 0.5), "k": k, **terms, "fov_deg": between(100, 165)}
         case "ftheta":
             scaled = width * between(0.25, 0.5) * np.array([1, between(-0.02, 0.02), between(-0.04, 0.02)])
             return {"polynomial": [0.0, *scaled.tolist()], "max_angle_deg": between(50, 95)}
         case "double-sphere":
-            shape = {**_focals(between, width, 0.25, 0.6), "xi": between(-0.3, 0.9)}
+            shape = {**focals(0.25, 0.6), "xi": between(-0.3, 0.9)}
             return {**shape, "alpha": between(0.5, 0.7), "fov_deg": between(100, 200)}
         case "extended-unified":
-            shape = {**_focals(between, width, 0.25, 0.6), "alpha": between(0.5, 0.8)}
+            shape = {**focals(0.25, 0.6), "alpha": between(0.5, 0.8)}
             return {**shape, "beta": between(0.8, 1.5), "fov_deg": between(100, 190)}
         case "field-of-view":
-            return {**_focals(between, width, 0.3, 0.5), "omega": between(0.4, 1.3)}
+            return {**focals(0.3, 0.5), "omega": between(0.4, 1.3)}
         case "unified":
             return {
-                **_focals(between, width, 0.5, 0.8),
+                **focals(0.5, 0.8),
                 "xi": between(0.5, 1.5),
                 "distortion": (between(-0.1, 0.05), 0.01, *rng.uniform(-1e-3, 1e-3, 2).tolist()),
                 "fov_deg": between(100, 190),
@@ -116,4 +111,4 @@ def _parameters(name, rng, width):
         case "noncentral-conical-mirror":
             cone = {"half_angle_deg": between(48, 65), "distance": between(0.1, 0.4)}
             return {**cone, "focal": between(0.3, 0.8) * width}
-    return {"fov_deg": between(60, _MOST_DEG[name])}
+    return {"fov_deg": between(60, _MOST_DEG[name.removeprefix("fisheye-")])}
