@@ -26,11 +26,8 @@ SMALL = {
     for name, width, height, parameters in (
         ("noncentral-panorama", 64, 32, {"radius": 1.0}),
         ("noncentral-spherical-mirror", 64, 64, {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}),
-        ("noncentral-conical-mirror", 96, 96, {"half_angle_deg": 55.0, "distance": 0.3}),
-        ("ods", 160, 80, {"interpupillary": 0.1}),
         ("rolling-shutter", 64, 48, {"base": {"model": "fisheye-equidistant", "fov_deg": 150}, **TURNING}),
         ("push-broom", 80, 60, {"travel": (1.5, 0.1, -0.2)}),
-        ("orthographic", 80, 60, {"width_m": 1.2}),
     )
 }
 WAYS = ({"strategy": "exact"}, {}, {"strategy": "exact", "viewpoints": 12})
@@ -61,7 +58,7 @@ CASES = [
     *(
         (*each.values, "four-wall", {})
         for each in by_rays(names(), dear=("unified", "lidar", "cube-map", "octahedral"))
-        if not {*each.values} & SMALL.keys() and not each.marks
+        if model(*each.values).central and not each.marks
     ),
     ("equirectangular", "open", {}),
     ("equirectangular", FLOATS, {}),

@@ -37,13 +37,10 @@ def frames(tmp_path_factory):
     wide = cameras.create("equirectangular", width=256, height=128)
     round_ = cameras.create("fisheye-equidistant", width=120, height=120, fov_deg=185)
     with omniscv.open_source("scene://four-wall") as source:
-        of_object = {
-            name: "wall" if name.startswith("Layout") else "chair" if name in CHAIRS else "thing"
-            for name in source.objects().names()
-            if name != "Layout_Ceiling"
-        }
-        classes = ClassTable(CLASSES, of_object)
-        options = {"classes": classes, "face_size": 96}
+        of_object = dict.fromkeys(source.objects().names(), "thing") | dict.fromkeys(CHAIRS, "chair")
+        of_object |= {name: "wall" for name in of_object if name.startswith("Layout")}
+        del of_object["Layout_Ceiling"]
+        options = {"classes": ClassTable(CLASSES, of_object), "face_size": 96}
         return [
             framed(observed(source, round_, ASIDE, **options), folder, TRUTHS, "b", split="val"),
             framed(observed(source, wide, SEAM, **options), folder, TRUTHS, "a", split="train"),
@@ -129,8 +126,7 @@ def test_an_object_over_the_seam_is_whole_or_in_two(frames, read, tmp_path):
 
 
 def test_without_classes_every_object_is_a_category(frames, tmp_path):
-    bare = [replace(frame, classes=None) for frame in frames]
-    _, read = written(bare, tmp_path)
+    _, read = written([replace(frame, classes=None) for frame in frames], tmp_path)
     assert {each["name"]: each["id"] for each in read.dataset["categories"]} == frames[0].instances
     assert {each["name"] for each in read.anns.values()} >= {"Layout_Floor", "Sofa"}
     assert all(each["category_id"] == each["instance_id"] for each in read.anns.values())

@@ -48,8 +48,8 @@ def refusal(omniscv, commands, **keys):
         code, out, err = omniscv(command, **keys)
         assert (code in (1, 2), out, len(err)) == (True, [], 1), (command, code, out, err)
         lines.add(err[0].replace("omniscv: job.yaml: ", "omniscv: "))
-    assert len(lines) == 1
-    return lines.pop()
+    (line,) = lines
+    return line
 
 
 def with_shop(**keys):
