@@ -28,14 +28,10 @@ def test_a_report_is_read_back_from_its_files(tmp_path):
     assert [float(row["error"]) for row in rows] == [row["error"] for row in ROWS]
 
 
-@pytest.mark.parametrize("name", ["line", "", "../lines"])
-def test_an_unknown_evaluation_is_refused(name, tmp_path):
-    with pytest.raises(ArgumentError, match="evaluation: expected one of layout, calibration, lines, odo"):
-        run(name, Settings(tmp_path))
-
-
-@pytest.mark.parametrize("name", ["calibration", "lines"])
-def test_options_of_other_evaluations_are_refused(name, tmp_path):
-    with pytest.raises(ArgumentError, match=f"{name}: unknown option .predictions.; known options: none"):
-        run(name, Settings(tmp_path, options={"predictions": tmp_path}))
+def test_unknown_evaluations_and_options_of_others_are_refused(tmp_path):
+    for name in ("line", "", "../lines"):
+        with pytest.raises(ArgumentError, match="evaluation: expected one of layout, calibration, lines, od"):
+            run(name, Settings(tmp_path))
+    with pytest.raises(ArgumentError, match=r"lines: unknown option .predictions.; known options: none"):
+        run("lines", Settings(tmp_path, options={"predictions": tmp_path}))
     assert not list(tmp_path.iterdir())

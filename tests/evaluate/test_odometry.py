@@ -116,12 +116,9 @@ def test_a_command_that_loaded_pycolmap_can_still_be_stopped():
     assert (done.returncode, done.stderr) == (7, "")
 
 
-def test_a_missing_trajectory_is_refused(tmp_path):
+def test_a_missing_trajectory_and_colours_of_floating_point_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match=r"nothing\.tum"):
         evaluate.run("odometry", Settings(tmp_path, options={"trajectory": tmp_path / "nothing.tum"}))
-
-
-def test_colours_of_floating_point_are_refused(tmp_path):
     with open_source("scene://four-wall?lit=float32") as source, pytest.raises(ArgumentError, match="bytes"):
         odometry.render(RIG, ARC[:1], source, tmp_path, lambda done: None)
 
@@ -202,25 +199,21 @@ def in_evo(poses):
     return trajectory.PosePath3D(poses_se3=rows)
 
 
-def of_evo(metric, reference, estimate):
-    metric.process_data((reference, estimate))
-    return metric.get_statistic(metrics.StatisticsType.rmse), metric.error
-
-
 def test_evo_aligns_and_scores_alike():
     estimates = estimated()
     ours = trajectory_errors(TRUTH, estimates)
     reference, theirs = in_evo(TRUTH), in_evo(estimates.values())
     theirs.align(reference, correct_scale=True)
-    ate, each = of_evo(metrics.APE(metrics.PoseRelation.translation_part), reference, theirs)
-    assert rms(ours.position_m) == pytest.approx(ate, rel=1e-9)
-    assert ours.position_m == pytest.approx(each, rel=1e-9)
-    _, turns = of_evo(metrics.APE(metrics.PoseRelation.rotation_angle_deg), reference, theirs)
-    assert ours.eps_theta_deg == pytest.approx(turns, abs=1e-6)
-    rpe, _ = of_evo(metrics.RPE(metrics.PoseRelation.translation_part, 1), reference, theirs)
-    assert rms(ours.step_m) == pytest.approx(rpe, rel=1e-9)
-    rpe, _ = of_evo(metrics.RPE(metrics.PoseRelation.rotation_angle_deg, 1), reference, theirs)
-    assert rms(ours.step_deg) == pytest.approx(rpe, rel=1e-6)
+    metres, degrees = metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg
+    for metric, values in (
+        (metrics.APE(metres), ours.position_m),
+        (metrics.APE(degrees), ours.eps_theta_deg),
+        (metrics.RPE(metres, 1), ours.step_m),
+        (metrics.RPE(degrees, 1), ours.step_deg),
+    ):
+        metric.process_data((reference, theirs))
+        assert values == pytest.approx(metric.error, rel=1e-9, abs=1e-6 if metric.unit.value == "deg" else 0)
+        assert rms(values) == pytest.approx(metric.get_statistic(metrics.StatisticsType.rmse), rel=1e-6)
     assert path_length(TRUTH) == pytest.approx(reference.path_length)
 
 
@@ -245,15 +238,12 @@ def test_the_papers_two_errors_are_its_formulas():
         assert errors.eps_theta_deg[i] == pytest.approx(np.degrees(np.arccos((trace - 1) / 2)), abs=1e-6)
 
 
-def test_steps_over_missing_frames_do_not_count():
+def test_missing_poses_make_no_steps_and_too_few_or_those_on_a_line_have_no_alignment():
     estimates = estimated()
     del estimates[4], estimates[17], estimates[18]
     errors = trajectory_errors(TRUTH, estimates)
     assert errors.frames == sorted(estimates)
     assert len(errors.step_m) == len(errors.step_deg) == 29 - 2 - 3
-
-
-def test_too_few_poses_and_positions_on_a_line_have_no_alignment():
     for count in (0, 2):
         with pytest.raises(ArgumentError, match="positions: expected 3 or more"):
             trajectory_errors(TRUTH, dict(list(estimated().items())[:count]))
