@@ -193,7 +193,7 @@ def test_panoramas_with_truth_at_many_places(tmp_path, file, capsys):
         judge(file, pose, ("lit", "depth", "object_mask"))
     with omniscv.open_source(file) as source:
         bound = omniscv.render(SMALL, poses[0], source, ("depth",)).depth_error
-    assert np.median(bound) < 3 / 512  # steps of whole numbers; half a pixel's change of depth is 8 mm
+    assert np.median(bound) < 6 / 512  # steps of whole numbers; half a pixel changes depth by 16 mm
     assert run(folder, tmp_path / "b.sqlite", "--depth", "planar-mm", "--poses", tmp_path / "poses.csv") == 2
     assert "which have no optical axis, got planar" in capsys.readouterr().err
 

@@ -19,7 +19,7 @@ FACES = {
     "front": (0, 0), "right": (-90, 0), "back": (180, 0), "left": (90, 0), "up": (0, 90), "down": (0, -90)
 }  # fmt: skip
 """Yaw and pitch of a cube's faces by their words."""
-WIDE = omniscv.cameras.create("equirectangular", 512, 256)
+WIDE = omniscv.cameras.create("equirectangular", 256, 128)
 SMALL = omniscv.cameras.create("equirectangular", 96, 48)
 
 
