@@ -37,9 +37,8 @@ def test_the_help_lists_every_fault(capsys):
     assert listed == list(faults.KINDS)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_fault_that_is_none_is_refused_with_what_was_expected():
+    for text, message in (
         ("wrong", "expected one of delay, drip"),
         ("delay=soon", "fault delay: expected a number from 0 to 3600, got 'soon'"),
         ("delay@2", "probability: expected a number from 0 to 1, got '2'"),
@@ -48,11 +47,9 @@ def test_the_help_lists_every_fault(capsys):
         ("vignette@0.5", "expected no probability"),
         ("object-missing=Elephant", "expected one of Ball"),
         ("tone=sepia", "expected one of srgb, film, linear; got 'sepia'"),
-    ],
-)
-def test_a_fault_that_is_none_is_refused_with_what_was_expected(text, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        mock_server.serve("four-wall", faults=[text])
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            mock_server.serve("four-wall", faults=[text])
 
 
 def test_the_same_seed_draws_the_same_faults_whatever_else_is_on():

@@ -116,9 +116,8 @@ def test_handlers_are_restored():
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_wrong_arguments_are_one_line(capsys):
+    for arguments, message in (
         (
             ["nowhere"],
             "scene: expected one of courtyard, direction, fence, flat, four-wall, open, six-wall, ",
@@ -127,18 +126,16 @@ def test_handlers_are_restored():
         (["--fault", f"delay={'9' * 9999}"], "fault delay: expected a number from 0 to 3600, got '9999"),
         (["--fault", "nofault"], "object-missing; got 'nofault'"),
         (["--latency-ms", "inf"], "latency_ms: expected a number from 0 to 3.6e+06, got inf"),
-    ],
-)
-def test_wrong_arguments_are_one_line(capsys, arguments, message):
-    try:
-        returned = main([*arguments, "--port", "0"])
-    except SystemExit as left:  # argparse leaves by itself
-        returned = left.code
-    assert returned == 2
-    text = capsys.readouterr()
-    assert message in text.err
-    assert text.out == ""
-    assert "Traceback" not in text.err
+    ):
+        try:
+            returned = main([*arguments, "--port", "0"])
+        except SystemExit as left:  # argparse leaves by itself
+            returned = left.code
+        assert returned == 2
+        text = capsys.readouterr()
+        assert message in text.err
+        assert text.out == ""
+        assert "Traceback" not in text.err
 
 
 def test_a_port_in_use_is_reported(capsys):

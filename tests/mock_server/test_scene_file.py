@@ -45,9 +45,8 @@ SOLID = ("objects", "It", "solids", 0)
 TEXTURE = ("objects", "It", "texture")
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
+def test_nonsense_is_refused_with_its_word():
+    for path, value, message in (
         (("skye",), [0, 0, 0], "unknown key 'skye'; known keys: objects, pattern, room, sky"),
         (("sky",), [0, 0, 2], "sky: expected 3 numbers (from 0 to 1), got [0, 0, 2]"),
         (("objects",), ["It"], "objects: expected a mapping, got ['It']"),
@@ -69,11 +68,9 @@ TEXTURE = ("objects", "It", "texture")
         (("room", "walls"), [], "room: walls: expected a list of at least 1, got []"),
         (("objects", "It", "movable"), "no", "It: movable: expected true or false, got 'no'"),
         (("pattern",), {"kind": "plaid"}, "pattern: kind: expected direction or waves, got 'plaid'"),
-    ],
-)
-def test_nonsense_is_refused_with_its_word(path, value, message):
-    with pytest.raises(ValueError, match=f"^bad: {re.escape(message)}[^\n]*$"):
-        Scene("bad", changed(path, value))
+    ):
+        with pytest.raises(ValueError, match=f"^bad: {re.escape(message)}[^\n]*$"):
+            Scene("bad", changed(path, value))
 
 
 def test_the_room_and_what_says_so_are_static():

@@ -17,7 +17,7 @@ from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.sources.recording.store import Store
 
-SOME = ("unreal, cm", "world to camera, along the ray", "w first", "late", "world to camera, transposed")
+SOME = ("unreal, cm", "world to camera, along the ray", "w first", "late")
 
 
 @pytest.fixture(scope="module")

@@ -60,9 +60,9 @@ def store(tmp_path):
         yield store
 
 
-@pytest.mark.parametrize(
-    ("mode", "pixels", "says"),
-    [
+def test_pixels_that_do_not_fit_are_not_recorded(store):
+    """Neither with bytes of whoever says that they decode."""
+    for mode, pixels, says in (
         ("lit", np.zeros((5, 7), np.uint8), r"lit of uint8 or float32, shape \(5, 7, 3\); got uint8, shape"),
         ("lit", np.zeros((7, 5, 3), np.uint8), r"shape \(5, 7, 3\); got uint8, shape \(7, 5, 3\)"),
         ("depth", np.zeros((5, 7)), r"depth of float32, shape \(5, 7\); got float64"),
@@ -71,15 +71,12 @@ def store(tmp_path):
         ("object_mask", np.zeros((5, 7, 3), np.float32), "object_mask of uint8"),
         ("lit", np.zeros((5, 7, 4), np.uint8), "lit of uint8"),
         ("depth", np.ones((5, 7), np.uint16), "depth of float32"),
-    ],
-)
-def test_pixels_that_do_not_fit_are_not_recorded(mode, pixels, says, store):
-    """Neither with bytes of whoever says that they decode."""
-    payloads = [{}] if "negative" in says else [{}, {"payload": b"x", "encoding": "npy"}]
-    for payload in payloads:
-        with pytest.raises(BadReplyError, match=says):
-            store.add(Capture(Request(VIEW, mode), VIEW, pixels, **payload))
-    assert list(store.rows()) == []
+    ):
+        payloads = [{}] if "negative" in says else [{}, {"payload": b"x", "encoding": "npy"}]
+        for payload in payloads:
+            with pytest.raises(BadReplyError, match=says):
+                store.add(Capture(Request(VIEW, mode), VIEW, pixels, **payload))
+        assert list(store.rows()) == []
 
 
 def test_provenance_is_plain_json(store):
@@ -102,9 +99,8 @@ def pickled():
     return stream.getvalue()
 
 
-@pytest.mark.parametrize(
-    ("payload", "encoding", "says"),
-    [
+def test_wrong_bytes_are_refused():
+    for payload, encoding, says in (
         (b"", "png", "expected a PNG, got 0 bytes"),
         (b"GIF89a", "png", "expected a PNG, got 6 bytes that start with b'GIF89a'"),
         (codecs.encode(np.zeros((5, 8, 3), np.uint8))[0], "png", "PNG of 7 x 5, got 8-bit 8 x 5"),
@@ -114,11 +110,9 @@ def pickled():
         (codecs.encode(np.zeros((7, 5, 3), np.float32))[0], "npy", "5 rows, 7 columns, got float32"),
         (codecs.encode(np.zeros((5, 7, 2), np.float32))[0], "npy", "expected 3 channels of lit"),
         (b"", "pickle", "expected one of png, npy"),
-    ],
-)
-def test_wrong_bytes_are_refused(payload, encoding, says):
-    with pytest.raises(BadReplyError, match=says):
-        codecs.decode(payload, encoding, "lit", VIEW)
+    ):
+        with pytest.raises(BadReplyError, match=says):
+            codecs.decode(payload, encoding, "lit", VIEW)
 
 
 def test_modalities_and_encodings_of_other_packages_are_recorded_exactly(tmp_path, monkeypatch):

@@ -101,9 +101,8 @@ def flipped(value):
     return 1 if value is None else value ^ 1
 
 
-@pytest.mark.parametrize(
-    ("statement", "says"),
-    [
+def test_lost_and_changed_rows_are_found_and_refused(moving, tmp_path):
+    for statement, says in (
         ("DELETE FROM capture WHERE number = 2", "expected 6 captures as recorded, got 5, or others"),
         ("UPDATE object SET name = CAST(x'41ff' AS TEXT) WHERE rowid = 1", "expected rows as recorded"),
         ("UPDATE geometry SET content = replace(content, '2.', '3.')", "of geometry, got another"),
@@ -112,17 +111,15 @@ def flipped(value):
         (f"UPDATE capture SET state = '{EMPTIER.state}' WHERE state = '{LATER.state}'", "of the row"),
         (f"DELETE FROM state WHERE name = '{LATER.state}'", f"expected a row of state '{LATER.state}'"),
         ("UPDATE state SET content = replace(content, '0.7', '0.8')", f"'{LATER.state}', got another"),
-    ],
-)
-def test_lost_and_changed_rows_are_found_and_refused(statement, says, moving, tmp_path):
-    path = tmp_path / "room.sqlite"
-    path.write_bytes(moving)
-    replay_states(path)
-    alter(path, statement)
-    assert not verify(path).ok
-    with pytest.raises(DamagedRecordingError, match=says) as error:
+    ):
+        path = tmp_path / "room.sqlite"
+        path.write_bytes(moving)
         replay_states(path)
-    assert len(str(error.value)) - len(str(path)) <= LONGEST
+        alter(path, statement)
+        assert not verify(path).ok
+        with pytest.raises(DamagedRecordingError, match=says) as error:
+            replay_states(path)
+        assert len(str(error.value)) - len(str(path)) <= LONGEST
 
 
 class Bomb:
@@ -215,18 +212,15 @@ def test_a_schema_with_anything_else_is_refused(statement, copy):
     assert copy.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("version", "error", "says"),
-    [
+def test_a_recording_of_another_version_is_refused(copy):
+    for version, error, says in (
         (7, NewerRecordingError, "expected schema version 4, got version 7; update omniscv"),
         (3, NotARecordingError, "expected schema version 4, got version 3; record it again"),
-    ],
-)
-def test_a_recording_of_another_version_is_refused(version, error, says, copy):
-    alter(copy, f"PRAGMA user_version = {version}")
-    for write in (False, True):
-        with pytest.raises(error, match=says):
-            Store(copy, write=write)
+    ):
+        alter(copy, f"PRAGMA user_version = {version}")
+        for write in (False, True):
+            with pytest.raises(error, match=says):
+                Store(copy, write=write)
 
 
 PIXELS = {

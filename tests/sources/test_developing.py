@@ -14,7 +14,7 @@ from omniscv.testing import check_source
 
 DOME = "mock://open?fault=sky-dome=300"
 PLACES = (0.3, -0.2, 1.45), (0.6, 0.1, 1.3)
-EDGE = 32
+EDGE = 16
 
 
 class Counted(SourceWrapper):
@@ -39,7 +39,7 @@ def test_it_is_a_source_as_any_other(asked):
         check_source(source)
 
 
-@pytest.mark.parametrize("modes", [("lit",), ("lit", "object_mask"), ("object_mask", "depth", "lit")])
+@pytest.mark.parametrize("modes", [("lit",), ("object_mask", "depth", "lit")])
 def test_each_capture_is_made_once(modes):
     """Six faces are captured with the first one; masks only if they are requested, too."""
     source = Counted(open_scene("scene://four-wall"))
@@ -78,7 +78,7 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
 
 
 def test_the_sky_of_a_round_image_is_where_the_object_was():
-    lens = omniscv.cameras.create("fisheye-equidistant", 64, 64, fov_deg=185)
+    lens = omniscv.cameras.create("fisheye-equidistant", 32, 32, fov_deg=185)
     pose, modes = Pose.from_angles(PLACES[0]), ("object_mask", "depth")
     with open_scene("scene://four-wall") as source:
 

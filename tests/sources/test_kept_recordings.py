@@ -39,7 +39,7 @@ def kept(test):
 @kept
 def test_images_of_kept_recordings_are_the_traced_rooms(room, recorded_source):
     """Faces at two places, in all modes, and the strips of a panorama on a circle."""
-    wide = omniscv.cameras.create("equirectangular", width=256, height=128)
+    wide = omniscv.cameras.create("equirectangular", width=128, height=64)
     circle = omniscv.cameras.create("noncentral-panorama", width=128, height=64, radius=0.5)
     scene = mock_server.load_scene(room)
     for pose in (HERE, THERE):

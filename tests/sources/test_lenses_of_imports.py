@@ -56,9 +56,9 @@ def test_keys_of_transforms_act(keys, lens, of_frame, folder):
     assert frame.lens[4:6] == (W, H)
 
 
-@pytest.mark.parametrize(
-    ("keys", "says"),
-    [
+def test_keys_that_do_not_act_are_refused_by_name(folder):
+    """Of all frames, of one, and in a text that is broken."""
+    for keys, says in (
         ({"k5": 0.1}, "k5: expected no such key"),
         ({"distortion_params": [0.1, 0, 0, 0]}, "distortion_params: expected no such key"),
         ({"w": 1e9}, "w: expected a whole number"),
@@ -66,14 +66,12 @@ def test_keys_of_transforms_act(keys, lens, of_frame, folder):
         ('{"fl_x": 60, "fl_x": 61, "w": 64, "h": 48, "frames": []}', "fl_x: expected this key once"),
         ('{"fl_x": 60, "cx": , "w": 64, "h": 48, "frames": []}', "expected JSON, got a key without a value"),
         ('{"fl_x": 60, "w": 64, "h": 48}', "expected a list 'frames'"),
-    ],
-)
-def test_keys_that_do_not_act_are_refused_by_name(keys, says, folder):
-    """Of all frames, of one, and in a text that is broken."""
-    for shared, of_frame in [(keys, {})] if isinstance(keys, str) else [(PLAIN | keys, {}), (PLAIN, keys)]:
-        with pytest.raises(ArgumentError, match=says) as refusal:
-            nerfstudio(folder, shared, **of_frame)
-        assert "\n" not in str(refusal.value)
+    ):
+        cases = [(keys, {})] if isinstance(keys, str) else [(PLAIN | keys, {}), (PLAIN, keys)]
+        for shared, of_frame in cases:
+            with pytest.raises(ArgumentError, match=says) as refusal:
+                nerfstudio(folder, shared, **of_frame)
+            assert "\n" not in str(refusal.value)
 
 
 def test_the_scale_of_whole_numbers_masks_and_backslashes_act(folder, tmp_path, capsys):
@@ -101,9 +99,8 @@ intrinsics: {}
 FLAT = "{fx: 60, fy: 61, cx: 32, cy: 23}"
 
 
-@pytest.mark.parametrize(
-    ("keys", "says"),
-    [
+def test_intrinsics_of_a_layout_are_checked(folder, tmp_path):
+    for keys, says in (
         ("{fx: 0, fy: 60, cx: 32, cy: 24}", "fx: expected a finite number"),
         ("{fx: 60, fy: 60, cx: 32, cy: 24, centers: 7}", "centers: expected 0.5 or 0, got 7"),
         ("{fx: 60, fy: 60, cx: 32, cy: 24, distortion: [0.1, 0, 0]}", "distortion: expected"),
@@ -113,13 +110,11 @@ FLAT = "{fx: 60, fy: 61, cx: 32, cy: 23}"
         ("3", "expected a mapping"),
         (f"{FLAT}\nfound: rgb.txt", "found: expected no key that acts on nothing"),
         (f"{FLAT}\nfaces: gl", "faces: expected no key that acts on nothing"),
-    ],
-)
-def test_intrinsics_of_a_layout_are_checked(keys, says, folder, tmp_path):
-    (tmp_path / "my.yaml").write_text(LAYOUT.format(keys))
-    with pytest.raises(ArgumentError, match=says) as refusal:
-        find_sequence(folder, str(tmp_path / "my.yaml"), Options())
-    assert "\n" not in str(refusal.value)
+    ):
+        (tmp_path / "my.yaml").write_text(LAYOUT.format(keys))
+        with pytest.raises(ArgumentError, match=says) as refusal:
+            find_sequence(folder, str(tmp_path / "my.yaml"), Options())
+        assert "\n" not in str(refusal.value)
 
 
 def test_intrinsics_of_a_layout_act(folder, tmp_path):

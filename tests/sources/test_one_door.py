@@ -230,32 +230,27 @@ def test_doors_20000_times(door, folder):
     check_changed(door, 4, 2_400, folder)
 
 
-def test_a_row_of_unreal(tmp_path):
-    """Centimetres, y to the right, turning right +: the numbers of issue 61."""
-    file = tmp_path / "path.csv"
-    half = np.radians(15)
-    for text in (
-        "X,Y,Z,Pitch,Yaw,Roll\n100,200,150,0,30,0\n",
-        "Location.X,Location.Y,Location.Z,Rotation.Pitch,Rotation.Yaw,Rotation.Roll\n100,200,150,0,30,0\n",
-        f"x,y,z,qx,qy,qz,qw\n100,200,150,0,0,{np.sin(half)},{np.cos(half)}\n",
+HALF = np.radians(15)
+UNREAL = "100,200,150,0,30,0\n"
+EASYSYNTH = f"id,tx,ty,tz,qw,qx,qy,qz,fx,fy,cx,cy\n0,1,-2,1.5,{np.cos(HALF)},0,0,{-np.sin(HALF)},9,9,4,3\n"
+
+
+def test_rows_of_unreal_and_easysynth(tmp_path):
+    """Of issue 61: centimetres, y to the right, turning right +. Of EasySynth: metres, right-handed, z up."""
+    file = tmp_path / "CameraPoses.csv"
+    for text, frame in (
+        (f"X,Y,Z,Pitch,Yaw,Roll\n{UNREAL}", "unreal"),
+        (f"Location.X,Location.Y,Location.Z,Rotation.Pitch,Rotation.Yaw,Rotation.Roll\n{UNREAL}", "unreal"),
+        (f"x,y,z,qx,qy,qz,qw\n100,200,150,0,0,{np.sin(HALF)},{np.cos(HALF)}\n", "unreal"),
+        (EASYSYNTH, "body"),
     ):
         file.write_text(text)
-        (pose,) = read_trajectory(file, frame="unreal")
+        (pose,) = read_trajectory(file, frame=frame)
         np.testing.assert_allclose(pose.position, (1, -2, 1.5), atol=1e-15)
-        np.testing.assert_allclose(pose.rotation[:, 2], (np.cos(2 * half), -0.5, 0), atol=1e-15)
-
-
-def test_the_poses_of_easysynth(tmp_path):
-    """Its page: metres, right-handed, z up; its source: x away from the camera, y to the left."""
-    file = tmp_path / "CameraPoses.csv"
-    half = np.radians(15)
-    file.write_text(
-        f"id,tx,ty,tz,qw,qx,qy,qz,fx,fy,cx,cy\n0,1,-2,1.5,{np.cos(half)},0,0,{-np.sin(half)},9,9,4,3\n"
-    )
+        np.testing.assert_allclose(pose.rotation[:, 2], (np.cos(2 * HALF), -0.5, 0), atol=1e-15)
+    # A file of EasySynth's name does not say its axes.
     with pytest.raises(ArgumentError, match=r"expected frame: unreal .* or frame: body .*got no frame"):
         read_trajectory(file)
-    (pose,) = read_trajectory(file, frame="body")
-    np.testing.assert_allclose(pose.rotation[:, 2], (np.cos(2 * half), -0.5, 0), atol=1e-15)
 
 
 NAVVIS = """# pano poses v1.0: ID; filename; timestamp; pano_pos_x; pano_pos_y; pano_pos_z; pano_ori_w; pano_ori_x; pano_ori_y; pano_ori_z

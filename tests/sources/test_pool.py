@@ -5,7 +5,6 @@ import time
 from collections import Counter
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from support.faces import face_requests
@@ -129,16 +128,13 @@ class Wrong(Game):
         raise ZeroDivisionError("wrong")
 
 
-@pytest.mark.parametrize(
-    ("games", "error", "says"),
-    [
+def test_a_skipped_request_and_an_error_of_another_kind_are_raised():
+    for games, error, says in (
         ([Short()], SourceError, "expected 24 captures, got 23"),
         ([Game(), Wrong()], ZeroDivisionError, "wrong"),
-    ],
-)
-def test_a_skipped_request_and_an_error_of_another_kind_are_raised(games, error, says):
-    with SourcePool(games) as pool, pytest.raises(error, match=says):
-        list(pool.capture(REQUESTS))
+    ):
+        with SourcePool(games) as pool, pytest.raises(error, match=says):
+            list(pool.capture(REQUESTS))
 
 
 def test_different_sources_and_none_are_refused():
@@ -178,24 +174,6 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
     assert verify(together).ok
     assert contents(together) == contents(alone)
     assert len(servers(together)) == 2
-
-
-def test_several_sources_of_one_job(tmp_path):
-    from omniscv.cli import run
-
-    out, job = tmp_path / "room.sqlite", tmp_path / "job.yaml"
-    with mock_server.serve("four-wall") as first, mock_server.serve("four-wall") as second:
-        sources = [first.uri, second.uri]
-        keys = {
-            "source": sources, "record": out.name, "strategy": "cube", "face_size": 16,
-            "cameras": {"pano": {"model": "equirectangular", "width": 64, "height": 32}},
-            "poses": [{"position": [0.1 * step, 0, 1.5]} for step in range(2)],
-            "modes": ["lit", "object_mask", "depth"],
-        }  # fmt: skip
-        job.write_text(yaml.safe_dump(keys))
-        assert run(["record", str(job)]) == 0
-    assert servers(out).total() == 2 * 6 * 3
-    assert len(servers(out)) == 2
 
 
 def stop_amidst_pictures(server):

@@ -6,24 +6,9 @@ from contextlib import closing
 import numpy as np
 import pytest
 from PIL import Image
+from support import published
 from support.pictured import AT, FACES, SCENE, SMALL, THERE, face, judge, panorama, put, run, seen
-from support.published import (
-    EDGE,
-    FLAT,
-    PANORAMAS,
-    RIGS,
-    THREE,
-    TUM,
-    TURNED,
-    matrix,
-    ob3d,
-    replica,
-    scaled,
-    tartanair,
-    tum,
-    two_d_three_ds,
-    views,
-)
+from support.published import EDGE, FLAT, PANORAMAS, RIGS, THREE, TUM, TURNED, matrix, scaled
 
 import omniscv
 from omniscv import cli
@@ -85,10 +70,10 @@ def test_flat_pictures_are_views_with_their_lens_and_pose(name, folder, file, ca
 
 def test_what_contradicts_itself_is_refused(folder, file, capsys):
     """A depth scale, a lens that nobody knows, and a pose beside its matrix, or without one."""
-    replica(folder / "a" / "b", views(THREE))
+    published.replica(folder / "a" / "b", published.views(THREE))
     (folder / "a/cam_params.json").write_text('{"camera": {"scale": 1000}}')
-    tum(folder / "freiburg1" / "mine", views(THREE, **TUM), "nobody's")
-    two_d_three_ds(folder / "c" / "d", [TURNED])
+    published.tum(folder / "freiburg1" / "mine", published.views(THREE, **TUM), "nobody's")
+    published.two_d_three_ds(folder / "c" / "d", [TURNED])
     pose = next((folder / "c/d/pano/pose").iterdir())
     said = json.loads(pose.read_text())
     pose.write_text(json.dumps(said | {"camera_location": [1, 2, 3]}))
@@ -108,7 +93,7 @@ def test_what_contradicts_itself_is_refused(folder, file, capsys):
 
 
 def test_a_named_layout_of_frames_is_taken_at_its_word(folder, file):
-    tartanair(folder, RIGS)
+    published.tartanair(folder, RIGS)
     report = import_pictures(folder, file, "tartanground")
     assert report.lines[0].startswith("layout tartanground: 2 places")
     with closing(Store(file)) as store:  # pictures stay as received
@@ -120,7 +105,7 @@ def test_a_named_layout_of_frames_is_taken_at_its_word(folder, file):
 
 
 def test_poses_that_contradict_each_other_are_named(folder, file):
-    tartanair(folder, RIGS)
+    published.tartanair(folder, RIGS)
     top = folder / "pose_lcam_top.txt"
     lines = top.read_text().splitlines()
     lines[1] = (folder / "pose_lcam_left.txt").read_text().splitlines()[1]
@@ -136,13 +121,13 @@ def test_poses_that_contradict_each_other_are_named(folder, file):
 @pytest.mark.parametrize(
     ("write", "path", "text", "says"),
     [
-        (ob3d, "cameras/00001_cam.json", "[{}]", "expected a folder of layout ob3d, got KeyError"),
-        (tartanair, "pose_lcam_front.txt", "1 2\n", "line 1: expected names of the columns, or 8 or 17"),
-        (tartanair, "depth_lcam_top/000001_lcam_top_depth.png", "x", "expected a PNG"),
+        ("ob3d", "cameras/00001_cam.json", "[{}]", "expected a folder of layout ob3d, got KeyError"),
+        ("tartanair", "pose_lcam_front.txt", "1 2\n", "line 1: expected names of the columns, or 8 or 17"),
+        ("tartanair", "depth_lcam_top/000001_lcam_top_depth.png", "x", "expected a PNG"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(write, path, text, says, folder, file, capsys):
-    write(folder, RIGS)
+    getattr(published, write)(folder, RIGS)
     (folder / path).write_text(text)
     assert run(folder, file) == 2
     assert says in capsys.readouterr().err
@@ -154,9 +139,8 @@ PFM = b"Pf\n2 2\n-1.0\n" + np.array([[1, 1], [4, 4]], "<f4").tobytes()
 CORNER = 1 / np.sqrt(1.5)  # the rays of 2 x 2 pixels of 90 degrees are sqrt(1.5) long
 
 
-@pytest.mark.parametrize(
-    ("encoding", "payload", "metres"),
-    [
+def test_encodings_have_their_known_answers():
+    for encoding, payload, metres in (
         ("png carla", np.full((2, 2, 3), (92, 143, 2), np.uint8), 9.999991),
         ("png uint16 4000", np.array([[0, 4000], [8000, 2]], np.uint16), [[np.inf, 1], [2, 0.0005]]),
         ("png uint16 6553.5", np.full((2, 2), 13107, np.uint16), 2),
@@ -165,14 +149,12 @@ CORNER = 1 / np.sqrt(1.5)  # the rays of 2 x 2 pixels of 90 degrees are sqrt(1.5
         ("png float32", np.full((2, 2, 4), (35, 194, 143, 68), np.uint8), 655.04),
         ("pfm planar", PFM, [[1, 1], [4, 4]]),  # the first row is the top one, as AirSim writes it
         ("pfm ray", PFM, [[CORNER, CORNER], [4 * CORNER, 4 * CORNER]]),
-    ],
-)
-def test_encodings_have_their_known_answers(encoding, payload, metres):
-    payload = payload if isinstance(payload, bytes) else png.encode(payload)
-    depth = codecs.decode(payload, encoding, "depth", VIEW)
-    np.testing.assert_allclose(depth, np.full((2, 2), metres), rtol=1e-6)
-    with pytest.raises(BadReplyError, match=r"expected 16 bytes of pixels in a PFM|expected a PNG"):
-        codecs.decode(payload[:-1], encoding, "depth", VIEW)
+    ):
+        payload = payload if isinstance(payload, bytes) else png.encode(payload)
+        depth = codecs.decode(payload, encoding, "depth", VIEW)
+        np.testing.assert_allclose(depth, np.full((2, 2), metres), rtol=1e-6)
+        with pytest.raises(BadReplyError, match=r"expected 16 bytes of pixels in a PFM|expected a PNG"):
+            codecs.decode(payload[:-1], encoding, "depth", VIEW)
 
 
 def test_panoramas_with_truth_at_many_places(tmp_path, file, capsys):
@@ -239,7 +221,7 @@ def test_a_layout_of_the_user(tmp_path, file, capsys, monkeypatch):
 
 
 def test_an_import_that_finds_nothing_says_what_takes_the_pictures(tmp_path, file, capsys):
-    folder, shown = tmp_path / "mine", views(THREE[:2])
+    folder, shown = tmp_path / "mine", published.views(THREE[:2])
     for i, view in enumerate(shown):
         put(folder / f"color/{i:04d}.png", seen(view)[0])
     assert run(folder, file) == 2

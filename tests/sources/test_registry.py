@@ -77,17 +77,14 @@ def test_a_type_error_inside_an_opener_is_not_taken_for_a_wrong_option():
         omniscv.open_source("broken://here")
 
 
-@pytest.mark.parametrize(
-    ("scheme", "opener", "says"),
-    [
+def test_what_cannot_be_registered():
+    for scheme, opener, says in (
         ("a b", print, "scheme: expected a name"),
         (None, print, "scheme: expected"),
         ("mine", "open", "opener: expected"),
-    ],
-)
-def test_what_cannot_be_registered(scheme, opener, says):
-    with pytest.raises(ArgumentError, match=says):
-        registry.register(scheme, opener)
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            registry.register(scheme, opener)
 
 
 def test_options_of_an_address():

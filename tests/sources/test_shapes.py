@@ -219,18 +219,15 @@ CORNERS_M = [[0, 0], [1, 0], [1, 1]]
 ROOM = {"corners": CORNERS_M, "floor_z": 0, "ceiling_z": 2, "walls": [*"abc"], "floor": "f", "ceiling": "g"}
 
 
-@pytest.mark.parametrize(
-    ("boxes", "room", "says"),
-    [
+def test_shapes_of_a_file_are_checked():
+    for shapes, room, says in (
         ({"A": BOX | {"size": [1, -1, 1]}}, None, r"boxes\.A\.size: expected lengths of at least 0"),
         ({"A": BOX | {"rotation": [[1, 0, 0]] * 3}}, None, "right-handed orthonormal"),
         ([], None, "boxes: expected a mapping"),
         ({}, ROOM | {"walls": ["a"]}, "as many walls, got 3 corners and 1 walls"),
-    ],
-)
-def test_shapes_of_a_file_are_checked(boxes, room, says):
-    with pytest.raises(ArgumentError, match=says):
-        SceneGeometry.from_dict({"boxes": boxes, "room": room})
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            SceneGeometry.from_dict({"boxes": shapes, "room": room})
 
 
 @pytest.mark.parametrize("opened", ["scene", "mock"])

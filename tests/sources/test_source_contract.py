@@ -110,7 +110,7 @@ def test_several_threads_may_use_it(source):
     def pixels_of(part):
         return [capture.pixels for capture in source.capture(part)]
 
-    parts = [REQUESTS[start::12] for start in range(4)]
+    parts = [REQUESTS[start::18] for start in range(4)]
     alone = [pixels_of(part) for part in parts]
     with ThreadPoolExecutor(4) as threads:
         together = list(threads.map(pixels_of, parts))

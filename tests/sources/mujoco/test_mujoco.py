@@ -240,18 +240,15 @@ def test_a_program_has_images_of_the_state_that_it_is_in():
         assert source.poses()["ball"].position[0] == 1.2
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
+def test_what_it_is_not_is_refused():
+    for options, expected in (
         ({"keyframe": "down"}, "keyframe: expected one of the model's: up; got 'down'"),
         ({"groups": "7"}, "options.groups: expected groups of geoms"),
         ({"qpos": [1, 2]}, "qpos: expected 8 numbers, or rows of an increasing time and 8 numbers, got 2"),
         ({"retries": 3}, "options: unknown key 'retries'"),
-    ],
-)
-def test_what_it_is_not_is_refused(options, expected):
-    with pytest.raises(ArgumentError, match=expected.replace("(", r"\(")):
-        omniscv.open_source(f"mujoco://{ROOM}", **options)
+    ):
+        with pytest.raises(ArgumentError, match=expected.replace("(", r"\(")):
+            omniscv.open_source(f"mujoco://{ROOM}", **options)
 
 
 def test_files_that_are_no_models_and_skins_that_rays_pass_are_refused_in_a_line(tmp_path):

@@ -173,18 +173,15 @@ def test_faults_lose_and_spoil_nothing(fault):
         assert server.faults.struck[fault.partition("=")[0].partition("@")[0]]
 
 
-@pytest.mark.parametrize(
-    ("fault", "error", "says"),
-    [
+def test_a_pawn_that_falls_or_stays_elsewhere_is_refused():
+    for fault, error, says in (
         ("falling=2", BadReplyError, "expected a camera that comes to rest, but it still moves"),
         ("ignore-pose", ServerRefusedError, r"expected a camera at \(100.0, .*CineCameraActor"),
-    ],
-)
-def test_a_pawn_that_falls_or_stays_elsewhere_is_refused(fault, error, says):
-    with serve() as server, omniscv.open_source(server.uri, retries=0) as source:
-        server.faults.start(fault)
-        with pytest.raises(error, match=says):
-            list(source.capture(face_requests(SIZE, ["lit"], center=(1.0, 0.0, 1.5))[:1]))
+    ):
+        with serve() as server, omniscv.open_source(server.uri, retries=0) as source:
+            server.faults.start(fault)
+            with pytest.raises(error, match=says):
+                list(source.capture(face_requests(SIZE, ["lit"], center=(1.0, 0.0, 1.5))[:1]))
 
 
 def test_vertical_views_are_covered_by_two():
@@ -225,17 +222,14 @@ def test_a_source_that_is_closed_among_captures_stays_closed(dialect):
         assert server.statistics.total("vget /unrealcv/version") <= 4
 
 
-@pytest.mark.parametrize(
-    ("view", "says"),
-    [
+def test_views_that_engines_cannot_show_are_refused():
+    for view, says in (
         ((90.0, 20, 30), "expected a view at least as wide as high, got 20 x 30"),
         ((179.5, 8, 8), "expected 1 to 179 degrees, which engines do not clamp"),
         ((90.0, 8, 8, Lens(0.75, -0.06, 0.1)), "lens: expected none of a game's camera, got Lens"),
-    ],
-)
-def test_views_that_engines_cannot_show_are_refused(view, says):
-    with omniscv.open_source("mock://four-wall") as source, pytest.raises(ArgumentError, match=says):
-        list(source.capture([Request(View(Pose.from_angles(CENTER), *view), "depth")]))
+    ):
+        with omniscv.open_source("mock://four-wall") as source, pytest.raises(ArgumentError, match=says):
+            list(source.capture([Request(View(Pose.from_angles(CENTER), *view), "depth")]))
 
 
 def test_a_camera_of_the_level_is_refused():
@@ -244,18 +238,15 @@ def test_a_camera_of_the_level_is_refused():
         omniscv.open_source(f"{server.uri}?camera=1")
 
 
-@pytest.mark.parametrize(
-    ("what", "stays", "says"),
-    [
+def test_a_setting_that_is_not_kept_is_refused():
+    for what, stays, says in (
         ("fov", "90.000000", r"a field of view, degrees, of 100.0, .* got '90.000000'"),
         ("size", "640 480", r"a size, px, of 64 48, which was set, got '640 480'"),
-    ],
-)
-def test_a_setting_that_is_not_kept_is_refused(what, stays, says):
-    change = answering(stays, f"vget /camera/1/{what}")
-    refused = pytest.raises(ServerRefusedError, match=says)
-    with mock_server.serve("four-wall") as server, relayed(server, change) as uri, refused:
-        omniscv.open_source(uri)
+    ):
+        change = answering(stays, f"vget /camera/1/{what}")
+        refused = pytest.raises(ServerRefusedError, match=says)
+        with mock_server.serve("four-wall") as server, relayed(server, change) as uri, refused:
+            omniscv.open_source(uri)
 
 
 def test_lit_images_in_place_of_normals_are_refused():

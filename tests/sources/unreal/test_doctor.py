@@ -41,11 +41,7 @@ def visited(*before, change=None, scene="four-wall", **options):
 
 
 MOVING = {"scene": SCENE, "time_step_s": 0.02, "frames_per_s": 2000}
-TICKS = {
-    "scene": SCENE,
-    "time_step_s": 0.0,
-    "frames_per_s": 1.0,
-}  # a request ends a frame, and nothing else does
+TICKS = MOVING | {"time_step_s": 0.0, "frames_per_s": 1.0}  # a request ends a frame, and nothing else does
 
 
 def motion(**options):
@@ -250,26 +246,23 @@ def test_things_thinner_than_a_pixel_come_and_go():
     assert found == {"things that come and go"}
 
 
-@pytest.mark.parametrize(
-    ("window", "fov_deg", "actor", "says", "verdict"),
-    [
+def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera():
+    for window, fov_deg, actor, says, verdict in (
         ((88, 64), 90, False, "up and down", "bad"),
         ((64, 64), 70, False, "70", "bad"),
         ((64, 64), 70, True, "90.0 reported, by a CameraActor", "ok"),
-    ],
-)
-def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera(window, fov_deg, actor, says, verdict):
-    options = {"window": window, "fov_deg": fov_deg, "camera_actor": actor, "right_eye": actor}
-    with visited(dialect="0.3.10", **options) as (connection, camera):
-        eyes = [finding.value for finding in doctor.right_eye(connection, camera)]
-        assert eyes == ["two: captures use camera 0, the left eye"] * actor
-        camera.lag = 3
-        pairs = doctor.turned_pairs(camera)
-        assert doctor.sizes(pairs, camera).verdict == ("ok" if window == (64, 64) else "warning")
-        assert doctor.field_of_view("lit", pairs, camera, "ray").verdict == "ok"
-        mask = doctor.field_of_view("object_mask", pairs, camera, "ray")
-        assert mask.verdict == verdict
-        assert says in mask.value
+    ):
+        options = {"window": window, "fov_deg": fov_deg, "camera_actor": actor, "right_eye": actor}
+        with visited(dialect="0.3.10", **options) as (connection, camera):
+            eyes = [finding.value for finding in doctor.right_eye(connection, camera)]
+            assert eyes == ["two: captures use camera 0, the left eye"] * actor
+            camera.lag = 3
+            pairs = doctor.turned_pairs(camera)
+            assert doctor.sizes(pairs, camera).verdict == ("ok" if window == (64, 64) else "warning")
+            assert doctor.field_of_view("lit", pairs, camera, "ray").verdict == "ok"
+            mask = doctor.field_of_view("object_mask", pairs, camera, "ray")
+            assert mask.verdict == verdict
+            assert says in mask.value
 
 
 def test_the_windows_view_mode_gets_into_captures():
@@ -344,19 +337,15 @@ def test_ticks_are_counted_until_a_capture_shows_a_move(late, verdict):
     assert (finding.value, finding.verdict) == (f"stale ticks: {late}", verdict)
 
 
-@pytest.mark.parametrize(
-    ("faults", "found"),
-    [
+def test_the_manual_exposure_of_recordings_is_named():
+    for faults, found in (
         ([], ("ok", "as bright as the game's own with a bias of 0")),
         (["dark-manual=2"], ("ok", "as bright as the game's own with a bias of 2")),
         (["dark-manual=20"], ("warning", "no bias matches the game's own")),
-    ],
-    ids=["as the game", "dark", "black"],
-)
-def test_the_manual_exposure_of_recordings_is_named(faults, found):
-    with visited(scene="four-wall", faults=faults) as (connection, camera):
-        (finding,) = doctor.manual_exposure(connection, camera)
-    assert (finding.verdict, finding.value) == found
+    ):
+        with visited(scene="four-wall", faults=faults) as (connection, camera):
+            (finding,) = doctor.manual_exposure(connection, camera)
+        assert (finding.verdict, finding.value) == found
 
 
 def test_a_server_that_refuses_to_pause_is_a_warning():

@@ -164,17 +164,14 @@ def test_the_last_attempt_is_cut_short_by_the_end_of_patience():
         omniscv.open_source(f"unreal://127.0.0.1:{port}", timeout_s=0.5, patience_s=0.4)
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_deadlines_are_numbers():
+    for options, says in (
         ({"timeout_s": 0}, "timeout_s: expected a finite number > 0, got 0"),
         ({"patience_s": float("nan")}, "patience_s: expected a finite number > 0, got nan"),
         ({"retries": 1.5}, "retries: expected a whole number >= 0, got 1.5"),
-    ],
-)
-def test_deadlines_are_numbers(options, says):
-    with pytest.raises(ArgumentError, match=f"^{re.escape(says)}$"):
-        omniscv.open_source("unreal://127.0.0.1:1", **options)
+    ):
+        with pytest.raises(ArgumentError, match=f"^{re.escape(says)}$"):
+            omniscv.open_source("unreal://127.0.0.1:1", **options)
 
 
 @pytest.mark.parametrize(

@@ -186,9 +186,8 @@ def test_settings_lie_beside_the_executable(game):
     assert settings_folders(game.parent / "Engine" / "tool") == [game.parent / "Engine"]
 
 
-@pytest.mark.parametrize(
-    ("uri", "says"),
-    [
+def test_what_cannot_be_started_is_one_clear_error():
+    for uri, says in (
         ("launch:/no/such/Game", "/no/such/Game: expected a game that can be run"),
         (f"launch:{STAND_IN}", "expected a game that can be run"),  # it is no program by itself
         ("launch:Game?speed=2", "expected options among port, size, .* got 'speed'"),
@@ -197,8 +196,6 @@ def test_settings_lie_beside_the_executable(game):
         ("launch:Game?port=65536", "port: expected a whole number <= 65535, got 65536"),
         ("launch:Game?fov_deg=nan", "fov_deg: expected a finite number > 0 and < 180, got nan"),
         ("launch:Game?startup_timeout_s=inf", "startup_timeout_s: expected a finite number > 0, got inf"),
-    ],
-)
-def test_what_cannot_be_started_is_one_clear_error(uri, says):
-    with pytest.raises(ArgumentError, match=says):
-        omniscv.open_source(uri)
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            omniscv.open_source(uri)
