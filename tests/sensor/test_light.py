@@ -13,12 +13,9 @@ def test_every_code_comes_back(transfer):
     np.testing.assert_array_equal(light.encode(light.decode(LEVELS, transfer), transfer), LEVELS)
 
 
-def test_light_becomes_the_nearest_code():
+def test_light_becomes_the_nearest_code_and_is_clipped():
     some = np.random.default_rng(1).random(100_000, np.float32)
     np.testing.assert_array_equal(light.encode(some, "srgb"), np.rint(255 * light.light_to_srgb(some)))
-
-
-def test_light_beyond_white_and_below_black_is_clipped():
     shown = light.encode(np.array([-1, np.nan, 0, 1, 7, np.inf], np.float32), "srgb")
     assert shown.tolist() == [0, 0, 0, 255, 255, 255]
 
@@ -31,11 +28,13 @@ def test_the_film_curve_has_its_published_values():
     assert light.light_of_codes(codes, "film") == pytest.approx(x, rel=4e-3)
 
 
-def test_exposures_are_merged_by_their_rounding_errors():
+def test_exposures_are_merged_by_their_rounding_errors_and_to_the_limit():
     stops = (0, 2, 4, 6)
     codes = [light.encode(np.full((1, 1, 3), 0.05 * 2**stop, np.float32), "srgb") for stop in stops]
     assert [int(picture[0, 0, 0]) for picture in codes] == [63, 124, 231, 255]
     assert light.merge(codes, stops, "srgb")[0, 0] == pytest.approx([0.050025] * 3, abs=2e-6)
+    clipped = [np.array([[[0] * 3, [255] * 3]], np.uint8)] * 2
+    np.testing.assert_allclose(light.merge(clipped, (0, -2), "srgb"), [[[0] * 3, [4] * 3]])
 
 
 @pytest.mark.parametrize(
@@ -47,9 +46,3 @@ def test_steps_of_exposure_bound_the_error(stops, error):
     scene[..., 1:] = scene[..., :1]
     pictures = [light.encode(scene * np.float32(2.0**stop), "srgb") for stop in stops]
     assert np.abs(light.merge(pictures, stops, "srgb") / scene - 1).max() < error
-
-
-def test_clipped_light_merges_to_the_limit():
-    black_and_white = np.array([[[0] * 3, [255] * 3]], np.uint8)
-    merged = light.merge([black_and_white, black_and_white], (0, -2), "srgb")
-    np.testing.assert_allclose(merged, [[[0] * 3, [4] * 3]])

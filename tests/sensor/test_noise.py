@@ -15,7 +15,7 @@ NOISY = Sensor(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("mean", [0.3, 4.0, 9.99, 10.0, 30.0, 1000.0])
+@pytest.mark.parametrize("mean", [0.3, 9.99, 10.0, 1000.0])
 def test_shot_noise_is_poisson(mean):
     sensor = Sensor(electrons=4000, full_well=8000, gain=1, bits=16)
     light = np.full((256, 256, 3), mean / 4000, np.float32)
@@ -114,24 +114,18 @@ def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
     assert results.SNR_max_dB() == pytest.approx(40, abs=0.2)
 
 
-def test_dark_current_adds_its_own_shot_noise():
+def test_dark_current_row_noise_and_a_full_well():
+    """The first has its own shot noise, the second is one draw a row, the third holds no more."""
     dark = {"dark_current": 2000, "exposure_s": 0.5, "black_level": 50}
     sensor = Sensor(full_well=5000, gain=2, bits=16, mosaic="mono", **dark)
     a, b = (codes.astype(float) / 2 for codes in frames(sensor, 0, 2))
     assert a.mean() - 25 == pytest.approx(1000, rel=2e-3)
     assert (a - b).var() / 2 == pytest.approx(1000, rel=0.03)
-
-
-def test_row_noise_is_one_draw_a_row():
     sensor = Sensor(row_noise=30, full_well=10_000, gain=2, bits=16, black_level=500, mosaic="mono")
     (codes,) = frames(sensor, 0, 1)
     assert (codes == codes[:, :1]).all()
     assert codes[:, 0].std() / 2 == pytest.approx(30, rel=4 / np.sqrt(2 * SIZE))
-
-
-def test_a_full_well_holds_no_more():
-    sensor = Sensor(electrons=20_000, full_well=10_000, gain=0.2, black_level=20)
-    (codes,) = frames(sensor, 20_000, 1)
+    (codes,) = frames(Sensor(electrons=20_000, full_well=10_000, gain=0.2, black_level=20), 20_000, 1)
     assert (codes == 2020).all()
 
 

@@ -68,15 +68,10 @@ def test_without_noise_codes_come_back():
     shown = sensor.develop(sensor.expose(light.decode(codes, "srgb")))
     assert np.abs(shown.astype(int) - codes).max() <= 1  # codes below 1 differ by less than one of 16 bits
 
-
-def test_white_balance_makes_grey_grey():
-    sensor = Sensor(electrons=(3e9, 6e9, 2e9), full_well=8e9, bits=16, mosaic="rggb")
+    sensor = Sensor(electrons=(3e9, 6e9, 2e9), full_well=8e9, bits=16, mosaic="rggb")  # grey is grey
     shown = sensor.develop(sensor.expose(np.full((32, 32, 3), 0.25, np.float32)))
     assert np.abs(shown.astype(int) - 137).max() <= 1
-
-
-def test_full_wells_are_white():
-    sensor = Sensor(electrons=(5000, 9000, 4000), full_well=10_000).exposed(2)
+    sensor = Sensor(electrons=(5000, 9000, 4000), full_well=10_000).exposed(2)  # full wells are white
     assert (sensor.develop(sensor.expose(np.full((8, 8, 3), 0.9, np.float32))) >= 254).all()
 
 
@@ -116,15 +111,11 @@ def test_parts_resuming_and_order_change_no_bytes(recorded, tmp_path):
     (tmp_path / "whole" / "eye-2.raw.png").unlink()
     make(whole, existing="resume")
     assert bytes_of(tmp_path / "whole", "raw", "sensor", "lit") == expected
+    with pytest.raises(ArgumentError, match=r"options\.sensor\.seed is 3"):
+        make(job(recorded, tmp_path / "whole", sensor=NOISY | {"seed": 4}), existing="resume")
     run(job(recorded, tmp_path / "turned", sensor=NOISY, poses=JOB["poses"][::-1]))
     for i in range(4):
         assert bytes_of(tmp_path / "turned", "raw")[f"eye-{i}.raw.png"] == expected[f"eye-{3 - i}.raw.png"]
-
-
-def test_a_dataset_of_another_sensor_is_not_resumed(recorded, tmp_path):
-    make(job(recorded, tmp_path, sensor=NOISY))
-    with pytest.raises(ArgumentError, match=r"options\.sensor\.seed is 3"):
-        make(job(recorded, tmp_path, sensor=NOISY | {"seed": 4}), existing="resume")
 
 
 def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
@@ -155,9 +146,6 @@ def test_a_vignette_of_a_file_is_relative_to_the_job(recorded, tmp_path):
     lit, shown = (cv2.imread(str(tmp_path / "out" / f"eye.{kind}.png")) for kind in ("lit", "sensor"))
     due = light.encode((light.decode(lit, "srgb") * share[..., None]).astype(np.float32), "srgb")
     assert np.abs(shown.astype(int) - due).max() <= 1
-
-
-def test_a_vignette_that_is_missing_is_named(tmp_path):
     with pytest.raises(ArgumentError, match=r"shading: expected natural, a table, or a file .*none\.png"):
         load(JOB | {"sensor": {"shading": str(tmp_path / "none.png")}})
 
