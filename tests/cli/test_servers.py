@@ -45,9 +45,8 @@ def test_nothing_is_done_to_the_game_beside_the_commands_and_the_first_refusal_e
 HERE = "unreal://localhost:1"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
+def test_wrong_usage_is_one_line_and_2(capsys):
+    for arguments, says in (
         (["send", "mock://four-wall"], "Missing argument 'COMMAND...'"),
         (["send", "captures.sqlite", "vget /objects"], "expected unreal://host:port"),
         (["send", HERE, "vbatch 3"], "expected one with its own reply"),
@@ -55,12 +54,10 @@ HERE = "unreal://localhost:1"
         (["send", HERE, "vget /objects", "--timeout", "0"], "--timeout: expected"),
         (["doctor"], "expected the address of a server or --self"),
         (["doctor", "--self", "mock://four-wall"], "expected the address of a server or --self"),
-    ],
-)
-def test_wrong_usage_is_one_line_and_2(arguments, says, capsys):
-    assert run(arguments) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert says in line
+    ):
+        assert run(arguments) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert says in line
 
 
 def test_no_server_is_one_line_and_1(capsys):

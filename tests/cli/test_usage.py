@@ -30,9 +30,10 @@ def failed(capsys, code, arguments):
     return lines[0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
+def test_wrong_usage_is_one_line_that_says_what_to_write(capsys, tmp_path, monkeypatch):
+    shutil.copy(ROOT / "captures" / "four-wall.sqlite", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for arguments, says in (
         ("render --camera fisheye-equidistant --set camera.fov_deg=180 --set camera.focal=100", "focal"),
         ("render --position nan,0,1", "position: expected"),
         ("render --position 0,0", "--position: expected numbers such as 0,0,1.5, got '0,0'"),
@@ -54,13 +55,9 @@ def failed(capsys, code, arguments):
         ("cameras fit double-sphere pinhole --set width=5", "expected width and height in --size"),
         ("record --source four-wall.sqlite --set face_size=1024", "face_size: expected 192 px"),
         ("render --source four-wall.sqlite --set face_size=512 --size 8x4", "or auto; got 512"),
-    ],
-)
-def test_wrong_usage_is_one_line_that_says_what_to_write(arguments, says, capsys, tmp_path, monkeypatch):
-    shutil.copy(ROOT / "captures" / "four-wall.sqlite", tmp_path)
-    monkeypatch.chdir(tmp_path)
-    assert says in failed(capsys, 2, arguments.split())
-    assert not (tmp_path / "out").exists()
+    ):
+        assert says in failed(capsys, 2, arguments.split())
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, monkeypatch):
@@ -171,9 +168,9 @@ def loaded(job, **values):
     return JobArguments(job, IMAGES, values, frozenset(values)).load()
 
 
-@pytest.mark.parametrize(
-    ("options", "field", "value"),
-    [
+def test_an_option_overrides_its_key(job, capsys):
+    """The job without it has another value. One line names it."""
+    for options, field, value in (
         ({"modes": "lit"}, "modes", ("lit",)),
         ({"yaw": 0.0}, "poses.0.yaw", 0.0),
         ({"position": "1,0,1.5", "pitch": 10.0}, "poses.0.position.0", 1.0),
@@ -184,31 +181,25 @@ def loaded(job, **values):
         ({"set": ["pose.yaw_deg=0"]}, "poses.0.yaw", 0.0),
         ({"set": ["modes=[lit]"]}, "modes", ("lit",)),
         ({"set": ["record=room.sqlite"]}, "record.name", "room.sqlite"),
-    ],
-)
-def test_an_option_overrides_its_key(options, field, value, job, capsys):
-    """The job without it has another value. One line names it."""
-    overridden_job = loaded(job, **options)
-    assert _field(overridden_job, field) == value
-    assert _field(load(job), field) != value
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert all(f"--{name} overrides " in line for name in options)
+    ):
+        overridden_job = loaded(job, **options)
+        assert _field(overridden_job, field) == value
+        assert _field(load(job), field) != value
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1
+        assert all(f"--{name} overrides " in line for name in options)
 
 
-@pytest.mark.parametrize(
-    ("setting", "says"),
-    [
+def test_a_wrong_setting_is_refused(job, capsys):
+    for setting, says in (
         ("face_size", "KEY=VALUE such as strategy=exact or camera.fov_deg=185, got 'face_size'"),
         ("a..b=1", "--set: expected KEY=VALUE"),
         ("modes=[lit", "--set modes: line 2: expected YAML"),
         ("strateg=cube", "unknown key 'strateg'; did you mean strategy? known keys: source, "),
         ("source.x=1", "source: expected something in which x can be set"),
-    ],
-)
-def test_a_wrong_setting_is_refused(setting, says, job, capsys):
-    assert run(["render", str(job), "--set", setting]) == 2
-    assert says in capsys.readouterr().err
+    ):
+        assert run(["render", str(job), "--set", setting]) == 2
+        assert says in capsys.readouterr().err
 
 
 def _field(job, path):

@@ -70,17 +70,14 @@ def faulty(fault):
     return make
 
 
-@pytest.mark.parametrize(
-    ("fault", "error", "says"),
-    [
+def test_faces_that_do_not_fit_together_are_refused():
+    for fault, error, says in (
         ("size", BadReplyError, "captures of one size and type"),
         ("type", BadReplyError, "captures of one size and type"),
         ("direction", MissingCaptureError, "seen by none"),
-    ],
-)
-def test_faces_that_do_not_fit_together_are_refused(fault, error, says):
-    with pytest.raises(error, match=says):
-        omniscv.render(CAMERA, POSE, Made(faulty(fault)))
+    ):
+        with pytest.raises(error, match=says):
+            omniscv.render(CAMERA, POSE, Made(faulty(fault)))
 
 
 def test_a_source_that_ends_early_is_refused():

@@ -59,9 +59,8 @@ def test_export_prints_its_files(whole, tmp_path, capsys):
     assert len(again) == 3
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
+def test_wrong_usage_is_one_line_and_code_2(whole, capsys):
+    for arguments, says in (
         (["make", "nothing.yaml"], "nothing.yaml: expected a readable file"),
         (["make", "{job}", "--shard", "2/2"], "--shard: expected I/N with I from 0 to N - 1, such as 0/4"),
         (["make", "{job}"], "expected a new folder, got a dataset"),
@@ -70,14 +69,12 @@ def test_export_prints_its_files(whole, tmp_path, capsys):
         (["export", "{out}", "--to", "webdataset", "--out", "{out}"], "a folder that holds no dataset"),
         (["info", "{folder}"], "expected the folder of a dataset"),
         (["classes", "four-wall", "{folder}/dataset.yaml"], "unknown key 'source'; known keys: rules"),
-    ],
-)
-def test_wrong_usage_is_one_line_and_code_2(arguments, says, whole, capsys):
-    names = {"job": whole / "dataset.yaml", "out": whole / "dataset", "folder": whole}
-    (line,) = lines(capsys, 2, *(each.format(**names) for each in arguments))
-    assert line.startswith("omniscv: ")
-    assert says in line
-    assert len(line) <= 310
+    ):
+        names = {"job": whole / "dataset.yaml", "out": whole / "dataset", "folder": whole}
+        (line,) = lines(capsys, 2, *(each.format(**names) for each in arguments))
+        assert line.startswith("omniscv: ")
+        assert says in line
+        assert len(line) <= 310
 
 
 FISHEYES = "fisheye-equidistant kannala-brandt"
@@ -102,9 +99,9 @@ def test_cameras_that_formats_carry(format):
         assert dataset.get(format).refuses(cameras.model(name).example(32)) is None, name
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
+def test_jobs_are_refused_before_the_source_is_opened(tmp_path):
+    """Opening this one would be another error."""
+    for more, says in (
         ("export: [cocoa]", "export: format: expected one of"),
         ("export: [hf]", "format: expected a format that is written, got hf; use coco or webdataset"),
         ("store: zarr", "store: expected one of files, fast; got 'zarr'"),
@@ -120,15 +117,12 @@ def test_cameras_that_formats_carry(format):
         ("layout: {source: scene}", "layout: expected no such key, got {'source': 'scene'}; write truth"),
         ("seam: split", "seam: expected no such key, got 'split'; write it into 'export'"),
         ("shard: {format: webdataset}", "unknown key 'shard'; known keys: source, poses"),
-    ],
-)
-def test_jobs_are_refused_before_the_source_is_opened(more, says, tmp_path):
-    """Opening this one would be another error."""
-    with pytest.raises(ArgumentError) as failed:
-        make(load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
-    assert says in str(failed.value)
-    assert len(str(failed.value)) <= 1000
-    assert not (tmp_path / "dataset").exists()
+    ):
+        with pytest.raises(ArgumentError) as failed:
+            make(load(job_file(tmp_path, source="scene://nowhere", more=more + "\n")))
+        assert says in str(failed.value)
+        assert len(str(failed.value)) <= 1000
+        assert not (tmp_path / "dataset").exists()
     job = load(job_file(tmp_path, source="scene://nowhere"))
     with pytest.raises(ArgumentError, match="classes: expected modes with object_mask, got lit; add them"):
         make(replace(job, modes=("lit",)))

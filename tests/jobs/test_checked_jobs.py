@@ -56,9 +56,8 @@ def with_shop(**keys):
     return {**WORLDS, "shop": WORLDS["shop"] | keys}
 
 
-@pytest.mark.parametrize(
-    ("keys", "says"),
-    [
+def test_each_command_refuses_a_later_world_before_the_first_capture(omniscv, tmp_path):
+    for keys, says in (
         ({"source": "scene://seven-wall"}, "source: 'scene://seven-wall': scene: expected one of"),
         ({"source": "nowhere.sqlite"}, "nowhere.sqlite"),
         ({"source": "launch:game.sh"}, "source: expected the file of a game, got none at"),
@@ -67,17 +66,12 @@ def with_shop(**keys):
         ({"poses": {"grid": GRID["grid"] | {"clearance": 0.01}}, "times": [1, 2]}, "each of 9 poses, got 2"),
         ({"motions": {"Vase": [{"position": [0, 0, 1]}]}, "times": [0] * 9}, "of the scene, got 'Vase'"),
         ({"vary": {"objects": {"Layout_*": {"turn_deg": 3}}}}, "vary.objects.Layout_*: expected objects"),
-        (
-            {"poses": OUTSIDE},
-            "poses: expected a start, or the middle of the box, where something is seen; got",
-        ),
-    ],
-)
-def test_each_command_refuses_a_later_world_before_the_first_capture(omniscv, tmp_path, keys, says):
-    line = refusal(omniscv, "plan, dataset make", worlds=with_shop(**keys))
-    assert line.startswith("omniscv: worlds.shop: ")
-    assert says in line
-    assert [path.name for path in tmp_path.iterdir()] == ["job.yaml"]
+        ({"poses": OUTSIDE}, "poses: expected a start, or the middle of the box, where something is seen"),
+    ):
+        line = refusal(omniscv, "plan, dataset make", worlds=with_shop(**keys))
+        assert line.startswith("omniscv: worlds.shop: ")
+        assert says in line
+        assert [path.name for path in tmp_path.iterdir()] == ["job.yaml"]
 
 
 def test_every_command_refuses_what_one_world_lacks(omniscv, tmp_path):

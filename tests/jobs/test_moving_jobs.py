@@ -314,27 +314,26 @@ def test_a_plan_counts_every_instant(tmp_path):
     assert capture(colour, tmp_path / "kept.sqlite").needed == 3 * 6
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
+def test_wrong_keys_are_refused_before_a_source_is_opened(tmp_path):
+    for more, says in (
         ("motions: [Cabinet]", "motions: expected a mapping from objects to motions"),
         ("motions: {Cabinet: 3}", "motions.Cabinet: expected waypoints, {spline: waypoints}, or the name"),
         ("motions: {Cabinet: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]}", "missing key 'time'"),
-        ("motions: {Cabinet: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [1, 0, 0]}]}",
-         "motions.Cabinet: times: expected increasing seconds"),
+        (
+            "motions: {Cabinet: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [1, 0, 0]}]}",
+            "motions.Cabinet: times: expected increasing seconds",
+        ),
         (f"motions: {{Cabinet: {SLIDE}}}", "times: expected them where something moves"),
         (f"times: [7, 8]\nmotions: {{Cabinet: {SLIDE}}}", "the job's times, 7 to 8 s, got 0 to 2 s"),
         ("times: poses", "times: expected poses with times, got some without"),
         ("times: {rate: 10}", "times: missing key 'count', as the poses have no times"),
         ("exposure: {seconds: 1, instants: 4}", "exposure.instants: expected an odd number, got 4"),
         ("exposure: {seconds: 1}", "times: expected them where something moves"),
-    ],
-)  # fmt: skip
-def test_wrong_keys_are_refused_before_a_source_is_opened(more, says, tmp_path):
-    with pytest.raises(ArgumentError) as failed:
-        job_of(tmp_path, more)
-    assert says in str(failed.value)
-    assert len(str(failed.value)) <= 1000
+    ):
+        with pytest.raises(ArgumentError) as failed:
+            job_of(tmp_path, more)
+        assert says in str(failed.value)
+        assert len(str(failed.value)) <= 1000
 
 
 def test_motions_need_a_world_that_has_the_objects_and_places_them(tmp_path):

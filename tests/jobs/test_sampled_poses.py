@@ -97,9 +97,8 @@ def test_paths_look_level_or_at_a_point():
         np.testing.assert_allclose(pose.to_camera((1, 5, 1))[:2], 0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
+def test_wrong_descriptions_are_one_line():
+    for value, message in (
         ({}, "expected one of random, grid, path; got"),
         ({"random": {"count": 2}}, "poses.random: missing key 'low'"),
         ({"random": {"count": 1, **ROOM, "low": (4, 0, 0), "clearance": 1}}, "high: expected numbers >= low"),
@@ -109,11 +108,9 @@ def test_paths_look_level_or_at_a_point():
         ({"path": {"waypoints": [(0, 0, 0)], "speed": 1, "rate": 1}}, "waypoints: expected at least two"),
         ({"path": {"waypoints": np.eye(3), "speed": 1, "rate": 1, "look": "up"}}, "look: expected one of"),
         ({"circle": {}}, "unknown key 'circle'; known keys: random, grid, path"),
-    ],
-)
-def test_wrong_descriptions_are_one_line(value, message):
-    with pytest.raises(ArgumentError, match=message):
-        read_sampling("poses", value)
+    ):
+        with pytest.raises(ArgumentError, match=message):
+            read_sampling("poses", value)
 
 
 JOB = """

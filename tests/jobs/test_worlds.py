@@ -144,20 +144,17 @@ def test_objects_keep_their_clearance(tmp_path):
             far.of("0")
 
 
-@pytest.mark.parametrize(
-    ("vary", "match"),
-    [
+def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path):
+    for vary, match in (
         ({"lights": {"Sun": {"power": 1}}}, "a source that varies lights, got scene.*varies objects"),
         ({"objects": {"Stool_*": {"shown": 0.5}}}, "expected objects of the source, got none; it has .*Ball"),
         ({"objects": {"Ball": {"size": 2}}}, "unknown key 'size'; known keys: shift"),
         ({"objects": {"Ball": {"shift": 2}}}, "vary.objects.Ball.shift"),
         ({"lights": {"Sun": {"command": "vbp {name} {watts}"}}}, "only the words name in .*watts"),
-    ],
-)
-def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path, vary, match):
-    with pytest.raises(ArgumentError, match=match):
-        make.make(job(tmp_path / "d", vary=vary))
-    assert not (tmp_path / "d").exists()
+    ):
+        with pytest.raises(ArgumentError, match=match):
+            make.make(job(tmp_path / "d", vary=vary))
+        assert not (tmp_path / "d").exists()
 
 
 @pytest.mark.parametrize("dialect", ["M", "N1", "N3"])
@@ -279,18 +276,15 @@ def test_a_world_that_dies_fails_its_frames_only_and_resume_tries_them_again(tmp
     assert len(frames_of(tmp_path / "d")) == 11
 
 
-@pytest.mark.parametrize(
-    ("keys", "match"),
-    [
+def test_wrong_worlds_are_refused(tmp_path):
+    for keys, match in (
         ({"source": "scene://four-wall"}, "worlds: expected worlds by name, in place of source, got both"),
         ({"worlds": {"a": {"sauce": 1}}}, "worlds.a: unknown key 'sauce'"),
         ({"worlds": {"a.b": {}}}, "worlds"),
         ({"worlds": None, "source": "scene://four-wall"}, "split.by: expected place"),
-    ],
-)
-def test_wrong_worlds_are_refused(tmp_path, keys, match):
-    with pytest.raises(ArgumentError, match=match):
-        job(tmp_path, **(SOME | keys))
+    ):
+        with pytest.raises(ArgumentError, match=match):
+            job(tmp_path, **(SOME | keys))
     with pytest.raises(ArgumentError, match="worlds: expected one world here; 'omniscv dataset make'"):
         make.run(job(tmp_path, **SOME))
 
