@@ -6,8 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from threading import Thread
 
 import pytest
 from support.processes import OMNISCV, started
@@ -110,16 +110,13 @@ def test_parts_add_up_from_any_number_of_threads():
     seen = []
     meter = Meter(8, seen.append)
 
-    def work():
+    def work(_):
         part = meter.part()
         for done in range(1, 101):
             part(Progress(done // 50, 1, done, 100, 10 * done))
 
-    threads = [Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(work, range(4)))
     without_images(meter.part())(Progress(5, 5, 1, 1, 1))
     assert seen[-1] == Progress(8, 8, 401, 401, 4001)
 
@@ -131,13 +128,10 @@ def captures_in(path):
         return 0
 
 
-@pytest.mark.parametrize(
-    ("number", "ignored"),
-    [
-        (signal.SIGINT, [signal.SIGINT, signal.SIGHUP]),
-        pytest.param(signal.SIGHUP, [], marks=pytest.mark.soak),
-    ],
-)
+HUP = pytest.param(signal.SIGHUP, [], marks=pytest.mark.soak)
+
+
+@pytest.mark.parametrize(("number", "ignored"), [(signal.SIGINT, [signal.SIGINT, signal.SIGHUP]), HUP])
 def test_a_signal_ends_a_recording_that_can_be_resumed(number, ignored, tmp_path):
     """It may come several times, as from ``timeout`` and terminals. SIGHUP under nohup changes nothing."""
     out = tmp_path / "room.sqlite"

@@ -1,6 +1,6 @@
 """Faces that differ at their edges: what gains explain, what a membrane closes, and what neither touches."""
 
-from dataclasses import replace
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 import omniscv
-from omniscv import light
+from omniscv import cli, light
 from omniscv.diagnostics.recorded_faces import examine_recording
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View
@@ -44,6 +44,13 @@ def exposed(pictures, factors):
     lights = (light.decode(picture, "srgb") for picture in pictures)
     both = zip(lights, factors, strict=True)
     return np.stack([light.encode(np.float32(one * np.atleast_3d(factor)), "srgb") for one, factor in both])
+
+
+def store(path, captured, transfer=None):
+    """Write views, modes and their pixels into a recording."""
+    with closing(Store(path, write=True)) as held:
+        for view, mode, pixels in captured:
+            held.add(Capture(Request(view, mode), view, pixels, {"transfer": transfer} if transfer else {}))
 
 
 def cube(pixels):
@@ -187,12 +194,9 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
     for strength in (0.0, 0.16):
         path = tmp_path / f"{strength}.sqlite"
         loss = (1 + strength * (x[None] ** 2 + x[:, None] ** 2)) ** -2
-        store = Store(path, write=True)
         for at in places:
-            pictures = faces(128, 1, scene="six-wall", center=at)
-            for view, pixels in zip(views(128, center=at), exposed(pictures, [loss] * 6), strict=True):
-                store.add(Capture(Request(view, "lit"), view, pixels, {"transfer": "srgb"}))
-        store.close()
+            lit = exposed(faces(128, 1, scene="six-wall", center=at), [loss] * 6)
+            store(path, zip(views(128, center=at), ["lit"] * 6, lit, strict=True), "srgb")
         with RecordedSource(path) as source:
             found[strength] = {each.name: each for each in examine_recording(source)}["vignette"].value
             images[strength] = omniscv.render(camera, pose, source, seams="gains")
@@ -224,11 +228,8 @@ def test_a_turned_face_is_put_straight_in_every_mode(tmp_path, slipped):
     with open_scene("scene://four-wall?traces=0") as source:
         (true,) = source.capture([Request(straight[5], "lit")])
         mask, true_mask = source.capture([Request(each[5], "object_mask") for each in (turned, straight)])
-    store = Store(tmp_path / "room.sqlite", write=True)
-    for view, pixels in zip(straight, slipped, strict=True):
-        store.add(Capture(Request(view, "lit"), view, pixels, {}))
-    store.add(Capture(Request(straight[5], "object_mask"), straight[5], mask.pixels, {}))
-    store.close()
+    lit = zip(straight, ["lit"] * 6, slipped, strict=True)
+    store(tmp_path / "room.sqlite", [*lit, (straight[5], "object_mask", mask.pixels)])
     camera = omniscv.cameras.create("pinhole", 256, 256, fov_deg=87)
     pose = Pose(np.array(CENTER), straight[5].pose.R_w_c)
     x = (np.arange(256) + 0.5 - 128) / 128 * np.tan(np.radians(43.5))
@@ -236,16 +237,11 @@ def test_a_turned_face_is_put_straight_in_every_mode(tmp_path, slipped):
     color, wrong = {}, {}
     with RecordedSource(tmp_path / "room.sqlite") as source:
         renderer = omniscv.Renderer(source)
-        options = omniscv.RenderOptions(filter="nearest")
-        images = {
-            straighten: renderer.render(
-                camera, pose, ("lit", "object_mask"), replace(options, straighten=straighten)
-            )
-            for straighten in (False, False, True)  # what is made twice of the same captures is kept
-        }
-    for straighten, image in images.items():
-        color[straighten] = np.abs(image.lit.astype(float) - true.pixels[at]).mean()
-        wrong[straighten] = (image["object_mask"] != true_mask.pixels[at]).any(axis=-1).mean()
+        for straighten in (False, False, True):  # what is made twice of the same captures is kept
+            options = omniscv.RenderOptions(filter="nearest", straighten=straighten)
+            image = renderer.render(camera, pose, ("lit", "object_mask"), options)
+            color[straighten] = np.abs(image.lit.astype(float) - true.pixels[at]).mean()
+            wrong[straighten] = (image["object_mask"] != true_mask.pixels[at]).any(axis=-1).mean()
     assert color[True] < 0.8 * color[False]  # the rest is anti-aliasing, which the truth has not
     assert wrong[True] < 0.7 * wrong[False]  # the nearest pixel of a mask is up to half a pixel off
 
@@ -256,10 +252,7 @@ def uneven(tmp_path_factory, room):
     with Recording(open_scene("scene://four-wall"), path) as recording:
         truth = [Request(view, mode) for view in views(128) for mode in ("depth", "object_mask")]
         list(recording.capture(truth))
-    store = Store(path, write=True)
-    for view, pixels in zip(views(128), exposed(room, GAINS), strict=True):
-        store.add(Capture(Request(view, "lit"), view, pixels, {}))
-    store.close()
+    store(path, zip(views(128), ["lit"] * 6, exposed(room, GAINS), strict=True))
     return path
 
 
@@ -323,8 +316,6 @@ def test_what_is_outside_the_field_of_view_and_what_is_no_cube_stays():
 
 
 def test_the_doctor_examines_recordings(uneven, capsys, tmp_path):
-    from omniscv import cli
-
     with RecordedSource(uneven) as source:
         found = {finding.name: finding for finding in examine_recording(source)}
     assert found["seams"].verdict == "bad"

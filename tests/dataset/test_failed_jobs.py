@@ -54,19 +54,16 @@ def fitted(modes):
     return f"modes: [{modes}]\ntruth: {{layout: {{source: fitted}}}}"
 
 
-@pytest.mark.parametrize(
-    ("more", "options", "says"),
-    [
+def test_jobs_are_checked_before_the_first_capture(made, tmp_path, capsys):
+    for more, options, says in (
         (fitted("lit, mask, depth"), {}, "truth.layout: expected modes with normals, because"),
         ("modes: [lit, mask]\ntruth: {amodal: true}", {}, "truth.amodal: source: expected one that can hide"),
         ("modes: [lit]", {"poses": TWO}, "differs in position by 1 m"),
         ("truth: {boxes: {cameras: [side]}}\nmodes: [mask]", {}, "boxes.cameras: expected one of pano"),
-    ],
-)  # fmt: skip
-def test_jobs_are_checked_before_the_first_capture(more, options, says, made, tmp_path, capsys):
-    assert made(more, **options) != 0
-    assert says in stderr(capsys)
-    assert not (tmp_path / "made").exists()
+    ):
+        assert made(more, **options) != 0
+        assert says in stderr(capsys)
+        assert not (tmp_path / "made").exists()
 
 
 def test_a_folder_without_frames_is_taken_up(made, tmp_path, capsys):

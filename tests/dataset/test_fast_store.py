@@ -19,13 +19,13 @@ from omniscv.make import make
 from omniscv.pictures.forms import encode_array
 
 PICTURES = (".png", ".exr")
+MORE = "truth: {boxes: true, layout: true}\n"
 
 
 @pytest.fixture(scope="module")
 def stores(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stores")
-    more = "truth: {boxes: true, layout: true}\n"
-    return made(folder, more=more), made(folder, out="fast", more=f"{more}store: fast\n")
+    return made(folder, more=MORE), made(folder, out="fast", more=f"{MORE}store: fast\n")
 
 
 @pytest.fixture
@@ -49,8 +49,7 @@ def test_both_stores_hold_the_same_frames(stores):
 
 
 def test_equal_frames_make_equal_bytes(stores, tmp_path):
-    again = made(tmp_path, out="fast", more="truth: {boxes: true, layout: true}\nstore: fast\n")
-    assert tree(again) == tree(stores[1])
+    assert tree(made(tmp_path, out="fast", more=f"{MORE}store: fast\n")) == tree(stores[1])
 
 
 @pytest.mark.parametrize("name", ["coco", "nerfstudio"])
@@ -97,11 +96,9 @@ def test_without_the_package_nothing_is_captured(tmp_path, monkeypatch):
 
 def test_a_dataset_has_one_store(stores, tmp_path):
     out = shutil.copytree(stores[0], tmp_path / "dataset")
-    more = "truth: {boxes: true, layout: true}\nstore: fast\n"
-    job = load(job_file(tmp_path, more=more))
     before = tree(out)
     with pytest.raises(ArgumentError, match="store"):
-        make(job, existing="resume")
+        make(load(job_file(tmp_path, more=f"{MORE}store: fast\n")), existing="resume")
     assert tree(out) == before
 
 
@@ -143,8 +140,7 @@ def test_changed_bytes_are_refused_or_read(fast):
     """Checksums of a hostile dataset are right: its bytes reach the reader."""
     path = fast / "pano-0.labels.b2nd"
     whole = path.read_bytes()
-    random = np.random.default_rng(7)
-    outcomes = set()
+    random, refused = np.random.default_rng(7), 0
     for _ in range(300):
         spoiled = bytearray(whole)
         for at in random.integers(0, min(len(whole), 500), random.integers(1, 4)):
@@ -153,9 +149,7 @@ def test_changed_bytes_are_refused_or_read(fast):
         try:
             check_header(path, "labels", (48, 24))
             layer = read(path, "labels")
-        except ArgumentError:
-            outcomes.add("refused")
-        else:
-            outcomes.add("read")
             assert (layer.shape, layer.dtype) == ((24, 48), np.uint16)
-    assert outcomes == {"refused", "read"}
+        except ArgumentError:
+            refused += 1
+    assert 0 < refused < 300
