@@ -9,7 +9,6 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
@@ -27,13 +26,11 @@ ROUND = {
 """By family: cases in a round. A hundred rounds are what a long run should reach."""
 
 
-@dataclass
 class Tally:
-    """Cases by family, and what they found, with the first seed of each kind."""
+    """Cases by family, and what they found, with the seeds of each kind."""
 
-    cases: Counter = field(default_factory=Counter)
-    seconds: Counter = field(default_factory=Counter)
-    faults: dict = field(default_factory=dict)
+    def __init__(self):
+        self.cases, self.seconds, self.faults = Counter(), Counter(), {}
 
     def add(self, family, seed, seconds, fault):
         self.cases[family] += 1

@@ -33,12 +33,9 @@ def waves(period_rad):
     return Scene("waves", {"pattern": {"kind": "waves", "period_rad": period_rad}})
 
 
-def checkers(name, edge, **solid):
-    texture = {"kind": "checker", "colors": [[0.9, 0.9, 0.85], [0.2, 0.25, 0.3]], "scale": edge}
-    return Scene(name, {"sky": [0.5, 0.6, 0.7], "objects": {name: {"texture": texture, "solids": [solid]}}})
-
-
-CHECKERBOARD = checkers("Hall", 1.0, sphere=3.0, at=[0, 0, 1.5])
+CHECKERS = {"kind": "checker", "colors": [[0.9, 0.9, 0.85], [0.2, 0.25, 0.3]], "scale": 1.0}
+HALL = {"texture": CHECKERS, "solids": [{"sphere": 3.0, "at": [0, 0, 1.5]}]}
+CHECKERBOARD = Scene("Hall", {"sky": [0.5, 0.6, 0.7], "objects": {"Hall": HALL}})
 
 
 @cache

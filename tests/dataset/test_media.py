@@ -96,17 +96,10 @@ def decoded(data):
 
 
 def test_the_boxes_are_those_of_the_specification():
-    expected = (
-        "0000000d737433640000000000"
-        "0000005873763364"
-        "000000147376686400000000"
-        "6f6d6e6973637600"
-        "0000003c70726f6a"
-        "000000187072686400000000000000000000000000000000"
-        "0000001c6571756900000000"
-        "00000000000000000000000000000000"
-    )
-    assert video_boxes().hex() == expected
+    stereo, sphere = "0000000d737433640000000000", "0000005873763364"
+    header, projection = "000000147376686400000000" + "6f6d6e6973637600", "0000003c70726f6a"
+    turned, equirectangular = "0000001870726864" + "00" * 16, "0000001c65717569" + "00" * 20
+    assert video_boxes().hex() == stereo + sphere + header + projection + turned + equirectangular
 
 
 def test_panoramas_alone_are_spheres_and_their_frames_the_same(tmp_path):

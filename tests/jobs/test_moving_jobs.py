@@ -11,6 +11,7 @@ import omniscv
 from mock_server.scene_file import turned
 from omniscv import Pose, RenderOptions
 from omniscv.cameras import create
+from omniscv.compose.files import read
 from omniscv.errors import ArgumentError
 from omniscv.geometry.instant import Motion, object_pose
 from omniscv.geometry.trajectory import Trajectory
@@ -57,13 +58,10 @@ def rendered(job, time, camera=None, pose=None, poses=None):
 
 def images_of(job):
     written = run(job)
-    stems = sorted({path.name.partition(".")[0] for path in written if path.suffix == ".png"})
-    found = {}
-    for stem in stems:
-        layers = {path.name.split(".")[1]: path for path in written if path.name.startswith(f"{stem}.")}
-        found[stem] = {name: omniscv.dataset.Frame(stem, "", None, None, layers, {}).layer(name)
-                       for name in ("lit", "labels", "depth")}  # fmt: skip
-    return found
+    paths = {path.name: path for path in written}
+    stems = sorted(name.removesuffix(".labels.png") for name in paths if name.endswith(".labels.png"))
+    kinds = {"lit": "png", "labels": "png", "depth": "exr"}
+    return {s: {kind: read(paths[f"{s}.{kind}.{end}"], kind) for kind, end in kinds.items()} for s in stems}
 
 
 def assert_same(layers, image):

@@ -44,7 +44,7 @@ def job(out, **keys):
     return load({key: value for key, value in (description | keys).items() if value is not None})
 
 
-def test_draws_are_hashes_of_what_they_are_for():
+def test_draws_are_hashes_of_what_they_are_for_and_other_values_are_refused():
     lamp = uniform(7, "kitchen", "lights.power", "Lamp", "000000")
     assert lamp == 0.34552899183329333
     assert uniform(7, "kitchen", "lights.power", "Lamp", "000001") == 0.20661940424652303
@@ -60,12 +60,9 @@ def test_draws_are_hashes_of_what_they_are_for():
     for expected, value in known.items():
         drawn = draw(read_value("power", value), lambda _: lamp)
         assert drawn == pytest.approx(expected, rel=1e-14)  # libraries differ in the last digit
-
-
-@pytest.mark.parametrize("value", [[1, 2, 3], [2, 1], "a", {"exp": [1, 2]}, {"log": [0, 1]}, {"choice": []}])
-def test_other_values_are_refused(value):
-    with pytest.raises(ArgumentError, match=r"^power"):
-        read_value("power", value)
+    for other in ([1, 2, 3], [2, 1], "a", {"exp": [1, 2]}, {"log": [0, 1]}, {"choice": []}):
+        with pytest.raises(ArgumentError, match=r"^power"):
+            read_value("power", other)
 
 
 def frames_of(out):
@@ -157,7 +154,7 @@ def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path):
         assert not (tmp_path / "d").exists()
 
 
-@pytest.mark.parametrize("dialect", ["M", "N1", "N3"])
+@pytest.mark.parametrize("dialect", ["M", "N3"])
 def test_commands_carry_what_was_drawn_and_a_reply_of_an_error_fails_the_frame(
     tmp_path, monkeypatch, dialect
 ):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mock_server.scene import Scene
-from mock_server.solids import BOX, CYLINDER, RECTANGLE, SPHERE
+from mock_server.solids import BOX, CYLINDER, SPHERE
 from omniscv import cameras
 from omniscv.sources import Capabilities
 from omniscv.sources.scene import SceneSource
@@ -52,12 +52,8 @@ def distance_to_surfaces(scene, points):
             away = np.abs(np.linalg.norm(p, axis=1) - half[0])
         elif kind == CYLINDER:
             away = _of_box(np.stack([np.hypot(p[:, 0], p[:, 1]), np.abs(p[:, 2])], axis=1), half[[0, 2]])
-        elif kind == BOX:
-            away = _of_box(np.abs(p), half)
-        else:
-            assert kind == RECTANGLE
-            beyond = np.maximum(np.abs(p) - [half[0], half[1], 0.0], 0)
-            away = np.linalg.norm(beyond, axis=1)
+        else:  # a rectangle is a box without height
+            away = _of_box(np.abs(p), half * (1, 1, kind == BOX))
         nearest = np.minimum(nearest, away)
     return nearest
 

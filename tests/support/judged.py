@@ -19,18 +19,11 @@ _A_PIXEL = 4
 
 
 class Errors:
-    """What an image with depth and object masks has wrong, pixel by pixel.
+    """What an image of a scene, with depth and object masks, has wrong, pixel by pixel.
 
-    Attributes:
-        depth_m: (H, W) the error of depth; 0 where both are +inf, +inf where one is.
-        label: (H, W) whether the label is another one.
-        uncovered: (H, W) wrong and not marked; ``thin``: the same, of what is narrower than a captured
-            pixel, such as wires and slits: it may fall between pixels.
-
-    Args:
-        image: with depth and object masks.
-        scene: what it shows.
-        focal_px: of the faces of a cube that it was captured with; None: nothing is too narrow for them.
+    ``depth_m`` is the error of depth, 0 where both are +inf, +inf where one is; ``label`` is true for another
+    label, ``uncovered`` for what is wrong and not marked, ``thin`` for such wires and slits as are narrower
+    than a pixel of a cube's faces with ``focal_px``: they may fall between pixels. Without it none are.
     """
 
     def __init__(self, image: OmniImage, scene: Tracer, focal_px: float | None = None) -> None:
