@@ -126,9 +126,10 @@ complete_words omniscv render --camera fisheye-eq
 
 def test_bash_completes_commands_and_models():
     program = "from omniscv.cli import main; main()"
-    environment = {**os.environ, "PYTHON": sys.executable, "PROGRAM": program, "SHELL": "/bin/bash"}
-    environment["PYTHONPATH"] = str(ROOT)
-    done = subprocess.run(["bash", "-c", BASH], env=environment, capture_output=True, text=True, check=True)
+    more = {"PYTHON": sys.executable, "PROGRAM": program, "SHELL": "/bin/bash", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        ["bash", "-c", BASH], env={**os.environ, **more}, capture_output=True, text=True, check=True
+    )
     assert done.stderr == ""
     function, commands, models = done.stdout.splitlines()
     assert function.endswith(" omniscv")

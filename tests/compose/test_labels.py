@@ -85,12 +85,6 @@ def test_unknown_colours_and_those_of_two_objects_are_counted_and_black_is_not()
 LAYERS = {"labels": np.ones((4, 4), np.uint16)}
 ROOM = ObjectTable({"Bed": (1, 0, 0), "Sofa": (2, 0, 0)})
 AGREES = ObjectTable({**ROOM.colors, "Table": (3, 0, 0)})
-OTHERS = {
-    "another scene": ObjectTable({"Cat": (1, 0, 0), "Dog": (2, 0, 0)}),
-    "an object more, which moves the labels": ObjectTable({**ROOM.colors, "Chair": (3, 0, 0)}),
-    "an object less": ObjectTable({"Sofa": (2, 0, 0)}),
-    "other mask colours": ObjectTable({"Bed": (1, 0, 0), "Sofa": (9, 0, 0)}),
-}
 
 
 def save(table, out, stem):
@@ -106,13 +100,18 @@ def test_objects_that_agree_are_merged(tables, tmp_path):
     assert found == {AGREES.label(name): (name, color) for name, color in AGREES.colors.items()}
 
 
-@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
-def test_objects_of_another_scene_are_refused_before_anything_is_written(other, tmp_path):
+def test_objects_of_another_scene_are_refused_before_anything_is_written(tmp_path):
     save(ROOM, tmp_path, "first")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(ArgumentError, match=r"objects of the images in this .*save into another folder"):
-        save(other, tmp_path, "second")
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    for other in (
+        {"Cat": (1, 0, 0), "Dog": (2, 0, 0)},
+        {**ROOM.colors, "Chair": (3, 0, 0)},  # moves the labels
+        {"Sofa": (2, 0, 0)},
+        {"Bed": (1, 0, 0), "Sofa": (9, 0, 0)},
+    ):
+        with pytest.raises(ArgumentError, match=r"objects of the images in this .*save into another folder"):
+            save(ObjectTable(other), tmp_path, "second")
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_list_that_is_none_is_kept(tmp_path):

@@ -158,10 +158,9 @@ def test_what_does_not_fit_is_read_again(recording, limit):
 
 
 def test_what_images_share_is_released_after_the_last_of_them():
-    request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
+    request, counts = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit"), []
     with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
         shared = HeldCaptures(source, {request: 2})
-        counts = []
         for _ in range(4):
             list(shared.capture([request]))
             counts.append(len(source.requests))

@@ -62,16 +62,11 @@ def test_depth_along_the_ray_is_half_a_step_off_at_most(scale, tmp_path):
     assert meaning["kind"] == {"cam": "ray"}
 
 
-def test_planar_depth_is_measured_along_the_axis(tmp_path):
-    """A wall straight ahead has one planar depth in all pixels."""
+def test_planar_depth_is_measured_along_the_axis_and_shift_has_24_bits(tmp_path):
+    """A wall straight ahead has one planar depth; SHIFT's own formula, on the channels that Pillow reads."""
     camera = cameras.create("pinhole", width=16, height=12, fov_deg=90)
-    depth = 3 / camera.unproject().directions[..., 2]
-    path, _ = export(tmp_path, depth, camera, scale="tum")
+    path, _ = export(tmp_path, 3 / camera.unproject().directions[..., 2], camera, scale="tum")
     assert (np.array(Image.open(path)) == 15000).all()
-
-
-def test_24_bits(tmp_path):
-    """SHIFT's own formula, on the channels that Pillow reads."""
     path, _ = export(tmp_path, [[1.0, 2.71828, 900, 1001]], PINHOLE, scale="shift")
     c = np.array(Image.open(path)).astype(float)
     metres = (c[..., 2] * 65536 + c[..., 1] * 256 + c[..., 0]) / 2**24 * 1000

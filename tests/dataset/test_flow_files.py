@@ -143,16 +143,13 @@ def known_flow(*values):
     return Flow(pixels, np.uint8(~np.isnan(pixels[..., 0])), np.zeros((1, len(values), 3)))
 
 
-def test_known_answers_of_kitti():
+def test_codes_of_kitti_and_what_they_cannot_hold(tmp_path):
     codes = kitti_codes(known_flow(-512, -511.984375, 0, 1.5, 511.984375, np.nan))
     assert codes[0, :, 0].tolist() == [0, 1, 32768, 32864, 65535, 0]
     assert codes[0, :, 2].tolist() == [1, 1, 1, 1, 1, 0]
     for beyond in (-512.1, 512.0):
         with pytest.raises(ArgumentError, match="kitti: expected flow within"):
             kitti_codes(known_flow(0, beyond))
-
-
-def test_kitti_refuses_classic_flow_of_wide_panoramas(tmp_path):
     wide = cameras.create("equirectangular", width=1040, height=2)
     poses, depth = (Pose.from_angles((0, 0, 0), yaw) for yaw in (0, 5)), np.full((2, 1040), 2, np.float32)
     pair = [frame_of(tmp_path, {"depth": depth}, wide, pose, key=f"cam-{i}") for i, pose in enumerate(poses)]

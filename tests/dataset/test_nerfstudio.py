@@ -12,15 +12,12 @@ from omniscv import Pose, cameras
 from omniscv.dataset import get
 
 SCENE = mock_server.load_scene("four-wall")
+BENDS, DISTORTION = (0.02, -0.008, 0.002, -0.0004), (-0.1, 0.02, 0.003, -0.002, 0.01)
 CAMERAS = {
     "EQUIRECTANGULAR": cameras.create("equirectangular", width=64, height=32),
-    "OPENCV_FISHEYE": cameras.create(
-        "kannala-brandt", 48, 40, fx=15.0, fy=14.0, cx=23, cy=21, k=[0.02, -0.008, 0.002, -0.0004]
-    ),
+    "OPENCV_FISHEYE": cameras.create("kannala-brandt", 48, 40, fx=15.0, fy=14.0, cx=23, cy=21, k=BENDS),
     "PINHOLE": cameras.create("pinhole", width=32, height=24, fov_deg=80, center=(15, 13)),
-    "OPENCV": cameras.create(
-        "pinhole", 32, 24, fx=20.0, fy=21.0, cx=15.5, cy=11.0, distortion=(-0.1, 0.02, 0.003, -0.002, 0.01)
-    ),
+    "OPENCV": cameras.create("pinhole", 32, 24, fx=20.0, fy=21.0, cx=15.5, cy=11.0, distortion=DISTORTION),
 }
 POSES = [Pose.from_angles((0.3 * i, 0.1, 1.4), 33 * i, 7 * i, -5 * i) for i in range(3)]
 

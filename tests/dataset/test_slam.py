@@ -280,8 +280,7 @@ def test_bags(folder, frames, storage, tmp_path):
     if storage == "mcap":
         with next((tmp_path / "bag").glob("*.mcap")).open("rb") as file:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
-            messages = reader.iter_decoded_messages(topics=["/imu"])
-            found = [decoded for *_, decoded in messages]
+            found = [decoded for *_, decoded in reader.iter_decoded_messages(topics=["/imu"])]
         assert len(found) == 51
         assert found[7].linear_acceleration.z == imu.linear_acceleration.z
 
@@ -293,9 +292,9 @@ def test_kalibr(folder, frames, tmp_path):
     for number, name in enumerate(("left", "right")):
         frame, entry = of(frames, name)[1], chain[f"cam{number}"]
         T_cam_imu = np.array(entry["T_cam_imu"])
-        body = frames[0].imu.path.at(frame.time_ns) @ frames[0].imu.imu.pose
-        found = Pose(T_cam_imu[:3, 3], T_cam_imu[:3, :3])
-        np.testing.assert_allclose((body @ found.inverse()).position, frame.pose.position, atol=1e-9)
+        mounted = Pose(T_cam_imu[:3, 3], T_cam_imu[:3, :3]).inverse()
+        camera = frames[0].imu.path.at(frame.time_ns) @ frames[0].imu.imu.pose @ mounted
+        np.testing.assert_allclose(camera.position, frame.pose.position, atol=1e-9)
         assert entry["timeshift_cam_imu"] == 0
     T_1_0 = np.array(chain["cam1"]["T_cam_imu"]) @ np.linalg.inv(chain["cam0"]["T_cam_imu"])
     np.testing.assert_allclose(chain["cam1"]["T_cn_cnm1"], T_1_0, atol=1e-12)
