@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import yaml
 from support.calibration_files import SAVED, TEXTS
 
 from omniscv import calibration
@@ -73,7 +72,6 @@ F62 = [240.0, 320.5, 239.25, *[0.0] * 8]
 TURN = {"Translation": [0, 0, 0], "UnitQuaternion": [0, [0, 0, 0]]}
 CHANGED_KEYS = {
     "aria": [
-        ({"Label": "camera-front"}, "camera-front: missing key 'ImageSize'"),
         ({"Projection": {"Name": "Spherical", "Params": []}}, "Projection.Name: expected one of"),
         ({"Projection": {"Name": "Fisheye62", "Params": [*F62, 0]}}, "Projection.Params: expected 11 finite"),
         ({"T_Device_Camera": {"Translation": [0, 0, 0]}}, "T_Device_Camera: missing key 'T_Device_C"),
@@ -95,16 +93,18 @@ CHAIN = {"camera_model": "pinhole", "intrinsics": [30.0, 30.0, 29.5, 23.25], "re
 CHAIN |= {"distortion_model": "none", "distortion_coeffs": [], "T_cam_imu": np.eye(4).tolist()}
 
 
+CAMERAS = {"kalibr": "cam0", "aria": "CameraCalibrations", "ncore": "camera_model_parameters"}
+
+
 @pytest.mark.parametrize(
     ("format", "changes", "message"),
     [(format, *row) for format, rows in CHANGED_KEYS.items() for row in rows],
 )
 def test_changed_keys_are_refused(format, changes, message):
     document = {"cam0": dict(CHAIN)} if format == "kalibr" else json.loads(TEXTS[format])
-    camera = {"kalibr": "cam0", "aria": "CameraCalibrations", "ncore": "camera_model_parameters"}[format]
-    keys = document[camera][0] if format == "aria" else document[camera]
-    keys |= changes
-    refused(format, (yaml.safe_dump if format == "kalibr" else json.dumps)(document), message)
+    keys = document[CAMERAS[format]]
+    (keys[0] if format == "aria" else keys).update(changes)
+    refused(format, json.dumps(document), message)
 
 
 ENTRY = "cam0: {{camera_model: pinhole, distortion_model: none, distortion_coeffs: [], "
@@ -120,6 +120,7 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
         "cam0: {camera_model: [pinhole], distortion_model: {none: none}}",
         "cam0: pinhole",
         '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
+        '<?p <!-- ?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
         "<opencv_storage><camera_matrix>",
         XML,
         "1" * 300,  # took hours: each digit began another number of DSO's
@@ -130,10 +131,8 @@ XML = "<opencv_storage><camera_matrix>1 2</camera_matrix><image_width>6</image_w
 def test_hostile_text_is_refused(text):
     for format in ("kalibr", "opencv"):
         refused(format, text, "expected|missing key")
-
-
-def test_entities_are_refused_behind_what_looks_like_a_comment():
-    refused("opencv", '<?p <!-- ?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "without <!DOCTYPE")
+    if "DOCTYPE" in text:
+        refused("opencv", text, "without <!DOCTYPE")
 
 
 OURS = "omniscv: 1, model: pinhole, width: 64, height: 48"

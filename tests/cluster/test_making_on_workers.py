@@ -98,7 +98,7 @@ def test_repeated_failures_end_the_run(job):
 
 
 def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
-    job, started = replace(job, source="scene://four-wall", poses=job.poses * 3), []
+    job, started = replace(job, source="scene://four-wall", poses=job.poses * 2), []
     soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
 
     @contextmanager
@@ -132,11 +132,11 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     path = tmp_path / "sampled.yaml"
     start, _, rest = (tmp_path / "dataset.yaml").read_text().partition("poses:\n")
     box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
-    path.write_text(f"{start}poses: {{random: {{count: 8, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
+    path.write_text(f"{start}poses: {{random: {{count: 4, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
     camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
     sampled = replace(load(path), modes=("lit",), cameras=camera, recipe=plain)
     made = cluster.make(replace(sampled, out=tmp_path / "clustered"), threads)
-    assert made.written == 8
+    assert made.written == 4
     make(replace(sampled, source="scene://four-wall", out=tmp_path / "single"))
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")
 
@@ -155,28 +155,23 @@ def test_the_array_s_script_makes_a_part_in_each_task(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "4")
     commands = []
-    for i in range(4):
+    for i in (0, 3):
         monkeypatch.setenv("SLURM_ARRAY_TASK_ID", str(i))
         done = subprocess.run([EXAMPLE, "room.yaml"], capture_output=True, text=True, timeout=60, check=True)
         commands.append(done.stdout.split())
-    assert commands == [["dataset", "make", "room.yaml", "--shard", f"{i}/4"] for i in range(4)]
+    assert commands == [["dataset", "make", "room.yaml", "--shard", f"{i}/4"] for i in (0, 3)]
 
 
-@pytest.mark.parametrize("text", ["local:0", "local:x", "slurm:a.yaml", "somewhere", "http://node:8786", ""])
-def test_a_place_that_is_none_is_refused(text):
-    with pytest.raises(ArgumentError, match=r"--cluster: expected local, local:N or"):
-        workers_of(text)
+def test_places_that_are_none_and_workers_that_do_not_start_are_one_line(monkeypatch):
+    for text in ("local:0", "local:x", "slurm:a.yaml", "somewhere", "http://node:8786", ""):
+        with pytest.raises(ArgumentError, match=r"--cluster: expected local, local:N or"):
+            workers_of(text)
 
-
-def test_workers_that_end_while_they_start_are_one_line(monkeypatch):
     def ends(**options):
         raise RuntimeError("a worker died.")
 
     monkeypatch.setattr(cluster, "LocalCluster", ends)
     with pytest.raises(ClusterError, match=r"2 workers to start, but one ended, .*: a worker died; run a"):
         workers_of("local:2")(["mock://four-wall"]).__enter__()
-
-
-def test_no_scheduler_is_one_line():
     with pytest.raises(ClusterError, match="expected a scheduler of Dask at tcp"):
         scheduler_at("tcp://127.0.0.1:1", ["mock://four-wall"], timeout_s=0.1).__enter__()

@@ -18,16 +18,11 @@ def ports():
         yield {9000: first.port, 9001: second.port}
 
 
-def copied(folder):
-    """Copy what documents read from the repository: they may write there too."""
-    shutil.copytree(ROOT / "captures", folder / "captures")
-    return folder
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder with captures/; the present one."""
-    monkeypatch.chdir(copied(tmp_path))
+    """An empty folder with a copy of captures/, which documents may write to; the present one."""
+    shutil.copytree(ROOT / "captures", tmp_path / "captures")
+    monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         # The official client's: every public server is too old for its question about commands.
         warnings.filterwarnings("ignore", message=".*too old to report", category=UserWarning)

@@ -57,8 +57,13 @@ def test_the_jobs_of_examples_are_whole(path):
     check_dataset(load(path))
 
 
-def test_the_moving_world_is_the_one_that_its_document_runs():
-    """``docs/moving-worlds.md`` is executed; the example is the same script."""
+def test_pages_are_as_made_and_the_moving_world_is_the_one_that_its_document_runs():
+    """Those of cameras by ``scripts/draw-cameras pages``, of docstrings and of what files hold."""
+    made = runpy.run_path(str(ROOT / "scripts/draw-cameras"))["pages"]()
+    pages = {f"docs/cameras/{name}.md": text for name, text in made.items()}
+    pages["docs/conformance.md"] = runpy.run_path(str(ROOT / "scripts/conformance"))["page"]()
+    for name, text in pages.items():
+        assert (ROOT / name).read_text(encoding="utf-8") == text
     document = (ROOT / "docs" / "moving-worlds.md").read_text(encoding="utf-8")
     text = (ROOT / "examples" / "moving" / "moving.py").read_text(encoding="utf-8")
     _, script = text.split("\n\n", maxsplit=1)
@@ -68,7 +73,7 @@ def test_the_moving_world_is_the_one_that_its_document_runs():
 def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
     folder = shutil.copytree(ROOT / "examples" / "kitchen", tmp_path / "kitchen")
     text = (folder / "kitchen.yaml").read_text()
-    smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 8}", text)
+    smaller = re.sub(r"((?:width|height|face_size|fx|fy): )(\d+)", lambda m: f"{m[1]}{int(m[2]) // 16}", text)
     (folder / "kitchen.yaml").write_text(smaller.replace("count: 4", "count: 1"))
     make(load(folder / "kitchen.yaml"))
     assert dataset.check(folder / "out", deep=True) == []
@@ -79,23 +84,12 @@ def test_the_dataset_is_made_and_explored(tmp_path, monkeypatch, capsys):
     assert "floor corners at" in printed
 
 
-def test_the_pages_of_cameras_are_as_made():
-    """By ``scripts/draw-cameras pages``, of docstrings and of what files hold."""
-    for name, text in runpy.run_path(str(ROOT / "scripts/draw-cameras"))["pages"]().items():
-        assert (ROOT / f"docs/cameras/{name}.md").read_text(encoding="utf-8") == text
-
-
 @pytest.mark.parametrize("folder", sorted((ROOT / "examples").iterdir()), ids=lambda path: path.name)
 def test_an_example_has_a_page_with_a_command(folder):
     page = (folder / "README.md").read_text(encoding="utf-8")
     assert len(page.splitlines()) <= 20
     assert re.search(r"```(sh|text)\n\S", page)
     assert all((folder / path).exists() for path in re.findall(r"\]\(([^)#]+)", page))
-
-
-def test_the_page_of_commands_is_as_made():
-    page = runpy.run_path(str(ROOT / "scripts/conformance"))["page"]()
-    assert (ROOT / "docs/conformance.md").read_text(encoding="utf-8") == page
 
 
 def test_borders_are_modules_and_their_numbers_those_of_the_code():

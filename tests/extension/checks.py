@@ -61,9 +61,6 @@ def test_every_kind_takes_at_most_forty_lines_and_public_names():
     assert names <= vars(outsider).keys()
     assert all(each.count("\n") < MOST_LINES for each in OUTSIDER)
     assert set(re.findall(r"\b_[a-z]\w*", TEXT)) == {"_directions", "_project"}  # what a camera implements
-
-
-def test_a_camera_keeps_the_contract():
     check_camera(CAMERA)
 
 
@@ -200,9 +197,7 @@ def test_a_truth_and_a_format_through_a_dataset(tmp_path):
     (out / "exports" / "keys" / "keys.txt").write_text("wrong", encoding="utf-8")
     (fault,) = dataset.check(out, format="keys")
     assert fault == "exports/keys: keys.txt: expected what the frames give, got other bytes"
-
-
-def test_what_they_cannot_carry_is_refused_before_the_source_is_opened(tmp_path):
+    # What it cannot carry is refused before the source is opened.
     text = DATASET.replace("scene://four-wall", "scene://missing").replace("[lit, depth]", "[lit]")
     with pytest.raises(omniscv.OmniscvError, match=r"truth\.farthest: expected modes with depth"):
         make(job_of(tmp_path, text))

@@ -63,9 +63,7 @@ def test_splines_follow_cubic_ways_and_even_turns():
     for time in np.round(np.linspace(0, 3.1, 23), 9):
         assert apart(moving.at(nanoseconds(time)), pose(time)) < 1e-9
 
-
-def test_velocities_of_splines_do_not_jump():
-    moving, step = motion("spline"), 1e-5
+    moving, step = motion("spline"), 1e-5  # whose velocities do not jump
     for time in TIMES[1:-1]:
         before, at, after = (moving.at(nanoseconds(time + i * step)) for i in (-1, 0, 1))
         for kind in ("position", "rotation"):
@@ -73,15 +71,6 @@ def test_velocities_of_splines_do_not_jump():
             first, second = ((getattr(b, kind) - getattr(a, kind)) / step for a, b in steps)
             assert np.abs(first).max() > 0.1
             assert np.abs(first - second).max() < 1e-3 * np.abs(first).max() + 1e-3
-
-
-def test_one_waypoint_is_where_the_object_always_is():
-    pose = object_pose((1, 2, 3), 40)
-    for known in (Trajectory((pose,)), Trajectory.timed((pose,), (5.0,))):
-        still = Motion(known)
-        assert still.span_ns is None
-        assert still.at(None) is pose
-        assert still.at(nanoseconds(-3.0)) is pose
 
 
 def test_angles_of_objects_turn_them_from_the_axes_of_the_world():
@@ -93,8 +82,12 @@ def test_angles_of_objects_turn_them_from_the_axes_of_the_world():
     np.testing.assert_allclose([nose, right], [(0, 0, 1), (0, 0, -1)], atol=1e-12)
 
 
-def test_what_cannot_be_a_motion_is_refused():
-    poses = (object_pose((0, 0, 0)), object_pose((1, 0, 0)))
+def test_one_waypoint_is_where_the_object_always_is_and_what_cannot_be_a_motion_is_refused():
+    poses = (object_pose((0, 0, 0), 40), object_pose((1, 0, 0)))
+    for known in (Trajectory(poses[:1]), Trajectory.timed(poses[:1], (5.0,))):
+        still = Motion(known)
+        assert still.span_ns is None
+        assert still.at(None) is still.at(nanoseconds(-3.0)) is poses[0]
     with pytest.raises(ArgumentError, match="waypoints: expected times, got 2 poses without"):
         Motion(Trajectory(poses))
     with pytest.raises(ArgumentError, match="curve: expected one of linear, spline"):

@@ -61,21 +61,18 @@ def test_kitti_without_times_has_none(tmp_path):
     (tmp_path / "00.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n")
     read = read_trajectory(tmp_path / "00.txt")
     assert read.times_ns is None
+    assert [line.split()[0] for line in files.write_tum(read).splitlines()[1:]] == ["0", "1"]
+    assert files.write_euroc(read).splitlines()[2].startswith("1000000000,")
     np.testing.assert_allclose(read[1].position, (1, 0, 0), atol=1e-12)  # level: the camera's z is ahead
     with pytest.raises(ArgumentError, match="expected poses with times"):
         read.at(500_000_000)
-
-
-def test_poses_without_times_are_numbered():
-    poses = Trajectory(STEPS.poses)
-    assert [line.split()[0] for line in files.write_tum(poses).splitlines()[1:]] == ["0", "1"]
-    assert files.write_euroc(poses).splitlines()[2].startswith("1000000000,")
 
 
 def test_between_poses_positions_are_linear_and_turns_steady():
     """A turn by 90 degrees about the camera's y: a third of the time turns 30."""
     first, last = Pose.from_angles((0, 0, 1)), Pose.from_angles((3, 6, 1), yaw_deg=90)
     poses = Trajectory.timed((first, last), (10.0, 13.0))
+    assert poses[1:].times_ns == poses.times_ns[1:]
     third = poses.at(11 * 10**9)
     np.testing.assert_allclose(third.position, (1, 2, 1), atol=1e-12)
     assert third.angles() == pytest.approx((30, 0, 0), abs=1e-9)
@@ -84,10 +81,6 @@ def test_between_poses_positions_are_linear_and_turns_steady():
     for outside in (9.9, 13.1):
         with pytest.raises(ArgumentError, match="time: expected 10 to 13 s, got"):
             poses.at(nanoseconds(outside))
-
-
-def test_a_part_keeps_its_times():
-    assert wandering()[3:5].times_ns == wandering().times_ns[3:5]
 
 
 @pytest.mark.parametrize(
@@ -104,14 +97,6 @@ def test_wrong_trajectories(poses, times, says):
         Trajectory(poses, times)
 
 
-def test_a_job_takes_its_poses_and_their_times_from_a_file_beside_it(tmp_path):
-    (tmp_path / "path.txt").write_text("0 1 0 1.5 0.5 -0.5 0.5 -0.5\n1 2 0 1.5 0.5 -0.5 0.5 -0.5\n")
-    job = tmp_path / "job.yaml"
-    job.write_text(f"{JOB}path.txt")
-    assert [pose.t_w_c.tolist() for pose in load(job).poses] == [[1, 0, 1.5], [2, 0, 1.5]]
-    assert load(job).times_ns == (0, 10**9)
-
-
 @pytest.mark.parametrize(
     ("poses", "looks", "says"),
     [
@@ -125,6 +110,8 @@ def test_the_frame_of_a_file_is_stated_or_said(poses, looks, says, tmp_path, cap
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0 0 0 1\n1 1 1 1.5 0 0 0 1\n")
     job = tmp_path / "job.yaml"
     job.write_text(f"{JOB}{poses}\nout: {tmp_path}/out\n")
+    assert [pose.t_w_c.tolist() for pose in load(job).poses] == [[1, 0, 1.5], [1, 1, 1.5]]
+    assert load(job).times_ns == (0, 10**9)
     for pose in load(job).poses:
         np.testing.assert_allclose(pose.R_w_c @ (0, 0, 1), looks, atol=1e-12)
     assert run(["render", str(job)]) == 0
@@ -172,7 +159,6 @@ def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
         ("x,y,z,qw,yaw\n1,2,3,4,5\n", "line 1: expected qx, qy, qz and qw, or yaw"),
         ("x,y,z\n1,2\n", "line 1: expected 3 columns, as there are names, got 2 in one row"),
         ("x,y,z\n1,2,3\n\n1,2\n", "line 4: expected 'x,y,z', got '1,2'"),
-        ("x,y,z\n1,2,up\n", "line 2: expected 'x,y,z', got '1,2,up'"),
         ("x,y,z\n", "expected rows of numbers below the names"),
         ("x,y,z,yaw,yaw_rad\n1,2,3,4,5\n", "line 1: expected each column once, got yaw twice"),
         ("x,y,z,yaw\n1,,3,4\n", "line 2: expected"),
@@ -187,13 +173,12 @@ def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
         ("1,2,0,0,0,0,0,0,1\n", "8 or 17 columns with a separator .*got 9 columns without names"),
         ("1,2,3,4,5,6,7,8\n", "line 1: expected a quaternion of length 1"),
         ("x y z qw qx qy qz\n1 2 3 1 0 0 0\n1 2 3 0 0 0 0\n", "line 3: expected a quaternion of length 1"),
-        ("x y z qx qy qz qw\n0 0 0 1e300 0 0 1\n", "line 2: expected a quaternion of length 1"),
         ("", "got none"),
+        ("\xe4\xf6", r"path.txt: 'utf-8' codec"),
         ("0 1 2 3 0 0\n", "line 1: expected names of the columns, or 8"),
         ("0 1 2 nan 0 0 0 1\n", "line 1: expected finite numbers"),
         ("0 1 2 1e10 0 0 0 1\n", "line 1: expected coordinates of at most"),
         ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "increasing"),
-        ("1 0 0 0 0 1 0 0 0 0 2 0\n", "line 1: expected the numbers of a rigid"),
         ("1 0 0 0 0 1 0 0 0 0 -1 0\n", "line 1: expected the numbers of a rigid"),
         ("#t\n100,0,0,0,1,0,0,0\n1.5,0,0,0,1,0,0,0\n", "line 3: expected 'time x y z qw qx qy qz'"),
         ("9" * 400 + ",0,0,0,1,0,0,0\n", "line 1: expected 'time x y z qw qx qy qz'"),
@@ -202,7 +187,9 @@ def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
 )
 def test_a_wrong_line_is_named(text, says, tmp_path):
     path = tmp_path / "path.txt"
-    path.write_text(text)
+    with pytest.raises(ArgumentError, match=r"path.txt: expected a readable file"):
+        read_trajectory(path)
+    path.write_text(text, encoding="latin-1")
     with pytest.raises(ArgumentError, match=says):
         read_trajectory(path)
 
@@ -286,11 +273,3 @@ def test_the_camera_on_a_body(tmp_path):
     job.write_text(f"{JOB}{{file: data.csv, frame: imu}}")
     with pytest.raises(ArgumentError, match=r"poses.frame: .*imu: expected a readable file"):
         load(job)
-
-
-def test_a_file_that_cannot_be_read(tmp_path):
-    with pytest.raises(ArgumentError, match=r"none.txt: expected a readable file"):
-        read_trajectory(tmp_path / "none.txt")
-    (tmp_path / "binary.txt").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(ArgumentError, match=r"binary.txt: 'utf-8' codec"):
-        read_trajectory(tmp_path / "binary.txt")

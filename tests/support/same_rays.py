@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from omniscv import Rig
 from omniscv.cameras import Camera
 
 # A principal point loses up to half a unit in its last place when 0.5 is taken away and added again:
@@ -19,3 +20,13 @@ def assert_same_rays(one: Camera, other: Camera) -> None:
         assert np.count_nonzero(a.valid != b.valid) <= 4
         both = a.valid & b.valid
         np.testing.assert_allclose(a.directions[both], b.directions[both], rtol=0, atol=DIRECTION_TOLERANCE)
+
+
+def assert_same_rig(one: Rig, other: Rig) -> None:
+    """Both have the same cameras, of the same names and times, at the same poses."""
+    assert list(one.cameras) == list(other.cameras)
+    for name, mounted in other.cameras.items():
+        assert_same_rays(one.cameras[name].camera, mounted.camera)
+        assert one.cameras[name].time_offset == mounted.time_offset
+        np.testing.assert_allclose(one.cameras[name].pose.position, mounted.pose.position, atol=1e-12)
+        np.testing.assert_allclose(one.cameras[name].pose.rotation, mounted.pose.rotation, atol=1e-12)
