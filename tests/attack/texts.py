@@ -9,6 +9,7 @@ from support.calibration_files import LENS, SAVED, TEXTS
 from attack.commands import SECONDS, clear, nothing_left, ran, refused, require
 from attack.spoiling import replaced, scrambled, write
 from attack.words import ARGUMENTS, YAML
+from mock_server import load_scene
 from mock_server.settings import SCENES
 from omniscv import Rig, RigCamera, calibration, cameras
 from omniscv.calibration.kalibr import KALIBR
@@ -62,21 +63,22 @@ def judged(read, path, command):
     require(time.process_time() - started < 5 * SECONDS, f"{time.process_time() - started:.2f} s to read it")
 
 
-def job(rng, folder):
+def described(rng, folder, name, valid, read, command):
+    """Read a spoiled description of that name; where it is refused, no file is left."""
     with nothing_left(folder) as work:
-        path = write(work / "job.yaml", description(rng, JOB))
-        judged(load, path, [rng.choice(["render", "plan", "record"]), path.name])
-        require([each.name for each in work.iterdir()] == ["job.yaml"], "a refused job left files")
+        judged(read, write(work / name, description(rng, valid)), command)
+        require([each.name for each in work.iterdir()] == [name], f"a refused {name} left files")
+
+
+def job(rng, folder):
+    command = rng.choice(["render", "plan", "record"])
+    described(rng, folder, "job.yaml", JOB, load, [command, "job.yaml"])
 
 
 def scene(rng, folder):
-    import mock_server
-
-    with nothing_left(folder) as work:
-        path = write(work / "scene.yaml", description(rng, rng.choice(ROOMS)))
-        source = f"{rng.choice(['scene', 'mock'])}://{path.name}"
-        judged(mock_server.load_scene, path, ["render", "--size", "8x4", "--source", source])
-        require([each.name for each in work.iterdir()] == ["scene.yaml"], "a refused scene left files")
+    source = f"{rng.choice(['scene', 'mock'])}://scene.yaml"
+    command = ["render", "--size", "8x4", "--source", source]
+    described(rng, folder, "scene.yaml", rng.choice(ROOMS), load_scene, command)
 
 
 CHAIN = Rig({"cam0": RigCamera(LENS), "cam1": RigCamera.turned(LENS, (0.1, 0, 0), 20, time_offset=0.01)})

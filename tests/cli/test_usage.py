@@ -112,26 +112,21 @@ def test_a_file_where_a_folder_is_wanted(capsys, tmp_path):
     assert path.read_text() == "dear diary"
 
 
-def test_what_a_recording_may_change_of_its_job(job, tmp_path, capsys):
+def test_a_job_is_recorded_where_the_help_says_and_what_may_be_changed(job, tmp_path, capsys):
+    assert run(["record", str(job)]) == 0
+    assert capsys.readouterr().out == "capture.sqlite: 12 captures\n"
     out = tmp_path / "two.sqlite"
     sources = ["--source", "mock://six-wall", "--source", "mock://six-wall?latency_ms=1"]
     assert run(["record", str(job), *sources, "--overscan", "9", "--fix-exposure", "--out", str(out)]) == 0
     assert capsys.readouterr().out == f"{out}: 12 captures\n"
-    held = info(out)
-    assert held.captures == {"lit": 6, "object_mask": 6}
-    assert held.scenes == ["six-wall"]
-    assert run(["record", str(job), "--out", str(tmp_path / "one.sqlite")]) == 0
-    names = "one.sqlite", "two.sqlite"
-    edge, wider = (int(next(iter(info(tmp_path / name).sizes)).partition("x")[0]) for name in names)
-    assert wider > edge
-
-
-def test_a_job_without_a_recording_is_recorded_where_the_help_says(job, tmp_path, capsys):
-    assert run(["record", str(job)]) == 0
-    assert capsys.readouterr().out == "capture.sqlite: 12 captures\n"
+    assert info(out).captures == {"lit": 6, "object_mask": 6}
+    assert info(out).scenes == ["six-wall"]
     job.write_text(job.read_text() + "record: kept.sqlite\n")
     assert run(["record", str(job)]) == 0
-    assert info(tmp_path / "kept.sqlite").captures == info(tmp_path / "capture.sqlite").captures
+    one, kept = info(tmp_path / "capture.sqlite"), info(tmp_path / "kept.sqlite")
+    assert kept.captures == one.captures
+    edge, wider = (int(next(iter(held.sizes)).partition("x")[0]) for held in (one, info(out)))
+    assert wider > edge
 
 
 def test_mask_and_rgb_are_other_words_for_modes_and_standard_error_may_be_closed(tmp_path, monkeypatch):
@@ -151,12 +146,9 @@ def planned(capsys, *arguments):
     return {row[1]: [row[2], row[3], row[4]] for row in split}
 
 
-def test_plan_lists_every_strategy_and_three_accuracies(job, capsys):
+def test_plan_lists_strategies_and_accuracies_and_what_is_marked_where_it_is_known(job, capsys):
     rows = planned(capsys, str(job), "--measure", "--source", "scene://four-wall")
     assert list(rows) == ["auto", "1 %", "0.3 %", "0.1 %", "exact", "cube"]
-
-
-def test_plan_says_what_is_marked_where_it_is_known(capsys):
     ring = ["--camera", "noncentral-panorama", "--set", "camera.radius=1", "--size", "64x32"]
     assert [row[-1] for row in planned(capsys, *ring).values()] == ["3", "1", "0.3", "0.1", "3", "3"]
     few = planned(capsys, *ring, "--set", "viewpoints=4")
@@ -251,11 +243,11 @@ def test_paths_of_options_are_relative_to_the_present_folder(job, monkeypatch, c
 
 
 def test_cameras_of_a_rig_are_not_changed_in_part(job):
-    rig = {"cameras": {"left": {"camera": {"model": "pinhole", "width": 8, "height": 8, "fov_deg": 90}}}}
+    camera = {"model": "pinhole", "width": 8, "height": 8, "fov_deg": 90}
+    rig = {"cameras": {"left": {"camera": camera}}}
     described = {"source": "scene://four-wall", "poses": [{"position": [0, 0, 1]}], "rig": rig}
     with pytest.raises(ArgumentError, match=r"cameras\.\*\.width: expected a job without a rig"):
         overridden(described, {"cameras.*.width": 4})
-    camera = {"model": "pinhole", "width": 8, "height": 8, "fov_deg": 90}
     changed = overridden(described, {"cameras": {"other": camera}, "rig": None, "cameras.*.width": 4})
     assert {name: each.width for name, each in read(changed, Path()).cameras.items()} == {"other": 4}
 

@@ -139,10 +139,8 @@ def test_a_beat_that_is_found_is_captured_finer(tmp_path):
 )
 def test_rooms_are_hardly_marked_more(scene, camera):
     with omniscv.open_source(f"scene://{scene}?traces=0") as source:
-        once, twice = (
-            omniscv.render(camera, POSE, source, ("lit", *MODES), checks=checks)
-            for checks in ("none", "beat")
-        )
+        modes = ("lit", *MODES)
+        once, twice = (omniscv.render(camera, POSE, source, modes, checks=way) for way in ("none", "beat"))
     assert twice.doubtful <= once.doubtful + 0.003
     if camera.central:  # each of two truths twice, the second time with 1.37 times the pixels each way
         assert twice.effort.captures == once.effort.captures * 5 / 3
@@ -151,25 +149,19 @@ def test_rooms_are_hardly_marked_more(scene, camera):
 
 
 def test_a_recording_replays_what_it_was_made_with(tmp_path):
-    record = ["record", "--source", "scene://six-wall?traces=0", "--position", "0.13,-0.21,1.47"]
+    room, small = "scene://six-wall?traces=0", ["--position", "0.13,-0.21,1.47", "--set", "face_size=64"]
     for name in ("beat", "none"):
         out = str(tmp_path / f"{name}.sqlite")
-        assert run([*record, "--set", "face_size=64", "--set", f"checks={name}", "--out", out]) == 0
-    live = omniscv.render(
-        PANORAMA, POSE, open_scene("scene://six-wall?traces=0"), MODES, face_size=64, checks="beat"
-    )
+        assert run(["record", "--source", room, *small, "--set", f"checks={name}", "--out", out]) == 0
+    live = omniscv.render(PANORAMA, POSE, open_scene(room), MODES, face_size=64, checks="beat")
     with RecordedSource(tmp_path / "beat.sqlite") as source:
         replayed = omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
         plain = omniscv.render(PANORAMA, POSE, source, ("lit", *MODES))
     for layer in ("depth_error", "label_edge"):
         np.testing.assert_array_equal(replayed[layer], live[layer])
     assert plain.effort.captures == 18, "the second size is no image's own"
-    with (
-        RecordedSource(tmp_path / "none.sqlite") as source,
-        pytest.raises(
-            MissingCaptureError, match="second size for 'beat', got one size; record with checks=beat"
-        ),
-    ):
+    says = "second size for 'beat', got one size; record with checks=beat"
+    with RecordedSource(tmp_path / "none.sqlite") as source, pytest.raises(MissingCaptureError, match=says):
         omniscv.render(PANORAMA, POSE, source, MODES, checks="beat")
 
 

@@ -111,7 +111,7 @@ def test_patterns_of_a_dataset_are_not_run_where_it_is_read(copied):
     dataset.export(copied, "coco")
 
 
-def test_pipes_and_links_in_place_of_files_are_replaced(copied):
+def test_frames_whose_files_are_damaged_or_pipes_or_links_are_made_again(copied):
     """A pipe would be waited for, a link followed."""
     before = tree(copied)
     for name in ("pano-0.json", "lens-1.depth.exr"):
@@ -119,8 +119,11 @@ def test_pipes_and_links_in_place_of_files_are_replaced(copied):
         os.mkfifo(copied / name)
     (copied / "pano-1.lit.png").rename(copied.parent / "private.png")
     (copied / "pano-1.lit.png").symlink_to(copied.parent / "private.png")
+    (copied / "lens-0.depth.exr").unlink()
+    (copied / "pano-1.labels.png").write_bytes(b"damaged")
+    (copied / "pano-2.json").write_text("{", encoding="utf-8")
     made = make(load(copied.parent / "dataset.yaml"), existing="resume")
-    assert (made.written, made.kept) == (3, 3)
+    assert (made.written, made.kept) == (5, 1)
     assert tree(copied) == before
     assert not (copied / "pano-1.lit.png").is_symlink()
 

@@ -104,20 +104,20 @@ def test_unmatched_names_are_listed_and_nothing_is_written(tmp_path, capsys):
     assert not (tmp_path / "dataset").exists()
 
 
-@pytest.mark.parametrize(("unmatched", "known"), [("other", "otherprop"), ("ignore", None)])
-def test_unmatched_names_may_be_other_or_nothing(unmatched, known):
-    data = {"taxonomy": "nyu40", "rules": [{"match": "Door", "class": "door"}], "unmatched": unmatched}
-    table = class_rules(data).table(["Door", "Ball"])
-    assert table.of_object.get("Ball") == known
-    assert table.ids({"Door": 3, "Ball": 9})[[0, 3, 9]].tolist() == [0, 8, 40 if known else 0]
+def test_unmatched_names_may_be_other_or_nothing():
+    for unmatched, known in (("other", "otherprop"), ("ignore", None)):
+        data = {"taxonomy": "nyu40", "rules": [{"match": "Door", "class": "door"}], "unmatched": unmatched}
+        table = class_rules(data).table(["Door", "Ball"])
+        assert table.of_object.get("Ball") == known
+        assert table.ids({"Door": 3, "Ball": 9})[[0, 3, 9]].tolist() == [0, 8, 40 if known else 0]
 
 
-@pytest.mark.parametrize("scene", ["four-wall", "scene://four-wall", "mock://four-wall", "captures"])
-def test_names_come_from_scenes_sources_and_recordings(scene):
-    place = ROOT / "captures" / "four-wall.sqlite" if scene == "captures" else scene
-    names = object_names(str(place))
-    assert {"Ball", "Layout_Floor"} <= set(names)
-    assert list(names) == sorted(names)
+def test_names_come_from_scenes_sources_and_recordings():
+    recording = str(ROOT / "captures" / "four-wall.sqlite")
+    for place in ("four-wall", "scene://four-wall", "mock://four-wall", recording):
+        names = object_names(place)
+        assert {"Ball", "Layout_Floor"} <= set(names)
+        assert list(names) == sorted(names)
 
 
 def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):

@@ -40,16 +40,6 @@ def test_workers_and_shards_make_the_same_bytes(whole, tmp_path):
         assert tree(tmp_path / name) == wanted, name
 
 
-def test_a_frame_is_made_again_where_a_file_of_it_is_damaged(copied):
-    wanted = tree(copied)
-    (copied / "lens-0.depth.exr").unlink()
-    (copied / "pano-1.lit.png").write_bytes(b"damaged")
-    (copied / "pano-2.json").write_text("{", encoding="utf-8")
-    done = make(load(copied.with_name("dataset.yaml")), existing="resume")
-    assert (done.written, done.kept) == (3, 3)
-    assert tree(copied) == wanted
-
-
 def test_no_file_holds_a_time_a_port_or_a_path(tmp_path):
     trees = []
     for name in ("first", "second"):

@@ -19,14 +19,8 @@ from omniscv.job.vary import draw, read_value, uniform
 from omniscv.make.frames import left_out
 
 CAMERA = {"model": "equirectangular", "width": 32, "height": 16}
-VARY = {
-    "seed": 7,
-    "objects": {
-        "Ball": {"shift": {"box": [[-0.3, -0.3, 0], [0.3, 0.3, 0.2]]}},
-        "Lamp": {"shown": 0.5},
-        "Sofa": {"turn_deg": [0, 360]},
-    },
-}
+NEAR = {"shift": {"box": [[-0.3, -0.3, 0], [0.3, 0.3, 0.2]]}}
+VARY = {"seed": 7, "objects": {"Ball": NEAR, "Lamp": {"shown": 0.5}, "Sofa": {"turn_deg": [0, 360]}}}
 
 
 def job(out, **keys):
