@@ -90,6 +90,7 @@ print(sum(tripled.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.soak
 def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
     """Processes that compile at the same time may write two kernels under one name: numba numbers files."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -54,6 +54,9 @@ def test_unreal_or_angles_and_back_is_the_same_pose(location, pitch_deg, yaw, ro
 
     again = omniscv.Pose.from_angles(pose.position, *pose.angles())
     np.testing.assert_allclose(again.R_w_c, pose.R_w_c, atol=2e-9)
+    for both in (pose @ pose.inverse(), pose.inverse() @ pose):
+        np.testing.assert_allclose(both.rotation, np.eye(3), atol=1e-14)
+        np.testing.assert_allclose(both.position, 0, atol=1e-10)  # rounding of 10 km
 
 
 @cases(15)
@@ -82,35 +85,19 @@ def test_level_pose():
     np.testing.assert_allclose(rolled.to_world((1, 0, 0)), (0, 0, -1), atol=1e-15)  # right side down
 
 
-@pytest.mark.parametrize(
-    ("build", "named"),
-    [
+def test_wrong_arguments_are_named_and_a_pose_cannot_be_changed():
+    for build, named in (
         (lambda: omniscv.Pose.from_angles((np.nan, 0, 0)), "position"),
         (lambda: omniscv.Pose.from_angles((0, 0)), "position"),
         (lambda: omniscv.Pose.from_unreal((0, 0, 0), (0, np.inf, 0)), "rotation_deg"),
         (lambda: omniscv.Pose((0, 0, 0), np.diag([1, 1, -1])), "rotation"),
         (lambda: omniscv.Pose((0, 0, 0), 2 * np.eye(3)), "rotation"),
         (lambda: omniscv.Pose("here", np.eye(3)), "position"),
-    ],
-)
-def test_wrong_arguments_are_named(build, named):
-    with pytest.raises(ValueError, match=rf"^{named}: expected .*got "):
-        build()
-
-
-def test_a_pose_cannot_be_changed():
-    pose = omniscv.Pose.from_angles((0, 0, 0))
+    ):
+        with pytest.raises(ValueError, match=rf"^{named}: expected .*got "):
+            build()
     with pytest.raises(ValueError):
-        pose.position[0] = 1
-
-
-@cases(15)
-@given(position, angle, pitch, angle)
-def test_a_pose_and_its_inverse_are_the_identity(where, yaw, pitch_deg, roll):
-    pose = omniscv.Pose.from_angles(where, yaw, pitch_deg, roll)
-    for both in (pose @ pose.inverse(), pose.inverse() @ pose):
-        np.testing.assert_allclose(both.rotation, np.eye(3), atol=1e-14)
-        np.testing.assert_allclose(both.position, 0, atol=1e-10)  # rounding of 10 km
+        omniscv.Pose.from_angles((0, 0, 0)).position[0] = 1
 
 
 @cases(15)
@@ -130,9 +117,8 @@ def test_the_point_is_ahead_and_the_image_upright(where, target):
     assert np.cos(np.radians(yaw)) == pytest.approx(apart[0] / np.hypot(*apart[:2]), abs=1e-9)
 
 
-@pytest.mark.parametrize("target", [(1, 2, 3), (1, 2, 9), (1, 2, -9)])
-def test_no_way_is_up_along_the_axis(target):
-    with pytest.raises(ArgumentError, match=r"target: expected a point that is not along 'up'"):
-        omniscv.Pose.look_at((1, 2, 3), target)
-    if target != (1, 2, 3):
-        omniscv.Pose.look_at((1, 2, 3), target, up=(1, 0, 0))
+def test_no_way_is_up_along_the_axis():
+    for target in ((1, 2, 3), (1, 2, 9), (1, 2, -9)):
+        with pytest.raises(ArgumentError, match=r"target: expected a point that is not along 'up'"):
+            omniscv.Pose.look_at((1, 2, 3), target)
+    omniscv.Pose.look_at((1, 2, 3), (1, 2, 9), up=(1, 0, 0))

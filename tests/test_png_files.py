@@ -114,7 +114,6 @@ def test_a_header_that_claims_too_many_pixels_or_none_is_refused(size):
     [
         (png(4, 3, 6, zlib.compress(rows(4, 2))), "expected 51 bytes of pixels in a PNG, got less"),
         (png(4, 3, 6, zlib.compress(rows(4, 3) + b"x")), "got more"),
-        (png(4, 3, 6, zlib.compress(rows(4, 3)) + b"x"), "got more"),
         (png(4, 3, 6, zlib.compress(rows(4, 3))[:-2]), "got less"),
         (png(4, 3, 6, b"no stream"), "does not decode"),
         (png(4, 3, 6, zlib.compress(b"\x05" + rows(4, 3)[1:])), "unknown filter"),
@@ -144,17 +143,13 @@ pictures = st.sampled_from((np.uint8, np.uint16)).flatmap(lambda dtype: arrays.a
 
 
 @given(pictures, st.booleans())
-def test_opencv_reads_the_pixels(pixels, mirrored):
+def test_opencv_reads_the_pixels_and_so_do_we(pixels, mirrored):
     pixels = pixels[:, ::-1] if mirrored else pixels
-    read = cv2.imdecode(np.frombuffer(png_files.encode(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
+    payload = png_files.encode(pixels)
+    read = cv2.imdecode(np.frombuffer(payload, np.uint8), cv2.IMREAD_UNCHANGED)
     order = {3: [2, 1, 0], 4: [2, 1, 0, 3]}.get(read.shape[2] if read.ndim == 3 else 1)
     read = read[..., order] if order else read
     np.testing.assert_array_equal(read.reshape(pixels.shape), pixels, strict=True)
-
-
-@given(pictures)
-def test_what_is_written_is_read_back(pixels):
-    payload = png_files.encode(pixels)
     found, depth = png_files.header(payload[: png_files.HEADER_BYTES]), 8 * pixels.itemsize
     assert (found.height, found.width, found.bits) == (*pixels.shape[:2], depth)
     read = png_files.decode(payload, depth)
@@ -175,7 +170,6 @@ def test_16_bits_that_opencv_wrote_are_read(channels):
 def test_pillow_reads_a_large_picture(channels):
     """Larger than the window of 32 KiB, in which DEFLATE finds what it has had before."""
     pixels = np.random.default_rng(1).integers(0, 4, (300, 500, *channels), np.uint8)
-    with Image.open(io.BytesIO(png_files.encode(pixels))) as read:
-        read.verify()
-    with Image.open(io.BytesIO(png_files.encode(pixels))) as read:
-        np.testing.assert_array_equal(np.asarray(read), pixels, strict=True)
+    written = io.BytesIO(png_files.encode(pixels))
+    Image.open(written).verify()
+    np.testing.assert_array_equal(np.asarray(Image.open(written)), pixels, strict=True)

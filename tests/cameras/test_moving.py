@@ -128,9 +128,7 @@ def test_every_line_is_where_the_path_is_at_its_time(curve):
 @pytest.mark.parametrize("still", [{"readout": 0.0, "velocity": (1, 2, 3)}, {"readout": 0.1}])
 def test_no_readout_or_no_motion_is_the_base(still):
     camera = create("rolling-shutter", 48, 36, base=BASE, **still)
-    rays, base = camera.unproject(), BASE.unproject()
-    np.testing.assert_array_equal(rays.directions, base.directions)
-    np.testing.assert_array_equal(rays.valid, base.valid)
+    np.testing.assert_array_equal(camera.unproject().directions, BASE.unproject().directions)
     points = np.random.default_rng(3).normal(size=(200, 3))
     for mine, its in zip(camera.project(points), BASE.project(points), strict=True):
         np.testing.assert_array_equal(mine, its)
@@ -147,6 +145,11 @@ def test_no_readout_or_no_motion_is_the_base(still):
         ({"base": "pinhole"}, "base: expected a camera or a mapping with 'model' in it, got 'pinhole'"),
         ({"base": {"model": "pinhole", "focal": -1}}, "base: focal: expected a finite number > 0, got -1"),
         ({"base": {"model": ["pinhole"]}}, "base: camera: expected one of"),
+        (
+            {"base": {"model": "push-broom", "travel": (1, 0, 0)}},
+            "base: expected a push-broom with a readout",
+        ),
+        ({"base": {"model": "push-broom", "readout": 0.1}}, "scan: of a push-broom: expected one of left-to"),
         ({"scan": "sideways"}, "scan: expected one of top-to-bottom"),
         ({"velocity": (1, 2)}, "velocity: expected 3 finite numbers"),
         ({"angular_velocity_deg": (0, 1000, 0)}, "angular_velocity_deg: the turn in .* <= 90, got 100"),
@@ -197,21 +200,13 @@ def test_a_push_broom_on_a_straight_even_path_is_the_one_that_travels(scan):
     check_round_trip(moved)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
+def test_a_push_broom_has_a_travel_or_a_readout():
+    for wrong, says in (
         ({"travel": (1, 0, 0), "readout": 1}, "travel: expected it or a readout, of a camera on a path"),
         ({}, r"travel: expected x > 0, to the right, got \[0.0, 0.0, 0.0\]"),
-    ],
-)
-def test_a_push_broom_has_a_travel_or_a_readout(wrong, says):
-    with pytest.raises(ArgumentError, match=says):
-        create("push-broom", 20, 30, **wrong)
-    shutter = {"readout": 0.5, "base": {"model": "push-broom", "travel": (1, 0, 0)}}
-    with pytest.raises(ArgumentError, match="base: expected a push-broom with a readout"):
-        create("rolling-shutter", 20, 30, **shutter)
-    with pytest.raises(ArgumentError, match="scan: of a push-broom: expected one of left-to-right"):
-        create("rolling-shutter", 20, 30, base={"model": "push-broom", "readout": 1}, readout=1)
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            create("push-broom", 20, 30, **wrong)
 
 
 def test_an_orthographic_image_is_a_plan():

@@ -1,7 +1,4 @@
-"""The recipe for a new model, at the top of ``omniscv/cameras/base.py``, and what is no model.
-
-``tests/extension`` and ``docs/extending.md`` follow it from outside the package.
-"""
+"""The recipe for a new model, at the top of ``omniscv/cameras/base.py``, and what is no model."""
 
 import re
 from pathlib import Path

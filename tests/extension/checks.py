@@ -186,7 +186,10 @@ out: dataset
 
 
 def test_a_truth_and_a_format_through_a_dataset(tmp_path):
-    """Made, exported again without the source, and checked."""
+    """Refused without depth, before the source is opened; made, exported again without it, checked."""
+    text = DATASET.replace("scene://four-wall", "scene://missing").replace("[lit, depth]", "[lit]")
+    with pytest.raises(omniscv.OmniscvError, match=r"truth\.farthest: expected modes with depth"):
+        make(job_of(tmp_path, text))
     make(job_of(tmp_path, DATASET))
     out = tmp_path / "dataset"
     assert dataset.check(out, deep=True) == []
@@ -197,7 +200,3 @@ def test_a_truth_and_a_format_through_a_dataset(tmp_path):
     (out / "exports" / "keys" / "keys.txt").write_text("wrong", encoding="utf-8")
     (fault,) = dataset.check(out, format="keys")
     assert fault == "exports/keys: keys.txt: expected what the frames give, got other bytes"
-    # What it cannot carry is refused before the source is opened.
-    text = DATASET.replace("scene://four-wall", "scene://missing").replace("[lit, depth]", "[lit]")
-    with pytest.raises(omniscv.OmniscvError, match=r"truth\.farthest: expected modes with depth"):
-        make(job_of(tmp_path, text))
