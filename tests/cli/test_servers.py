@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from support.command_line import ROOT
+from support.processes import OMNISCV
 
 import mock_server
 from omniscv.cli import run
@@ -92,9 +93,8 @@ def test_a_port_in_use_is_no_fault_and_a_folder_without_room_to_write_is_one(tmp
     assert (folder.verdict, folder.remedy[:21]) == ("bad", "choose another folder")
 
 
-@pytest.fixture
-def broken(tmp_path):
-    """An environment without libGL, with an old NumPy and no place for caches."""
+def test_what_is_missing_is_found_and_has_a_remedy(tmp_path):
+    """In an environment without libGL, with an old NumPy and no place for caches."""
     (tmp_path / "cv2.py").write_text('raise ImportError("libGL.so.1: cannot open shared object file")\n')
     old = tmp_path / "numpy-1.26.4.dist-info"
     old.mkdir()
@@ -102,18 +102,14 @@ def broken(tmp_path):
     path = os.pathsep.join([str(tmp_path), str(ROOT)])
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cv2.py" / "none")}
     only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
-    return {**os.environ, "PYTHONPATH": path, **cache, **only}
+    broken = {**os.environ, "PYTHONPATH": path, **cache, **only}
 
-
-def test_what_is_missing_is_found_and_has_a_remedy(broken, tmp_path):
-    program = "from omniscv.cli import main; main()"
-
-    def lines(broken, *arguments):
-        command = [sys.executable, "-c", program, *arguments]
+    def lines(*arguments):
+        command = [sys.executable, *OMNISCV, *arguments]
         done = subprocess.run(command, env=broken, cwd=tmp_path, capture_output=True, text=True)
         return done.returncode, done.stdout + done.stderr
 
-    code, text = lines(broken, "doctor", "--self")
+    code, text = lines("doctor", "--self")
     assert code == 1
     lines_of = (line for line in text.splitlines() if line[:3] == "bad")
     bad = {line.split(":")[0].removeprefix("bad").strip(): line for line in lines_of}
@@ -122,7 +118,7 @@ def test_what_is_missing_is_found_and_has_a_remedy(broken, tmp_path):
     assert "apt-get install libgl1 libglib2.0-0" in bad["import cv2"]
     assert "NUMBA_CACHE_DIR" in bad["numba cache"]
     del broken["NUMBA_CACHE_LOCATOR_CLASSES"]
-    code, text = lines(broken, "render", "--size", "16x8")
+    code, text = lines("render", "--size", "16x8")
     assert code == 1
     assert text.count("\n") == 1
     assert "libGL.so.1: cannot open shared object file; 'omniscv doctor --self'" in text

@@ -25,9 +25,7 @@ def error_px(image):
     return (apart / steps)[valid & np.isfinite(steps)]
 
 
-@pytest.fixture(scope="module")
-def source():
-    return float_source(load_scene("direction"))
+SOURCE = float_source(load_scene("direction"))
 
 
 def by_filters():
@@ -39,14 +37,14 @@ def by_filters():
 
 
 @pytest.mark.parametrize(("name", "filter"), [*by_filters()])
-def test_pixels_show_their_own_rays(name, filter, source):
+def test_pixels_show_their_own_rays(name, filter):
     """With faces of the size that suits the image, 0.006 px on average and 0.018 px at most, everywhere.
 
     ``area`` shows the mean of what it averages, which is off the pixel's own ray where the image's scale
     changes from pixel to pixel, and one-sided at an image's rim: its worst pixel is not bounded here.
     """
     face_size = "auto" if filter != "area" else 512
-    image = omniscv.render(CAMERAS[name], POSE, source, filter=filter, face_size=face_size)
+    image = omniscv.render(CAMERAS[name], POSE, SOURCE, filter=filter, face_size=face_size)
     error = error_px(image)
     assert error.mean() <= (0.006 if filter != "area" else 0.04)
     if filter != "area":
@@ -61,10 +59,10 @@ def test_faces_without_overscan_serve_as_well():
     assert error.max() <= 0.018
 
 
-def test_nearest_is_within_half_a_pixel_of_the_face(source):
+def test_nearest_is_within_half_a_pixel_of_the_face():
     camera = CAMERAS["equirectangular"]
     edge = 512
-    image = omniscv.render(camera, POSE, source, filter="nearest", face_size=edge)
+    image = omniscv.render(camera, POSE, SOURCE, filter="nearest", face_size=edge)
     step_px = 2 * np.pi / camera.width * edge / 2
     assert error_px(image).max() <= np.sqrt(0.5) / step_px * 1.01
 

@@ -217,18 +217,13 @@ def room_with_overscan():
 SLIP = "down", (0.24, 0, 0)
 
 
-@pytest.fixture(scope="module")
-def slipped():
-    return faces(512, smooth=1, turned=SLIP)
-
-
-def test_a_turned_face_is_put_straight_in_every_mode(tmp_path, slipped):
+def test_a_turned_face_is_put_straight_in_every_mode(tmp_path):
     """The down face is turned by 0.24 degree: by 1.1 px in its middle. Its colours and masks both are."""
     straight, turned = ([*views(512, turn)] for turn in (None, SLIP))
     with open_scene("scene://four-wall?traces=0") as source:
         (true,) = source.capture([Request(straight[5], "lit")])
         mask, true_mask = source.capture([Request(each[5], "object_mask") for each in (turned, straight)])
-    lit = zip(straight, ["lit"] * 6, slipped, strict=True)
+    lit = zip(straight, ["lit"] * 6, faces(512, smooth=1, turned=SLIP), strict=True)
     store(tmp_path / "room.sqlite", [*lit, (straight[5], "object_mask", mask.pixels)])
     camera = omniscv.cameras.create("pinhole", 256, 256, fov_deg=87)
     pose = Pose(np.array(CENTER), straight[5].pose.R_w_c)

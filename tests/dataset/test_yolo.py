@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import pytest
 import yaml
 
 from mock_server import load_scene
@@ -48,12 +47,8 @@ def made(folder, yaws, **keys):
     return str(folder / "d")
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return made(tmp_path_factory.mktemp("yolo"), (0, 120), modes=["lit", "object_mask"])
-
-
-def test_boxes_and_contours_give_back_the_labels(dataset, tmp_path):
+def test_boxes_and_contours_give_back_the_labels(tmp_path):
+    dataset = made(tmp_path, (0, 120), modes=["lit", "object_mask"])
     frames = {frame.key: frame for frame in open(dataset)}
     for task in ("detect", "segment"):
         export(dataset, "yolo", str(tmp_path / task), task=task)

@@ -14,13 +14,9 @@ from omniscv.make import capture, costs, run
 from omniscv.make.source import sample_poses
 
 ROOM = {"low": (-3.2, -2.7, -0.3), "high": (3.2, 2.7, 3.0)}  # the room, its walls and a little beyond
+SCENE = mock_server.load_scene("four-wall")
 DIRECTIONS = np.random.default_rng(5).normal(size=(1000, 3))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return mock_server.load_scene("four-wall")
 
 
 @pytest.fixture
@@ -29,9 +25,9 @@ def source():
         yield source
 
 
-def clearance(scene, position):
+def clearance(position):
     """The distance to the nearest surface along 1,000 random directions, by exact tracing."""
-    return scene.trace(np.broadcast_to(position, DIRECTIONS.shape), DIRECTIONS).distance.min()
+    return SCENE.trace(np.broadcast_to(position, DIRECTIONS.shape), DIRECTIONS).distance.min()
 
 
 def inside_the_room(position):
@@ -39,7 +35,7 @@ def inside_the_room(position):
     return ((position > low) & (position < high)).all()
 
 
-def test_random_positions_are_free_and_the_same_every_time(scene, source):
+def test_random_positions_are_free_and_the_same_every_time(source):
     with pytest.raises(ArgumentError, match=r"2 positions with a clearance of 0\.1 m in the box, got 0"):
         sample_poses(RandomPoses(2, (-2, -2, -1), (2, 2, -0.2), clearance=0.1, start=(0, 0, 1.5)), source)
     wanted = RandomPoses(4, **ROOM, clearance=0.35, start=(0, 0, 1.5), seed=3, pitch_deg=(-10, 10))
@@ -47,7 +43,7 @@ def test_random_positions_are_free_and_the_same_every_time(scene, source):
     assert len(found) == 4
     for pose in found:
         assert inside_the_room(pose.position)
-        assert clearance(scene, pose.position) >= 0.35
+        assert clearance(pose.position) >= 0.35
         assert abs(pose.angles()[1]) <= 10
     assert len({pose.angles()[0] for pose in found}) == 4
     again = sample_poses(replace(wanted, count=2), source).poses
@@ -58,14 +54,14 @@ def test_random_positions_are_free_and_the_same_every_time(scene, source):
     assert (other.position != found[0].position).any()
 
 
-def test_a_grid_leaves_out_occupied_positions(scene, source):
+def test_a_grid_leaves_out_occupied_positions(source):
     grid = {"low": (-3.5, -2, 0.45), "high": (3.6, 2.1, 0.45), "step": (2, 1.9, 1), "yaws_deg": (0, 90)}
     every = GridPoses(**grid).poses().poses
     assert len(every) == 4 * 3 * 2
     freed = sample_poses(GridPoses(**grid, clearance=0.3, start=(0, 0, 1.5)), source)
     free = {tuple(pose.position) for pose in freed}
     inside = {tuple(pose.position) for pose in every if inside_the_room(pose.position)}
-    expected = {position for position in inside if clearance(scene, position) >= 0.3}
+    expected = {position for position in inside if clearance(position) >= 0.3}
     assert free == expected
     assert 0 < len(free) < 12
     assert [round(pose.angles()[0]) for pose in every[:2]] == [0, 90]
