@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of small matrices, threads only wait for each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy: of small matrices, threads only wait
 
 import pytest
 from hypothesis import settings
@@ -13,7 +13,6 @@ from hypothesis import settings
 from omniscv import parallel
 
 _HERE = Path(__file__).parent
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is loaded: workers' threads only wait
 
 # Machines are shared: a slow example is no failure. Draws are the same every run, so that a red
 # suite is red for everybody; the soak runs draw anew.

@@ -556,7 +556,8 @@ def judged(name: str, text: str) -> str:
     return "another" if before != after else "wrong"
 
 
-def through_the_gate(cases: int) -> None:
+@pytest.mark.parametrize("cases", [300, pytest.param(20_000, marks=pytest.mark.soak)])
+def test_what_comes_through_the_gate_is_right_or_refused(cases: int) -> None:
     """A change of a number makes another camera, and cannot be seen; any other is refused, or changes nothing.
 
     The plain readers of other libraries agree: OpenCV's formulas judge each camera that comes through.
@@ -570,12 +571,3 @@ def through_the_gate(cases: int) -> None:
         assert outcomes[-1] != "wrong", f"{name}:\n{text}"
     assert outcomes.count("refused") > cases / 5
     assert outcomes.count("right") > cases / 20
-
-
-def test_what_comes_through_the_gate_is_right_or_refused() -> None:
-    through_the_gate(300)
-
-
-@pytest.mark.soak
-def test_much_through_the_gate() -> None:
-    through_the_gate(20_000)

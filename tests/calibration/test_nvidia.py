@@ -73,7 +73,8 @@ def test_ncores_reference_gives_the_pixel(c: tuple[float, ...], a: float, d: flo
     theirs = (np.array([[c_, d_], [e_, 1]]) @ scaled).T + given_["principal_point"]
     np.testing.assert_allclose(theirs, camera.pixels()[rays.valid] - 0.5, rtol=0, atol=1e-9)
     assert np.degrees(given_["max_angle"]) == pytest.approx(80)
-    assert_same_rays(camera, calibration.loads(text, "ncore")["cam0"])
+    for read in (text, json.dumps(given_)):  # with or without their wrapping
+        assert_same_rays(camera, calibration.loads(read, "ncore")["cam0"])
 
 
 @pytest.mark.parametrize("camera", [THETA, cameras.model("ftheta").example(64)], ids=["back", "forth"])
@@ -92,17 +93,13 @@ def test_the_other_polynomial_is_near_the_inverse(camera: cameras.Camera) -> Non
     assert np.abs(by_distance - angle).max() < 0.1 * step + 5e-3
 
 
-def test_ncores_parameters_are_read_without_their_wrapping() -> None:
-    parameters = json.loads(calibration.dumps({"cam0": THETA}, "ncore"))["camera_model_parameters"]
-    assert_same_rays(calibration.loads(json.dumps(parameters), "ncore")["cam0"], THETA)
-
-
-def test_models_and_names_that_isaac_lacks_are_refused() -> None:
+def test_models_and_names_that_formats_lack_are_refused() -> None:
     forth = cameras.model("ftheta").example(64)
-    with pytest.raises(ArgumentError, match="cam0: isaac: expected ftheta from pixel to angle"):
-        calibration.dumps({"cam0": forth}, "isaac")
-    with pytest.raises(ArgumentError, match="name: expected letters"):
-        calibration.dumps({"front camera": THETA}, "isaac")
     longer = cameras.create("ftheta", **SIZE, polynomial=(0, 30, 0, 0, 0, 0, 0.1))
-    with pytest.raises(ArgumentError, match=r"cam0: ncore: expected ftheta.*got ftheta"):
-        calibration.dumps({"cam0": longer}, "ncore")
+    for name, camera, format, says in (
+        ("cam0", forth, "isaac", "cam0: isaac: expected ftheta from pixel to angle"),
+        ("front camera", THETA, "isaac", "name: expected letters"),
+        ("cam0", longer, "ncore", r"cam0: ncore: expected ftheta.*got ftheta"),
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            calibration.dumps({name: camera}, format)

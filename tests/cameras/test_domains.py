@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.cases import cases
-from support.lens_formulas import FORMULAS, opencv
 
 from omniscv import cameras
 from omniscv.errors import ArgumentError
@@ -31,29 +30,42 @@ class Lens(NamedTuple):
     apart: float = 1e-12  # relative: radii on both sides of the border that can be told apart
 
 
-def by_formula(name, most=np.pi, **parameters):
-    """A lens whose parameter is the angle, by its published formula."""
-    camera = cameras.create(name, **SIZE | parameters)
+def opencv(x, y, k):
+    """The distortion of OpenCV's documentation, calib3d."""
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*k, *[0] * (12 - len(k)))
+    r2 = x**2 + y**2
+    c = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
+    u = x * c + 2 * p1 * x * y + p2 * (r2 + 2 * x**2) + s1 * r2 + s2 * r2**2
+    v = y * c + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y + s3 * r2 + s4 * r2**2
+    return np.array([u, v])
 
-    def radius(t):
-        return FORMULAS[name](camera, mp.sin(t), 0, mp.cos(t))[0] - camera.cx if t else 0
 
-    return Lens(camera, lambda t: t, radius, most)
+def by_angle(name, radius, most=np.pi, f=F, **parameters):
+    """A lens whose parameter is the angle, by its published formula, of a focal length of 1."""
+    camera = cameras.create(name, **SIZE | {"fx": f, "fy": f} | parameters)
+    return Lens(camera, lambda t: t, lambda t: f * radius(t), most)
 
 
 def kannala_brandt(k):
-    return by_formula("kannala-brandt", fx=F, fy=F, k=k)
+    terms = [mp.mpf(each) for each in (1.0, *k)]
+    return by_angle("kannala-brandt", lambda t: sum(c * t ** (2 * i + 1) for i, c in enumerate(terms)), k=k)
 
 
 def double_sphere(xi, alpha):
     """Its border is at 190 px."""
-    f = 190 * np.sqrt(2 * alpha - 1)
-    return by_formula("double-sphere", fx=f, fy=f, xi=xi, alpha=alpha)
+
+    def radius(t):
+        shifted = xi + mp.cos(t)
+        return mp.sin(t) / (alpha * mp.hypot(mp.sin(t), shifted) + (1 - mp.mpf(alpha)) * shifted)
+
+    return by_angle("double-sphere", radius, f=190 * np.sqrt(2 * alpha - 1), xi=xi, alpha=alpha)
 
 
 def rational(k):
     """k1, k2, p1, p2, k3, k4, k5, k6 of a pinhole."""
-    return by_formula("pinhole", np.arctan(4.0), width=10_000, fx=F, fy=F, distortion=k)
+    terms = [mp.mpf(each) for each in k]
+    most = np.arctan(4.0)
+    return by_angle("pinhole", lambda t: opencv(mp.tan(t), 0, terms)[0], most, width=10_000, distortion=k)
 
 
 def scaramuzza(*coefficients):
@@ -163,7 +175,6 @@ def test_terms_without_a_turn_do_not_limit_the_image(k):
 )
 def test_domains_of_tangential_terms_and_prisms(distortion):
     """On the disc's rim, and nowhere within, the distortion stretches some direction by nothing."""
-    k = np.append(distortion, np.zeros(12 - len(distortion)))
     camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=distortion)
     rim, high = 0.0, 20.0  # the largest x / z that the camera sees to the right
     for _ in range(60):
@@ -175,7 +186,10 @@ def test_domains_of_tangential_terms_and_prisms(distortion):
         a = np.linspace(0, 2 * np.pi, 721)
         at, h = r * np.stack([np.cos(a), np.sin(a)]), 1e-6
         steps = h * np.array([[[1.0], [0.0]], [[0.0], [1.0]]])
-        dx, dy = ((opencv(*(at + aside), k) - opencv(*(at - aside), k)) / (2 * h) for aside in steps)
+        dx, dy = (
+            (opencv(*(at + aside), distortion) - opencv(*(at - aside), distortion)) / (2 * h)
+            for aside in steps
+        )
         off = (dx[1] + dy[0]) / 2
         return ((dx[0] + dy[1]) / 2 - np.hypot((dx[0] - dy[1]) / 2, off)).min()
 
