@@ -43,7 +43,7 @@ def means(scene, camera, subrays=SUBRAYS):
     """(H, W, 3) colours: the mean of the valid ones of a pixel's rays."""
     at = (np.arange(subrays) + 0.5) / subrays - 0.5
     total, count = np.zeros((camera.height, camera.width, 3)), 0
-    for offset in np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2):
+    for offset in product(at, at):
         rays = camera.unproject(camera.pixels() + offset)
         inside = rays.valid[..., None]
         origins = POSE.position if camera.central else POSE.to_world(np.where(inside, rays.origins, 0))

@@ -69,11 +69,10 @@ def test_what_plans_need_of_the_rays_is_the_same(camera):
 
 def peak_bytes(job):
     tracemalloc.start()
-    try:
-        made = job()
-        return tracemalloc.get_traced_memory()[1], made
-    finally:
-        tracemalloc.stop()
+    made = job()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak, made
 
 
 def test_a_tiled_image_never_holds_its_map():

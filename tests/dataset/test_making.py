@@ -142,11 +142,9 @@ def test_frames_of_a_writer_are_read_back(tmp_path):
     first, second = dataset.open(tmp_path / "d")
     assert (first.key, second.key) == ("a", "b")
     assert {first.camera_name, second.camera_name} == {"equirectangular", "equirectangular-1"}
-    assert second.camera == shown.camera
-    assert second.pose.to_dict() == pose.to_dict()
+    assert (second.camera, second.pose.to_dict()) == (shown.camera, pose.to_dict())
     assert (second.split, second.time, second.place) == ("val", 2.5, "hall")
-    assert second.truth == {"note": [1, 2]}
-    assert first.truth == {}
+    assert (first.truth, second.truth) == ({}, {"note": [1, 2]})
     assert (first.layer("classes") == (first.layer("labels") > 0)).all()
     assert dataset.check(tmp_path / "d", deep=True) == []
     with pytest.raises(ArgumentError, match=re.escape("c.truth.json: expected finite, plain values")):

@@ -76,10 +76,9 @@ def test_where_overscan_cannot_be_chosen_there_is_none(source, edge, size, both,
 def test_a_job_is_recorded_as_its_images_need_it(tmp_path):
     """Else rendering the job would capture its faces again."""
     job, path = tmp_path / "job.yaml", tmp_path / "room.sqlite"
-    job.write_text(
-        "{source: mock://four-wall, cameras: {c: {model: equirectangular, width: 64, height: 32}}, "
-        "poses: [{position: [0, 0, 1.5]}], strategy: cube, face_size: 128, record: room.sqlite}"
-    )
+    camera, at = "{model: equirectangular, width: 64, height: 32}", "{position: [0, 0, 1.5]}"
+    more = "strategy: cube, face_size: 128, record: room.sqlite"
+    job.write_text(f"{{source: mock://four-wall, cameras: {{c: {camera}}}, poses: [{at}], {more}}}")
     assert run(["record", str(job)]) == 0
     held = info(path).sizes
     assert run(["render", str(job), "--out", str(tmp_path / "out")]) == 0

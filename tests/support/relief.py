@@ -168,8 +168,8 @@ def strips(xs, width, z=AWAY, more=0.0):
 
 def saw(degrees):
     def make(rng, p):
-        high, xs = p / 2 * np.tan(np.radians(degrees)), across(p / 2)
-        return list(extruded([(x, AWAY + high * (k % 2)) for k, x in enumerate(xs)]))
+        high = p / 2 * np.tan(np.radians(degrees))
+        return list(extruded([(x, AWAY + high * (k % 2)) for k, x in enumerate(across(p / 2))]))
 
     return make
 
