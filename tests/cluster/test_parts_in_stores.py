@@ -39,8 +39,7 @@ def single(tmp_path_factory):
 def job(single, tmp_path, monkeypatch):
     """That job, from the recording: whatever is captured in vain is an error there."""
     monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path / "cache"))
-    loaded = load(single / "dataset.yaml")
-    return replace(loaded, source=str(single / "room.sqlite"))
+    return replace(load(single / "dataset.yaml"), source=str(single / "room.sqlite"))
 
 
 def test_parts_on_s3_are_the_bytes_of_one_process(single, job, tmp_path):

@@ -39,11 +39,9 @@ objects:
 """
 
 
-def shot_of(plan, yaw_deg=20.0):
-    lit = np.zeros((256, 512, 3), np.uint8)
-    return layout.with_truth(
-        "shot", lit, room_of_plan(plan), PANORAMA, Pose.from_angles((0, 0, 1.5), yaw_deg)
-    )
+def shot_of(plan):
+    lit, pose = np.zeros((256, 512, 3), np.uint8), Pose.from_angles((0, 0, 1.5), 20.0)
+    return layout.with_truth("shot", lit, room_of_plan(plan), PANORAMA, pose)
 
 
 def lines(corners):
@@ -197,10 +195,9 @@ def test_maps_come_back_as_they_were_written(tmp_path):
 
 
 def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
-    lit = np.zeros((WIDTH // 2, WIDTH, 3), np.uint8)
-    shot = layout.with_truth("shot", lit, room_of_plan(L_SHAPE), SMALL, POSE)
+    shot = shot_of(L_SHAPE)
     layout.write(shot, tmp_path)
-    predictions = read(tmp_path, ["shot"], WIDTH)["shot"]
+    predictions = read(tmp_path, ["shot"], 512)["shot"]
     assert predictions.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
     for read_back, drawn in zip(predictions.maps, shot.maps, strict=True):
         assert (255 * read_back).round() == pytest.approx(drawn)
@@ -212,22 +209,15 @@ def png(*size, mode="L"):
     return stream.getvalue()
 
 
-MAP, ONE = png(256, 128), CORNERS["one"]
-"""A map, and corners of a room."""
+MAP, BOMB, ONE = png(256, 128), png(8000, 4000, mode="1"), CORNERS["one"]
 
 
 HOSTILE = {
     "empty": ({}, r"expected one.json or one.txt, missing for 1 of .* got no other file"),
     "alone": ({"one_EM.png": MAP}, r"expected one_CM.png or one_CM.jpg, missing"),
-    "twice": (
-        {"one.txt": lines(ONE), "one.json": b"{}"},
-        r"expected one file of .* got one.json and one.txt",
-    ),
+    "twice": ({"one.txt": lines(ONE), "one.json": b"{}"}, r"expected one file of .* one.json and one.txt"),
     "half": ({"one_EM.png": MAP[:60], "one_CM.png": MAP}, r"one_EM.png: expected a PNG or JPEG picture"),
-    "bomb": (
-        {"one_EM.png": png(8000, 4000, mode="1"), "one_CM.png": MAP},
-        r"of at most \d+ pixels, got 8000 x",
-    ),
+    "bomb": ({"one_EM.png": BOMB, "one_CM.png": MAP}, r"of at most \d+ pixels, got 8000 x"),
     "square": ({"one_EM.png": MAP, "one_CM.png": png(64, 64)}, r"one_CM.png: .* got 64 x 64"),
     "text": ({"one.txt": b"1 2\n3 four\n"}, r"one.txt: lines: expected .*finite numbers"),
     "other json": ({"one.json": b'{"boxes": []}'}, r"one.json: expected a mapping with uv"),

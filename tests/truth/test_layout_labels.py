@@ -37,7 +37,7 @@ def plan_of(corners, width, height, camera_height):
 
 
 @pytest.mark.parametrize(("plan", "position"), PLACES)
-@pytest.mark.parametrize("yaw_deg", [0, 75, -140])
+@pytest.mark.parametrize("yaw_deg", [0, -140])
 def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, position, yaw_deg):
     corners = seen_from(plan, position, yaw_deg=yaw_deg)
     assert np.array_equal(corners[0::2, 0], corners[1::2, 0])
@@ -109,14 +109,15 @@ def by_columns(corners, width, height):
 
 
 def test_other_cameras_and_positions_are_refused():
-    room = room_of_plan(PLAIN)
-    with pytest.raises(ArgumentError, match="expected an upright equirectangular panorama, got fisheye"):
-        cor_id(room, cameras.model("fisheye-equidistant").example(), Pose.from_angles((0, 0, 1.5)))
-    with pytest.raises(ArgumentError, match="got pitch 3 and roll -2 degrees"):
-        cor_id(room, SMALL, Pose.from_angles((0, 0, 1.5), pitch_deg=3, roll_deg=-2))
-    for outside in ((0, 0, 2.9), (0, 3.1, 1.5)):
-        with pytest.raises(ArgumentError, match="a camera within the room"):
-            cor_id(room, SMALL, Pose.from_angles(outside))
+    fisheye, inside = cameras.model("fisheye-equidistant").example(), (0, 0, 1.5)
+    for camera, pose, says in (
+        (fisheye, (inside,), "expected an upright equirectangular panorama, got fisheye"),
+        (SMALL, (inside, 0, 3, -2), "got pitch 3 and roll -2 degrees"),
+        (SMALL, ((0, 0, 2.9),), "a camera within the room"),
+        (SMALL, ((0, 3.1, 1.5),), "a camera within the room"),
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            cor_id(room_of_plan(PLAIN), camera, Pose.from_angles(*pose))
 
 
 # -- maps of edges and corners ---------------------------------------------------------------------------

@@ -35,17 +35,7 @@ def test_a_tile_shows_colours_at_full_size_and_three_truths_beside_them(room):
     assert len(np.unique(outside, axis=0)) == 1
 
 
-def test_labels_have_the_colours_of_masks(room):
-    """Where the source gives each object a colour, the mask is that picture."""
-    images, _ = room
-    for image in images.values():
-        labels, _, normals = truths(image, 5.0)
-        np.testing.assert_array_equal(labels[image.valid], image.object_mask[image.valid])
-        turned = normals[image.valid].astype(float) / 127.5 - 1
-        np.testing.assert_allclose(turned, image.normals[image.valid], atol=1 / 255)
-
-
-def test_the_sheet_holds_every_image(room, tmp_path):
+def test_the_sheet_holds_every_image_and_its_labels_have_the_colours_of_masks(room, tmp_path):
     images, objects = room
     path = contact_sheet(images, objects, tmp_path / "new" / "sheet.png", "two images")
     page = np.asarray(Image.open(path).convert("RGB"))
@@ -53,6 +43,10 @@ def test_the_sheet_holds_every_image(room, tmp_path):
     for image in images.values():  # pictures are scaled to fit: their mean colours are somewhere on the page
         mean = image.lit[image.valid].mean(axis=0)
         assert np.abs(page - mean).max(axis=2).min() < 24
+        labels, _, normals = truths(image, 5.0)
+        np.testing.assert_array_equal(labels[image.valid], image.object_mask[image.valid])
+        turned = normals[image.valid].astype(float) / 127.5 - 1
+        np.testing.assert_allclose(turned, image.normals[image.valid], atol=1 / 255)
 
 
 def test_the_demo_shows_every_model_as_it_is_used():
