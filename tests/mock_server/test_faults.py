@@ -74,21 +74,18 @@ VIEWMODE, LIT = b"7:vget /viewmode", b"7:lit"
 MAGIC = b"\xc1\x83\x2b\x9e"
 
 
-@pytest.mark.parametrize(
-    ("fault", "received"),
-    [
+def test_bytes_of_a_reply(faulty):
+    for fault, received in (
         ("wrong-id", MAGIC + b"\x05\0\0\x008:lit"),
         ("no-id", MAGIC + b"\x03\0\0\0lit"),
         ("clicked", MAGIC + b"\x07\0\0\0clicked" + MAGIC + b"\x05\0\0\0" + LIT),
         ("bad-magic", b"\xc0\x83\x2b\x9e\x05\0\0\0"),
         ("zero-size", MAGIC + b"\0\0\0\0"),
         ("huge", MAGIC + b"\xff\xff\xff\xff"),
-    ],
-)
-def test_bytes_of_a_reply(faulty, fault, received):
-    client = faulty(fault)
-    client.send(VIEWMODE)
-    assert client.bytes(len(received)) == received
+    ):
+        client = faulty(fault)
+        client.send(VIEWMODE)
+        assert client.bytes(len(received)) == received
 
 
 # Codes of light by the film curve and sRGB, and of sRGB alone: known answers of the engine's defaults.

@@ -51,20 +51,13 @@ def assert_same(got, expected):
 
 
 @settings(max_examples=15)
-@given(time=times, velocity=offsets, turn=degrees)
-def test_steady(time, velocity, turn):
-    moving = {"kind": "steady", "velocity": velocity, "turn_deg": turn, "about": [1.8, 0.5]}
-    offset = [time * each / 50 for each in velocity]
-    moving["velocity"] = [each / 50 for each in velocity]
-    assert_same(scene(moving).at(time), carried(offset, turn * time, (1.8, 0.5)))
-
-
-@settings(max_examples=15)
 @given(time=times, by=offsets, turn=degrees, period=st.floats(0.1, 20))
-def test_swing(time, by, turn, period):
-    moving = {"kind": "swing", "by": by, "turn_deg": turn, "period_s": period, "about": [2, 0]}
+def test_steady_and_swinging(time, by, turn, period):
+    steady = {"kind": "steady", "velocity": [each / 50 for each in by], "turn_deg": turn, "about": [1.8, 0.5]}
+    assert_same(scene(steady).at(time), carried([time / 50 * each for each in by], turn * time, (1.8, 0.5)))
+    swing = {"kind": "swing", "by": by, "turn_deg": turn, "period_s": period, "about": [2, 0]}
     share = np.exp(2j * np.pi * time / period).imag
-    assert_same(scene(moving).at(time), carried([share * each for each in by], share * turn, (2, 0)))
+    assert_same(scene(swing).at(time), carried([share * each for each in by], share * turn, (2, 0)))
 
 
 @pytest.mark.parametrize(

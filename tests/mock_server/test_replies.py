@@ -27,12 +27,9 @@ REPLIES = {
         ("vset /action/game/resume", None),
         ("vget /action/game/is_paused", None),
         ("vrun a b c d", None),
-        ("vset /camera/0/fov 90.0", None),
         ("vset /objects/spawn CubeActor Box", None),
-        ("vset /objects/spawn_cube", None),
         ("vset /object/Sofa/scale 1 1 1", None),
         ("vget /camera/0/fov", "error Unrecognized capture mode fov"),
-        ("vget /camera/0/size", "error Unrecognized capture mode size"),
         ("vget /camera/0/screenshot png", "error Unrecognized capture mode screenshot"),
         ("vget /camera/0/nothing x.png", "error Unrecognized capture mode nothing"),
         ("vget /camera/0/horizontal_fieldofview", "90.000"),
@@ -44,7 +41,6 @@ REPLIES = {
         ("vget /camera/0/proj_matrix", ARGUMENT),
         ("vget /camera/3/location", "error Camera 3 can not be found."),
         ("vget /camera/3/lit png", "error Invalid camera id 3"),
-        ("vget /camera/3/lit x.png", "error Invalid camera id 3"),
         ("vget /camera/3/depth npy", "ok"),
         ("vget /camera/0/plane_depth npy", "ok"),
         ("vget /camera/0/vis_depth npy", "ok"),
@@ -93,7 +89,6 @@ REPLIES = {
         ("vset /camera/1/location 1e-05 2 3", None),
         ("vset /camera/1/location 5. 2 3", None),
         ("vset /camera/1/location nan 2 3", None),
-        ("vset /camera/1/location inf 2 3", None),
         ("vget /object/Sofa/name", None),
         ("VGET /cameras", None),
         ("vcmd x", None),
@@ -103,18 +98,14 @@ REPLIES = {
         ("xx vget /viewmode", "lit"),
         ("vget /camera//fov", "90.000000"),
         ("vget /camera/7/location", SENSOR),
-        ("vget /camera/7/rotation", SENSOR),
         ("vset /camera/7/location 1 2 3", SENSOR),
         ("vget /camera/7/lit png", SENSOR),
         ("vget /camera/7/depth npy", SENSOR),
         ("vget /camera/99999999999999999999999/lit png", SENSOR),
         ("vset /camera/7/moveto 1 2 3", SENSOR),
         ("vget /camera/7/fov", ARGUMENT),
-        ("vset /camera/7/fov 90.0", ARGUMENT),
         ("vget /camera/7/size", ARGUMENT),
-        ("vset /camera/7/size 4 4", ARGUMENT),
         ("vget /camera/0/lit jpg", f"{FILE}jpg"),
-        ("vget /camera/0/lit npy", f"{FILE}npy"),
         ("vget /camera/0/lit ", FILE),
         ("vget /camera/0/depth png", f"{FILE}png"),
         ("vget /camera/0/depth x.exr", f"{FILE}x.exr"),
@@ -359,14 +350,10 @@ TALKS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("talk", "dialect"),
-    [
-        pytest.param(talk, dialect, id=f"{talk.about}-{dialect}")
-        for talk in TALKS
-        for dialect in talk.dialects.split()
-    ],
-)
+TALKING = {f"{talk.about}-{name}": (talk, name) for talk in TALKS for name in talk.dialects.split()}
+
+
+@pytest.mark.parametrize(("talk", "dialect"), TALKING.values(), ids=TALKING)
 def test_conversations(talk, dialect, start, open_raw):
     client = open_raw(start(talk.scene, dialect=dialect, size=SIZE))
     for command, expected in talk.rows:

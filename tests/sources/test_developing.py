@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from support.recordings import CountingSource
 
 import omniscv
 from omniscv.cli import run
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.render_options import RenderOptions
-from omniscv.sources.base import Request, SourceWrapper, View
+from omniscv.sources.base import Request, View
 from omniscv.sources.developing import Developed
 from omniscv.sources.scene import open_scene
 from omniscv.testing import check_source
@@ -15,17 +16,6 @@ from omniscv.testing import check_source
 DOME = "mock://open?fault=sky-dome=300"
 PLACES = (0.3, -0.2, 1.45), (0.6, 0.1, 1.3)
 EDGE = 16
-
-
-class Counted(SourceWrapper):
-    def __init__(self, source):
-        super().__init__(source)
-        self.requests = []
-
-    def capture(self, requests):
-        for capture in self._source.capture(requests):
-            self.requests.append(capture.request)
-            yield capture
 
 
 def faces(modes, places=PLACES):
@@ -42,7 +32,7 @@ def test_it_is_a_source_as_any_other(asked):
 @pytest.mark.parametrize("modes", [("lit",), ("object_mask", "depth", "lit")])
 def test_each_capture_is_made_once(modes):
     """Six faces are captured with the first one; masks only if they are requested, too."""
-    source = Counted(open_scene("scene://four-wall"))
+    source = CountingSource(open_scene("scene://four-wall"))
     requests = faces(modes)
     with Developed(source, RenderOptions(seams="close")) as developed:
         captures = list(developed.capture(requests))
@@ -66,7 +56,7 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
     camera = omniscv.cameras.create("noncentral-panorama", 32, 16, radius=0.2)
     pose, modes = Pose.from_angles(PLACES[0]), ("lit", "object_mask", "depth")
     with omniscv.open_source(path) as replay:
-        source = Counted(replay)
+        source = CountingSource(replay)
         image = omniscv.render(camera, pose, source, modes, sky=("SkyDome",))
         recorded = {Request(v, mode) for mode in modes for v in replay.recorded_in(mode)}
     assert set(source.requests) == recorded

@@ -96,7 +96,7 @@ def test_contract(source):
     check_source(source)
 
 
-def test_masks_have_colours_of_objects_and_a_scene_its_name(source):
+def test_masks_have_colours_of_objects_a_scene_its_name_and_a_view_its_cover(source):
     table = source.objects()
     for capture in source.capture(request for request in REQUESTS if request.mode == "object_mask"):
         assert capture.provenance["scene"] == "four-wall"
@@ -104,6 +104,11 @@ def test_masks_have_colours_of_objects_and_a_scene_its_name(source):
             colors = np.array(list(table.colors.values()))
             off = np.abs(capture.pixels.reshape(-1, 1, 3).astype(int) - colors).max(axis=2).min(axis=1)
             assert off.max() <= table.tolerance
+    for _, R_w_c in cube_rotations():
+        view = View(Pose(CENTER, R_w_c), 90.0, SIZE, SIZE)
+        cover = source.cover(view)
+        assert cover[0] == view
+        assert len(list(source.capture(Request(each, "lit") for each in cover))) == len(cover)
 
 
 def test_several_threads_may_use_it(source):
@@ -116,14 +121,6 @@ def test_several_threads_may_use_it(source):
         together = list(threads.map(pixels_of, parts))
     for one, other in zip(alone, together, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def test_cover_begins_with_the_view_and_can_be_captured(source):
-    for _, R_w_c in cube_rotations():
-        view = View(Pose(CENTER, R_w_c), 90.0, SIZE, SIZE)
-        cover = source.cover(view)
-        assert cover[0] == view
-        assert len(list(source.capture(Request(each, "lit") for each in cover))) == len(cover)
 
 
 def test_recorded_and_replayed_it_is_the_same(own_source, tmp_path):

@@ -159,12 +159,13 @@ def test_anew_replaces_captures_of_the_same_state_only(scene, recorded, truth):
                 assert np.array_equal(capture.pixels, truth[capture.request])
 
 
-@pytest.mark.parametrize(
-    "instant", [*STATES, Instant({"Crate": Pose.from_angles((1, 2, 3), 40, 5, 6)}, name="x")]
-)
-def test_an_instant_is_the_same_when_it_was_written(instant):
-    again = Instant.from_dict(json.loads(json.dumps(instant.to_dict())))
-    assert (again.state, again.to_dict()) == (instant.state, instant.to_dict())
+def test_an_instant_is_the_same_when_it_was_written():
+    for instant in (
+        *STATES,
+        Instant({"Crate": Pose.from_angles((1, 2, 3), 40, 5, 6)}, name="x"),
+    ):
+        again = Instant.from_dict(json.loads(json.dumps(instant.to_dict())))
+        assert (again.state, again.to_dict()) == (instant.state, instant.to_dict())
 
 
 class Found(SourceWrapper):
@@ -203,9 +204,7 @@ def room(tmp_path):
     return path
 
 
-@pytest.mark.parametrize(
-    "address", ["mock://six-wall", "scene://six-wall", "mock://six-wall?dialect=0.3.10&size=16x16"]
-)
+@pytest.mark.parametrize("address", ["scene://six-wall", "mock://six-wall?dialect=0.3.10&size=16x16"])
 def test_another_scene_is_refused_in_a_sentence_that_names_both(address, room):
     before = contents(room)
     says = r"captures of the scene 'four-wall'.*, got 'six-wall'.*; record into another file$"
@@ -299,19 +298,16 @@ def test_objects_none_of_which_is_known_are_another_scenes(tmp_path):
         assert source.objects().names() == ["Cat", "Sofa"]
 
 
-@pytest.mark.parametrize(
-    ("other", "says"),
-    [
-        ({"Sofa": (1, 1, 1)}, r"of its object masks, but 'Sofa' is \(1, 1, 1\) and was \(9, 0, 0\)"),
-        ({**SOFA.colors, "Cat": (9, 0, 0)}, r"'Cat' is \(9, 0, 0\), which was 'Sofa'"),
-    ],
-)
-def test_masks_are_never_recorded_without_their_objects(other, says, tmp_path):
+def test_masks_are_never_recorded_without_their_objects(tmp_path):
     """Whoever records them: later objects of other colours would name them."""
     path = filled(tmp_path / "room.sqlite", face_requests(size=16, modes=("object_mask",)), Plain(SOFA))
     before = contents(path)
     assert before[1].names() == ["Sofa"]
-    refused = pytest.raises(RecordingNotWritableError, match=says)
-    with omniscv.record(Plain(ObjectTable(other)), path) as source, refused:
-        list(source.capture(face_requests(size=16, modes=("object_mask",), center=(1.0, 0.0, 0.0))))
-    assert contents(path) == before
+    for other, says in (
+        ({"Sofa": (1, 1, 1)}, r"of its object masks, but 'Sofa' is \(1, 1, 1\) and was \(9, 0, 0\)"),
+        ({**SOFA.colors, "Cat": (9, 0, 0)}, r"'Cat' is \(9, 0, 0\), which was 'Sofa'"),
+    ):
+        refused = pytest.raises(RecordingNotWritableError, match=says)
+        with omniscv.record(Plain(ObjectTable(other)), path) as source, refused:
+            list(source.capture(face_requests(size=16, modes=("object_mask",), center=(1.0, 0.0, 0.0))))
+        assert contents(path) == before

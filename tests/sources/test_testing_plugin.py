@@ -61,18 +61,16 @@ def times(path):
     return found
 
 
-@pytest.mark.parametrize(
-    ("fixture", "marker", "says"),
-    [
+def test_an_argument_that_a_marker_does_not_take_is_one_line(suite):
+    cases = (
         ("unreal_server", "unreal(sice=(8, 8))", "unexpected keyword argument 'sice'"),
         ("unreal_server", "unreal('six-wall', 'N1')", "expected (scene='four-wall', **options)"),
         ("unreal_server", "unreal(3)", "unreal: expected str"),
         ("recorded_source", "recorded(path='a')", "expected (file=None), got others"),
-    ],
-)
-def test_an_argument_that_a_marker_does_not_take_is_one_line(fixture, marker, says, suite):
-    result = suite(f"@pytest.mark.{marker}\ndef test({fixture}): pass\n", errors=1)
-    result.stdout.fnmatch_lines([f"*@pytest.mark.*{says}*"])
+    )
+    tests = (f"@pytest.mark.{mark}\ndef test_{i}({of}): pass\n" for i, (of, mark, _) in enumerate(cases))
+    result = suite("".join(tests), errors=len(cases))
+    result.stdout.fnmatch_lines([f"*@pytest.mark.*{says}*" for *_, says in cases])
 
 
 def test_markers_take_their_arguments_by_position_and_by_name(suite):

@@ -164,7 +164,7 @@ def test_the_last_attempt_is_cut_short_by_the_end_of_patience():
         omniscv.open_source(f"unreal://127.0.0.1:{port}", timeout_s=0.5, patience_s=0.4)
 
 
-def test_deadlines_are_numbers():
+def test_deadlines_are_numbers_and_named_as_on_the_command_line(capsys):
     for options, says in (
         ({"timeout_s": 0}, "timeout_s: expected a finite number > 0, got 0"),
         ({"patience_s": float("nan")}, "patience_s: expected a finite number > 0, got nan"),
@@ -172,6 +172,8 @@ def test_deadlines_are_numbers():
     ):
         with pytest.raises(ArgumentError, match=f"^{re.escape(says)}$"):
             omniscv.open_source("unreal://127.0.0.1:1", **options)
+    assert run(["doctor", "mock://four-wall", "--timeout", "inf"]) == 2
+    assert "--timeout: expected a finite number > 0, got inf" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -184,11 +186,6 @@ def test_an_address_that_is_none_is_one_short_line(address):
     with pytest.raises(ArgumentError) as refused:
         omniscv.open_source(address)
     assert is_one_short_line(str(refused.value))
-
-
-def test_deadlines_on_the_command_line_are_named_as_there(capsys):
-    assert run(["doctor", "mock://four-wall", "--timeout", "inf"]) == 2
-    assert "--timeout: expected a finite number > 0, got inf" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["another user's", "a link"])

@@ -62,12 +62,8 @@ def test_pausing_reads_where_the_objects_are(dialect):
             assert not server.world.paused
         assert len(states) == 2
         assert source.state == ""
-
-
-def test_without_names_every_movable_object_is_read():
-    with serve(**RUNNING) as server, omniscv.open_source(server.uri, freeze="pause") as source:
         server.world.paused = True
-        with source.at(Instant()) as still:
+        with source.at(Instant()) as still:  # without names: of all that can be moved
             assert set(still.instant.poses) == {"Ball", "Box", "Pole"}
         assert server.world.paused  # as it was
 
@@ -175,15 +171,12 @@ def test_objects_that_were_read_are_where_they_were_after_a_fault_or_it_is_an_er
 
 
 @pytest.mark.parametrize("dialect", DIALECTS[:3:2])
-def test_batches_are_refused_where_the_dialect_has_none(dialect):
+def test_batches_where_the_dialect_has_none_and_wrong_words_are_refused(dialect):
     with (
         serve(dialect) as server,
         pytest.raises(ServerRefusedError, match="expected a server that can answer a batch in one tick, got"),
     ):
         omniscv.open_source(server.uri, freeze="batch")
-
-
-def test_a_wrong_word_is_refused():
     with pytest.raises(ArgumentError, match=r"freeze: expected one of auto, puppet, .*; got 'hard'"):
         omniscv.open_source("unreal://localhost:1", freeze="hard")
 
