@@ -109,9 +109,7 @@ def test_help_lists_templates_and_descriptions(client_of, dialect):
     assert "vbatch" not in text  # taken out before commands are matched
 
 
-def test_a_spawned_camera_at_the_poles_near_them_and_beyond(
-    camera,
-):
+def test_a_spawned_camera_at_the_poles_near_them_and_beyond(camera):
     def read(*rotation):
         camera.ask("vset /camera/1/rotation {} {} {}".format(*rotation))
         return map(float, camera.text("vget /camera/1/rotation").split())

@@ -87,14 +87,6 @@ def test_the_right_eye_is_beside_the_left_one(talk):
     assert "EnableRightEye: true" in request("vget /unrealcv/status")
 
 
-@pytest.mark.parametrize("actor", [False, True])
-def test_the_mask_follows_the_field_of_view_where_the_level_has_a_camera_actor(talk, actor):
-    request = talk(camera_actor=actor)
-    wide = request("vget /camera/0/object_mask png")
-    request("vset /camera/0/horizontal_fieldofview 40")
-    assert (request("vget /camera/0/object_mask png") != wide) == actor
-
-
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_moves_and_keys_take_the_pawn_to_what_is_in_the_way(talk, dialect):
     """The front wall is at x = 300 cm. The tick after a reply may not have come yet."""
@@ -178,16 +170,6 @@ def test_the_official_client(start, connect, dialect):
     assert client.request([f"vget /unrealcv/echo w{i}" for i in range(200)]) == [f"w{i}" for i in range(200)]
 
 
-def test_construction_asks_for_what_the_reference_says(start):
-    server = start(size=LARGER)
-    leave(official_api(server, LARGER).client)
-    asked = list(server.statistics.counts)
-    assert asked[0] == "vget /unrealcv/commands"
-    assert server.statistics.counts["vget /unrealcv/commands"] == 2
-    whats = "unrealcv/version", "cameras", "camera/0/location", "camera/0/rotation", "camera/0/fov", "objects"
-    assert asked[1:7] == [f"vget /{what}" for what in whats]
-
-
 @pytest.fixture(params=MODERN)
 def official(request, start):
     """A server of a scene that moves, one of each dialect, and the API that is connected to it."""
@@ -235,16 +217,3 @@ def test_calls_for_objects_and_pause(official):
         returned, commands = sent(server, api, lambda name=name, given=arguments: getattr(api, name)(*given))
         assert (commands, returned) == ([command], expected)
     assert "Crate" not in api.obj_dict
-
-
-def test_objects_are_spawned(official):
-    server, api = official
-    returned, commands = sent(server, api, lambda: api.set_new_obj("CubeActor", "Box"))
-    red, green, blue = api.obj_dict["Box"]
-    color = f"vset /object/Box/color {red} {green} {blue}"
-    assert sorted(commands) == ["vget /cameras", color, "vset /objects/spawn CubeActor Box"]
-    assert returned == "Box"
-    assert "Box" in api.get_objects()
-    assert api.get_obj_size("Box") == [100, 100, 100]
-    with pytest.warns(UserWarning, match="Can not find a class with name 'Cow'"):
-        assert api.set_new_obj("Cow", "Daisy") is None

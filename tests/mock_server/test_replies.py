@@ -197,8 +197,6 @@ class Same(NamedTuple):
 
 
 class Talk(NamedTuple):
-    """Commands in their order, each with its reply; a reply may differ by dialect."""
-
     about: str
     dialects: str
     rows: list

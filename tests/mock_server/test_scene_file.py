@@ -37,10 +37,6 @@ def changed(path, value):
     return description
 
 
-def test_the_description_that_the_others_spoil_is_right():
-    assert Scene("good", GOOD).objects[:2] == ("It", "Layout_Ceiling")
-
-
 SOLID = ("objects", "It", "solids", 0)
 TEXTURE = ("objects", "It", "texture")
 
@@ -74,6 +70,7 @@ def test_nonsense_is_refused_with_its_word():
 
 
 def test_the_room_and_what_says_so_are_static():
+    assert Scene("good", GOOD).objects[:2] == ("It", "Layout_Ceiling")
     assert Scene("good", GOOD).static == set(Scene("good", GOOD).objects) - {"It"}
     assert "It" in Scene("fixed", changed(("objects", "It", "movable"), False)).static
     moving = {**GOOD["objects"]["It"], "movable": False, "moving": {"kind": "steady"}}

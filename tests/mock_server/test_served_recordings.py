@@ -3,17 +3,15 @@
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
+from support.processes import OMNISCV, started
 from support.wire import old_client
 
 import mock_server
 import omniscv
 
-PROGRAM = "from omniscv.cli import main; main()"
 YAWS = (0, 90)
 OLD = os.environ.get("UNREALCV_0_3_10", "")
 """Folder with the client of 2017, as in ``test_public_scripts``; without it, the new one alone is tested."""
@@ -36,18 +34,13 @@ def served(dialect, tmp_path):
                 modes = ("lit", "object_mask", "depth", "normals")
                 list(recorder.capture(omniscv.sources.Request(view, mode) for mode in modes))
             recorder.objects()
-        command = [sys.executable, "-c", PROGRAM, "serve", str(path), "--port", "0"]
-        environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-        try:
+        with started(*OMNISCV, "serve", str(path), "--port", "0") as process:
             line = process.stdout.readline()
             assert ("dialect N3" if dialect == "1.x" else "dialect 0.3.10") in line
             yield live.port, int(line.split()[0].rpartition(":")[2])
             process.send_signal(signal.SIGTERM)
             process.communicate(timeout=60)
             assert process.returncode == 0
-        finally:
-            process.kill()
 
 
 @pytest.mark.parametrize("client", ["1.3.2", "0.3.10"] if OLD else ["1.3.2"])

@@ -21,7 +21,6 @@ def other(tmp_path_factory):
 
 @pytest.fixture
 def copy(recorded, tmp_path):
-    """A copy that a test may spoil."""
     path = tmp_path / "copy.sqlite"
     path.write_bytes(recorded.read_bytes())
     return path

@@ -192,18 +192,3 @@ def test_a_plan_counts_every_exposure():
     for stops, count in (([], 12), ([-2, 0, 2], 24)):
         (cube,) = (row for row in costs(load(keys | {"brackets": stops})) if row.way == "cube")
         assert cube.requests == count
-
-
-def test_a_server_is_captured_at_its_exposures(tmp_path):
-    """The mock's own curve: it decodes the scene's colours, of 8 bits, to light."""
-    path = tmp_path / "room.sqlite"
-    uri = "mock://four-wall?fault=tone=film&fault=exposure-drift"
-    with omniscv.open_source(uri, exposure=0.0) as live, bracketed(live, STOPS, path) as source:
-        lit = rendered(source).lit
-    with omniscv.open_source("scene://four-wall") as source:
-        shown = light.srgb_to_light(rendered(source).lit / 255)
-    with omniscv.open_source(path) as source:
-        assert source.response() == "film"
-        np.testing.assert_array_equal(rendered(source).lit, lit)
-    seen = shown > 0.02
-    assert np.abs(lit[seen] / shown[seen] - 1).max() < 0.02

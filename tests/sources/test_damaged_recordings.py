@@ -84,7 +84,6 @@ COLUMNS = {
 
 @pytest.mark.parametrize(("table", "column"), [(t, column) for t in COLUMNS for column in COLUMNS[t]])
 def test_a_flipped_bit_of_any_value_is_found_and_refused(table, column, copy):
-    """Among them a field of view of 100 in place of 102 degrees, a mask's colour, an encoding."""
     with closing(sqlite3.connect(copy)) as database:
         number, value = database.execute(f"SELECT rowid, {column} FROM {table} ORDER BY rowid").fetchone()
     alter(copy, f"UPDATE {table} SET {column} = ? WHERE rowid = ?", flipped(value), number)

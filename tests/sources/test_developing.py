@@ -31,7 +31,6 @@ def test_it_is_a_source_as_any_other(asked):
 
 @pytest.mark.parametrize("modes", [("lit",), ("object_mask", "depth", "lit")])
 def test_each_capture_is_made_once(modes):
-    """Six faces are captured with the first one; masks only if they are requested, too."""
     source = CountingSource(open_scene("scene://four-wall"))
     requests = faces(modes)
     with Developed(source, RenderOptions(seams="close")) as developed:

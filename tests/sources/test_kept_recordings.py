@@ -1,8 +1,4 @@
-"""The recordings kept in ``captures/``: composed without a server, and judged by the rooms they were made of;
-``living-room.sqlite``, Blender's, by tests/sources/blender/test_recorded_room.py.
-
-With ``--record-mode=rewrite`` these tests make the recordings (``scripts/make-captures``).
-"""
+"""The recordings in ``captures/``, which ``scripts/make-captures`` makes by these tests, against their rooms."""
 
 from pathlib import Path
 
@@ -38,7 +34,6 @@ def kept(test):
 
 @kept
 def test_images_of_kept_recordings_are_the_traced_rooms(room, recorded_source):
-    """Faces at two places, in all modes, and the strips of a panorama on a circle."""
     wide = omniscv.cameras.create("equirectangular", width=128, height=64)
     circle = omniscv.cameras.create("noncentral-panorama", width=128, height=64, radius=0.5)
     scene = mock_server.load_scene(room)

@@ -43,7 +43,6 @@ def half(whole, tmp_path_factory):
 
 
 def check(path, allowed):
-    """The file is whole and holds one of the allowed contents; then nothing is left beside it."""
     report = verify(path)
     assert report.ok, list(report.lines())
     found = contents(path)
@@ -74,7 +73,6 @@ def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
         assert contents(path) == (wanted, objects)
         assert check(path, [(wanted, objects)]) == 0
         held.append(len(before))
-    print(f"killed {kills} times within {duration_s:.2f} s: held {held} of {len(wanted)} captures")
     assert max(held) > 0
 
 
@@ -116,13 +114,11 @@ def test_killed_while_it_changes_a_file(prepare, kills, half, whole, processes, 
         action, allowed = prepare(path.parent, half, whole)
         killed += processes.run(*action, kill_after_s=moment_s) is None
         check(path, allowed)
-    print(f"{prepare.__name__}: killed {killed} times within {duration_s:.3f} s")
     assert killed > 0
 
 
 @pytest.mark.parametrize("left", [(), ("room.sqlite", "room.sqlite-journal")])
 def test_what_a_killed_process_left_is_removed_by_the_next_that_writes(left, tmp_path):
-    """Whether it was killed before it wrote, or while it wrote."""
     folder = tmp_path / ".room.sqlite-0123456789abcdef"
     folder.mkdir()
     for name in left:
@@ -185,7 +181,6 @@ def copied(path, target):
 
 @pytest.fixture
 def left(recorded, open_folder):
-    """A recording whose recorder was killed, with its journal; what it holds with its journal."""
     wanted = leave_journal(recorded, open_folder)
     shutil.rmtree(open_folder / "writing")
     return open_folder / "room.sqlite", wanted
@@ -307,7 +302,6 @@ def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_f
 
 
 def test_another_programs_database_keeps_its_log(tmp_path):
-    """Named by mistake: refused, and nothing is moved."""
     folder = tmp_path / "browser"
     folder.mkdir()
     with closing(sqlite3.connect(tmp_path / "places.sqlite", isolation_level=None)) as database:

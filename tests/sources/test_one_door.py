@@ -1,9 +1,4 @@
-"""Poses come in equal at every door, in every spelling; one thing changed at random is right or one line.
-
-The doors are a job's trajectory, ``--poses`` as CSV and JSON, ``transforms.json``, ``captures.json`` and
-``my.yaml``.
-What a row means is computed here by SciPy, from the conventions' own words.
-"""
+"""Poses come in equal at every door, in every spelling; one thing changed at random is right or one line."""
 
 import json
 from itertools import product
@@ -178,7 +173,6 @@ KEPT |= {("long", "angles"), ("more", "matrix")}
 
 
 def check_changed(door, seed, count, folder):
-    """One row of three that is no pose is refused in one line that says where."""
     read, frames, spellings = DOORS[door]
     draw = np.random.default_rng(seed)
     for _ in range(count):

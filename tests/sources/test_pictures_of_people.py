@@ -207,7 +207,6 @@ TAKEN = [
 
 @pytest.mark.parametrize(("kind", "make", "form", "expected"), TAKEN)
 def test_what_is_right_in_another_form_is_taken(kind, make, form, expected, tmp_path):
-    """Alpha of 0, palettes, grey, 16 bits, layers, whole numbers of other types, columns first."""
     file = tmp_path / make(tmp_path)
     expected = judged(file.read_bytes(), "png") if expected is None else expected
     np.testing.assert_array_equal(read_picture(file, kind, form).pixels, np.asarray(expected, np.float32))

@@ -86,7 +86,6 @@ def test_requests_are_read_a_few_batches_ahead():
 
 
 def test_a_slow_replica_does_not_delay_the_others():
-    """The first one waits until the second has captured three batches."""
     release = threading.Event()
 
     class Slow(Game):
@@ -155,7 +154,6 @@ def test_one_that_cannot_be_opened_is_an_error_at_once():
 
 
 def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path, caplog):
-    """Over TCP, into one recording: the same as from one server alone."""
     modes, places = ("lit", "object_mask", "depth"), [(0.1 * step, 0.0, 1.5) for step in range(6)]
     requests = [request for place in places for request in face_requests(32, modes, center=place)]
     alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
@@ -177,7 +175,6 @@ def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path
 
 
 def stop_amidst_pictures(server):
-    """After some were requested, long before the last."""
     while sum(n for text, n in server.statistics.counts.items() if text.endswith("png")) < 10:
         time.sleep(0.001)
     server.stop()

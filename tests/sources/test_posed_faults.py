@@ -18,7 +18,6 @@ SIZE = {"count": 16, "width": 112, "height": 84, "step_deg": 7.0}
 
 
 def scaled(shots, fx=1.0, fy=1.0, x=0.0, y=0.0):
-    """Shots whose lens is said to be shorter than it is, and its centre so many px off."""
     a, b, cx, cy = shots.lens
     return replace(shots, lens=(a / fx, b / fy, cx - x, cy - y))
 

@@ -69,7 +69,6 @@ def test_flat_pictures_are_views_with_their_lens_and_pose(name, folder, file, ca
 
 
 def test_what_contradicts_itself_is_refused(folder, file, capsys):
-    """A depth scale, a lens that nobody knows, and a pose beside its matrix, or without one."""
     published.replica(folder / "a" / "b", published.views(THREE))
     (folder / "a/cam_params.json").write_text('{"camera": {"scale": 1000}}')
     published.tum(folder / "freiburg1" / "mine", published.views(THREE, **TUM), "nobody's")
@@ -191,7 +190,6 @@ intrinsics: {fx: 32, fy: 32, cx: 31.5, cy: 31.5, centers: 0}
 
 
 def test_a_layout_of_the_user(tmp_path, file, capsys, monkeypatch):
-    """Six pinhole frames, OpenGL's axes, world to camera, centres at whole numbers; a pose of infinity."""
     folder, layout = tmp_path / "mine", tmp_path / "mine.yaml"
     (folder / "pose").mkdir(parents=True)
     for i, word in enumerate([*FACES, "front"]):

@@ -55,13 +55,6 @@ def test_a_file_whose_name_looks_like_an_address_is_a_file(recorded, tmp_path, m
         assert len(replay.recorded_views()) == 6
 
 
-def test_options_that_an_opener_does_not_take_are_named(recorded):
-    with pytest.raises(ArgumentError, match=r"options: expected options among state for .*, got timeout_s"):
-        omniscv.open_source(recorded, timeout_s=3)
-    with pytest.raises(ArgumentError, match=r"among timeout_s, patience_s, retries, .* got patience"):
-        omniscv.open_source("unreal://localhost", patience=3)
-
-
 def test_options_go_to_the_opener():
     opened = []
     registry.register("mits", lambda address, *, samples=64: opened.append((address, samples)))
@@ -93,7 +86,6 @@ def test_options_of_an_address():
 
 
 def test_an_entry_point_that_is_gone_is_one_clear_sentence(tmp_path, monkeypatch):
-    """Of an installed distribution; tests/extension opens a source of one that is there."""
     installed = tmp_path / "omniscv_mitsuba-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: omniscv-mitsuba\nVersion: 1.0\n")

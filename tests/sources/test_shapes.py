@@ -166,14 +166,6 @@ def shows(pixels, color):
     return (np.abs(pixels.astype(int) - color) <= 3).all(axis=-1).any()
 
 
-def test_a_game_shows_its_objects_when_its_source_is_closed():
-    with mock_server.serve("four-wall") as server:
-        with omniscv.open_source(server.uri) as source:
-            source.without(["Sofa"])
-            assert server.world.objects["Sofa"].hidden
-        assert not any(each.hidden for each in server.world.objects.values())
-
-
 def test_a_game_that_refuses_to_hide_is_left_as_it_was():
     refuses = answering("error Can not hide", "Table/hide")
     with mock_server.serve("four-wall") as server, opened(server, refuses) as source:

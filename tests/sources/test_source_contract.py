@@ -32,14 +32,12 @@ def opened(uri):
 
 @cache
 def half():
-    """The bytes of a recording of half of the requests."""
     with TemporaryDirectory() as folder:
         return filled(Path(folder) / "room.sqlite", REQUESTS[::2]).read_bytes()
 
 
 @cache
 def whole(uri):
-    """The bytes of a recording of all views that cover those of the requests."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "room.sqlite"
         with omniscv.record(omniscv.open_source(uri), path) as recording:
@@ -50,7 +48,6 @@ def whole(uri):
 
 
 def recording(path):
-    """Half of it is in the file already."""
     path.write_bytes(half())
     return omniscv.record(omniscv.open_source("scene://four-wall"), path)
 

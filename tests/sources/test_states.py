@@ -160,10 +160,7 @@ def test_anew_replaces_captures_of_the_same_state_only(scene, recorded, truth):
 
 
 def test_an_instant_is_the_same_when_it_was_written():
-    for instant in (
-        *STATES,
-        Instant({"Crate": Pose.from_angles((1, 2, 3), 40, 5, 6)}, name="x"),
-    ):
+    for instant in (*STATES, Instant({"Crate": Pose.from_angles((1, 2, 3), 40, 5, 6)}, name="x")):
         again = Instant.from_dict(json.loads(json.dumps(instant.to_dict())))
         assert (again.state, again.to_dict()) == (instant.state, instant.to_dict())
 
@@ -221,7 +218,6 @@ def test_the_same_scene_is_resumed(address, room):
 
 
 def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
-    """Known where the scene is traced in the same process."""
     path, scene = tmp_path / "room.sqlite", mock_server.load_scene("four-wall")
     record("scene://four-wall", path)
     ball = {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [1, 0, 1]}]}}}

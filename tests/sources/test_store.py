@@ -102,14 +102,9 @@ NEAR = {
 
 @pytest.mark.parametrize("says", NEAR)
 def test_a_missing_view_says_by_how_much_the_nearest_differs(says, recorded):
-    message = missing(recorded, Request(NEAR[says], "lit"))
-    assert f"; the nearest recorded view differs in {says}; 'omniscv recording places " in message
-
-
-def missing(path, request):
-    with omniscv.open_source(path) as replay, pytest.raises(MissingCaptureError) as error:
-        next(replay.capture([request]))
-    return str(error.value)
+    with omniscv.open_source(recorded) as replay, pytest.raises(MissingCaptureError) as error:
+        next(replay.capture([Request(NEAR[says], "lit")]))
+    assert f"; the nearest recorded view differs in {says}; 'omniscv recording places " in str(error.value)
 
 
 def test_views_turned_about_the_axis_cover_a_view(tmp_path):
@@ -134,7 +129,6 @@ def test_views_turned_about_the_axis_cover_a_view(tmp_path):
 
 
 def calls_to_open(path):
-    """How many functions of Python opening a recording calls."""
     calls = Counter()
     sys.setprofile(lambda frame, event, _: calls.update([event]))
     try:

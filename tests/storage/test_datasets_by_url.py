@@ -20,14 +20,12 @@ from omniscv.viewing.look import look
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A dataset in a folder."""
     place = tmp_path_factory.mktemp("made")
     return made(place, more="export: [{format: webdataset, max_count: 2}, coco]\n")
 
 
 @pytest.fixture(scope="module")
 def url(s3, folder):
-    """The same, put into a bucket by another program."""
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             s3.upload_file(str(path), BUCKET, f"datasets/first/{path.relative_to(folder).as_posix()}")
@@ -36,7 +34,6 @@ def url(s3, folder):
 
 @pytest.fixture
 def held(folder, tmp_path):
-    """The same, in memory."""
     there = storage.folder(f"memory://{tmp_path.name}/dataset")
     for name, content in in_folder(folder).items():
         there.put(name, content)
@@ -44,7 +41,6 @@ def held(folder, tmp_path):
 
 
 def in_store(place):
-    """Every file of a folder in a store, and its bytes."""
     there = storage.folder(place)
     return {name: there.read(name) for name in there.names()}
 

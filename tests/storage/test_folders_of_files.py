@@ -21,7 +21,6 @@ from omniscv.storage.local import folder_beside, replace_folder
 
 @pytest.fixture(params=["path", "file", "memory", "s3", "failing"])
 def place(request, tmp_path):
-    """A new folder of each kind."""
     if request.param in ("path", "file"):
         yield storage.folder(f"file://{tmp_path}/here" if request.param == "file" else tmp_path / "here")
     elif request.param == "memory":

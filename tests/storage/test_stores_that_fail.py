@@ -23,7 +23,6 @@ def server() -> Iterator[Failing]:
 
 @pytest.fixture
 def place(server: Failing) -> Iterator[Folder]:
-    """A folder of S3 with one file."""
     yield storage.folder(f"s3://{BUCKET}/held")
     server.fault = lambda number: ""
 

@@ -1,7 +1,4 @@
-"""Faults of Blender, of its process and of its scenes: one clear sentence, and nothing captured is lost.
-
-The process is one that speaks as Blender does: tests/support/fake_blender.py.
-"""
+"""Faults of Blender, of its process and of its scenes: one clear sentence, and nothing captured is lost."""
 
 import json
 import os
@@ -150,7 +147,6 @@ def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
 
 
 def test_killed_in_every_render_it_completes_with_equal_bytes(whole, tmp_path):
-    """In some of them twice in a row."""
     numbers = [0, 2, 3, 7]
     recorded(blender.fake(tmp_path, kill=numbers), tmp_path / "room.sqlite")
     assert len(blender.renders(tmp_path)) == RENDERS + len(numbers)
@@ -158,7 +154,6 @@ def test_killed_in_every_render_it_completes_with_equal_bytes(whole, tmp_path):
 
 
 def test_a_reply_that_is_wrong_once_is_made_again(whole, tmp_path):
-    """Every second one is, each in another way."""
     faults = ["garbage", "small", "no_picture", "unknown", "fifo", "link"]
     address = blender.fake(tmp_path, **{fault: [2 * number] for number, fault in enumerate(faults)})
     recorded(address, tmp_path / "room.sqlite")

@@ -1,7 +1,4 @@
-"""A furnished room that Blender rendered, replayed without Blender: scripts/record-room records it.
-
-Where its walls are is known from examples/blender/make_room.py.
-"""
+"""A furnished room that Blender rendered, replayed: its walls are where make_room.py built them."""
 
 from pathlib import Path
 

@@ -290,7 +290,6 @@ def test_without_opengl_there_are_data_and_a_line_that_says_what_to_do(backend, 
 
 
 def test_images_of_every_kind_are_within_their_bounds(room):
-    """Fisheye, ring panorama and mirror ball, by mj_multiRay from each pixel's own optical centre."""
     pose = Pose.from_angles(CENTER, 20, -5, 3)
     ball = {"mirror_radius": 0.3, "distance": 0.3, "fov_deg": 280}
     for camera in (
@@ -303,7 +302,6 @@ def test_images_of_every_kind_are_within_their_bounds(room):
 
 
 def test_a_job_moves_bodies_along_a_trajectory_and_draws_materials(tmp_path):
-    """The arm follows the post, which a motion moves; the ball is where the rows of qpos have it."""
     shutil.copy(ROOM, tmp_path / "room.xml")
     rows = [[0, 1.2, 0.5, 0.8, 1, 0, 0, 0, 0], [1, 1.2, -0.5, 0.8, 1, 0, 0, 0, 0.5]]
     np.save(tmp_path / "track.npy", np.array(rows))

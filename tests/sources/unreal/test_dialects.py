@@ -125,7 +125,6 @@ def test_masks_have_the_windows_size_and_its_field_of_view_or_that_of_a_camera_a
 
 
 def test_without_masks_the_rest_is_captured():
-    """Engines after 4.16 broke them."""
     with serve(faults=["refuse-mask"]) as server, omniscv.open_source(server.uri) as source:
         assert source.capabilities.modes == {"lit", "depth", "normals"}
         assert agrees(*source.capture([Request(FACES[0].view, "depth")]), source, ROOM)
@@ -201,7 +200,6 @@ def test_vertical_views_are_covered_by_two():
 
 @pytest.mark.parametrize("dialect", ["M", "N3"])
 def test_the_spawned_camera_leaves_with_the_source(dialect):
-    """A game that is recorded again and again does not fill with cameras."""
     with serve(dialect) as server:
         for _ in range(3):
             with omniscv.open_source(server.uri) as source:

@@ -91,7 +91,6 @@ def test_a_folder_of_captures_is_examined_as_its_recording(recorded, tmp_path, c
 
 @pytest.mark.parametrize("room", ["fence", "open"])
 def test_thin_bars_and_an_even_ground_fit_many_fields_of_view(room):
-    """A pair of pictures of these alone says nothing against a sound server."""
     with mock_server.serve(room) as running:
         findings = doctor.examine_address(running.uri, quick=True)
     assert [each for each in findings if each.verdict == "bad"] == []
@@ -183,7 +182,6 @@ HARMLESS_NAMES = " ".join(HARMLESS.values()).split()
 
 @contextmanager
 def findings(part, *faults):
-    """The findings of a part of the doctor in a room, or in the yard where something moves."""
     scene, options = SCENES.get(part, "four-wall"), {}
     if not part.startswith("agree"):
         options["depth"] = "float32"
@@ -194,7 +192,6 @@ def findings(part, *faults):
 
 @pytest.mark.parametrize("part", ["agree six-wall", "agree open", "motion", "ticks"])
 def test_without_a_fault_nothing_is_named(part):
-    """The other parts are those of a server without faults, above."""
     with findings(part) as results:
         found = {finding.name: finding for finding in results}
     texts = {(name, text) for _, where, name, text in NAMED if where == part}
@@ -240,7 +237,6 @@ def test_every_fault_of_the_mock_has_its_place():
 
 
 def test_things_thinner_than_a_pixel_come_and_go():
-    """Wires of 3 mm, and rods of 20 mm."""
     with visited(scene="fence") as (connection, camera):
         found = {each.name for each in agree(connection, camera) if each.verdict != "ok"}
     assert found == {"things that come and go"}

@@ -211,7 +211,6 @@ def test_a_recording_refuses_colours_of_another_exposure(begun, wanted, message,
 
 
 def test_a_game_that_was_started_again_gets_the_same_exposure():
-    """The game that comes back would be matched by another one."""
     with (
         mock_server.serve("four-wall", faults=["dark-manual=1"]) as first,
         omniscv.open_source(first.uri) as source,

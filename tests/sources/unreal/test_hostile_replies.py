@@ -17,13 +17,7 @@ from support.unreal import answering, frame, many_balls, relayed
 import mock_server
 import omniscv
 from omniscv.cli import run
-from omniscv.errors import (
-    ArgumentError,
-    BadReplyError,
-    OmniscvError,
-    ServerConnectionError,
-    ServerRefusedError,
-)
+from omniscv.errors import ArgumentError, BadReplyError, ServerConnectionError, ServerRefusedError
 from omniscv.geometry import Pose
 from omniscv.sources import View
 from omniscv.sources.codecs import decode
@@ -55,7 +49,7 @@ def is_one_short_line(text):
 def fault_of(action):
     try:
         action()
-    except OmniscvError as error:
+    except omniscv.OmniscvError as error:
         return error
     return None
 

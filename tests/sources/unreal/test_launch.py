@@ -40,7 +40,6 @@ def test_a_game_that_never_answers_is_stopped(game):
 
 
 def test_settings_come_back_while_the_game_runs_which_is_stopped_also_without_its_watcher(game):
-    """The user's settings come back as soon as the game has read its own."""
     file = beside(game) / "unrealcv.ini"
     file.write_text("[UnrealCV.Core]\nPort=9000\n")
     with omniscv.open_source(f"launch:{game}?size=64x48&fov_deg=70.5") as source:
@@ -123,7 +122,6 @@ OURS = "; written by omniscv for one launch"
 
 
 def killed_while_borrowing(folder):
-    """What a launch leaves that is killed while its game starts."""
     borrowing = temporary_settings(folder, "Port=1\n", 1)
     borrowing.__enter__()
     left = {path.name: path.read_bytes() for path in folder.iterdir()}

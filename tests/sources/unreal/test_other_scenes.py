@@ -38,7 +38,6 @@ def game(request):
 
 
 def midway(game, requests, scene="six-wall"):
-    """Yields requests; before the last third of them the game is started again."""
     for index, request in enumerate(requests):
         if index == 2 * len(requests) // 3:
             game.start_again(scene)
