@@ -1,4 +1,4 @@
-"""The recordings in ``captures/``, which ``scripts/make-captures`` makes by these tests, against their rooms."""
+"""The recordings in ``captures/``, made by these tests (``scripts/make-captures``), against their rooms."""
 
 from pathlib import Path
 
