@@ -261,5 +261,5 @@ def test_what_is_overridden_is_not_changed():
 
 
 def test_a_url_keeps_its_slashes(job):
-    assert loaded(job, out="memory://bucket/kitchen").out == "memory://bucket/kitchen"
-    assert address("memory://bucket/kitchen", Path("/elsewhere")) == "memory://bucket/kitchen"
+    assert loaded(job, out="s3://bucket/kitchen").out == "s3://bucket/kitchen"
+    assert address("s3://bucket/kitchen", Path("/elsewhere")) == "s3://bucket/kitchen"

@@ -130,7 +130,7 @@ def test_an_outline_along_an_edge_is_no_seam(scene):
         shown[0] += 8
     else:
         true, masks = (
-            faces(256, scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask")
+            faces(256, 1, scene="six-wall", center=scene, mode=mode) for mode in ("lit", "object_mask")
         )
         halo = [gaussian_filter(face.astype(float), (32, 32, 0), mode="nearest") for face in true]
         shown = np.uint8(0.95 * true + 0.05 * np.stack(halo) + 0.5)

@@ -19,13 +19,13 @@ CASES = {
     "push-broom": (create("push-broom", 50, 40, travel=(1, 0, 0), fov_deg=95), BY_WALL, {"accuracy": 0.1}),
     "panorama": (create("noncentral-panorama", 96, 48, radius=0.5), BY_WALL, EXACT | {"viewpoints": 9}),
     "centre-right-behind-a-wall": (
-        create("noncentral-panorama", width=96, height=80, radius=1.33),
+        create("noncentral-panorama", width=96, height=40, radius=1.33),
         Pose.from_angles((1.264, 2.319, 1.984), 37.9, 56.7, 151.8),
         CUBE | {"viewpoints": 6},
     ),
     # A column whose centre lies 0.1 mm beyond the ceiling, which half floats do not tell.
     "mock://six-wall": (
-        create("noncentral-panorama", width=159, height=151, radius=0.8848034526754156),
+        create("noncentral-panorama", width=159, height=51, radius=0.8848034526754156),
         Pose.from_angles((3.5699475547949464, -1.9086233142483346, 1.9513983729138498),
                          67.3273578197774, -51.66423899981052, -66.56996205040052),
         CUBE | {"viewpoints": 9},

@@ -192,13 +192,13 @@ def test_a_dataset_of_each_source_has_no_faults(source, tmp_path):
     job = load(job_file(tmp_path, source=json.dumps(source)))
     with open_source(job) as opened:
         modes = tuple(mode for mode in job.modes if mode in opened.capabilities.modes)
-    poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (0, 30))
+    poses = tuple(omniscv.Pose.from_angles((0.0, 0.0, 1.5), yaw) for yaw in (30,))
     options = omniscv.RenderOptions("cube")
     job = replace(job, modes=modes, poses=poses, times_ns=None, places=None, options=options)
     make(job)
     assert dataset.check(job.out, deep=True) == []
     frames = dataset.open(job.out)
-    assert len(frames) == 4
+    assert len(frames) == 2
     with omniscv.open_source("scene://four-wall") as scene:
         names = scene.objects().names()
     for frame in frames:
