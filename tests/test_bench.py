@@ -14,7 +14,6 @@ NAMES = sorted(path.stem for path in (SCRIPTS / "benches").glob("[a-z]*.py"))
 
 @pytest.fixture
 def benches(monkeypatch):
-    """The package of benches, which lies beside the script."""
     monkeypatch.syspath_prepend(SCRIPTS)
     import benches
 
@@ -38,7 +37,6 @@ def test_every_figure_is_a_positive_number_in_the_one_form(benches, name):
 
 
 def check(found):
-    """The one form of figures."""
     rows = [(figure.table, figure.name, figure.unit, figure.peer, figure.limit) for figure in found]
     assert len(set(rows)) == len(rows) > 0
     for figure in found:
@@ -51,14 +49,11 @@ def check(found):
 
 @pytest.mark.skipif(not find_spec("torch"), reason="needs PyTorch: scripts/test-torch")
 def test_images_of_a_device(benches):
-    """They are compared with composed ones before they are timed."""
     check(benches.figures("torch", quick=True, device="cpu"))
 
 
 @pytest.fixture
 def bench(benches, monkeypatch):
-    """A function that runs the script in this process and returns its exit code."""
-
     def run(*words):
         monkeypatch.setattr(sys, "argv", ["bench", *words])
         try:

@@ -37,7 +37,6 @@ assert quadrupled(np.arange(3.0)).tolist() == [0, 4, 8]
 
 
 def run(tmp_path, source=KERNEL, **environment):
-    """Run the kernel in a process of its own; return it."""
     path = tmp_path / "kernels.py"
     if not path.exists() or path.read_text() != source:  # older versions of numba compare the time of change
         path.write_text(source)
@@ -142,7 +141,6 @@ for owner, name in [
 
 @pytest.mark.soak
 def test_where_a_private_part_of_numba_is_missing_kernels_use_its_own_cache(tmp_path):
-    """Slower to load, as it prepares to compile, with the same results."""
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     printed = [run(tmp_path, WITHOUT_PRIVATE_PARTS + KERNEL, **cache).stdout for _ in "12"]
     assert printed == ["0 True\n", "1 True\n"]

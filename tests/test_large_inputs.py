@@ -15,7 +15,6 @@ from omniscv.truth import Points, point_cloud
 
 @pytest.fixture
 def room(tmp_path):
-    """A recording of six views."""
     path = tmp_path / "room.sqlite"
     with omniscv.record(omniscv.open_source("scene://four-wall"), path) as source:
         list(source.capture(face_requests(8, ("depth",))))
@@ -70,7 +69,6 @@ def test_noting_changes_describes_no_instant(monkeypatch):
 
 
 def test_clouds_are_joined_a_few_times_however_many(monkeypatch):
-    """Each point is thinned with its cloud, and then as often as the whole doubles."""
     thinned = counted(monkeypatch, point_cloud, "_thin")
     places = np.arange(6400.0).reshape(64, 100)
     clouds = [Points(np.column_stack([x, x, x]), np.ones(100)) for x in places]

@@ -43,7 +43,6 @@ def png(width, height, kind=6, data=b"", *, bits=8, interlaced=0, before=b"", af
 
 
 def rows(width, height, kind=6):
-    """Unfiltered rows of zeros."""
     return bytes(height * (1 + width * CHANNELS[kind]))
 
 
@@ -128,13 +127,9 @@ def test_a_header_that_claims_too_many_pixels_or_none_is_refused(size):
     ],
 )
 def test_what_is_no_such_picture_is_refused_in_silence(payload, says, capfd):
-    """libpng wrote its own lines to the standard error, and took some for pictures."""
     with pytest.raises(BadReplyError, match=says):
         decode(payload, "png", "lit", view(4, 3))
     assert capfd.readouterr() == ("", "")
-
-
-# Writing
 
 
 sizes = st.tuples(st.integers(1, 9), st.integers(1, 9))
@@ -159,7 +154,6 @@ def test_opencv_reads_the_pixels_and_so_do_we(pixels, mirrored):
 
 @pytest.mark.parametrize("channels", [(), (3,)])
 def test_16_bits_that_opencv_wrote_are_read(channels):
-    """Its rows have other filters than ours."""
     pixels = np.random.default_rng(3).integers(0, 999, (40, 50, *channels), np.uint16).cumsum(1, np.uint16)
     swapped = pixels[..., ::-1] if channels else pixels
     payload = cv2.imencode(".png", np.ascontiguousarray(swapped))[1].tobytes()

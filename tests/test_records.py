@@ -1,7 +1,4 @@
-"""Every field of every record refuses what its declaration does not allow, in one line that names its key.
-
-Limits and words are read from the declarations; what they are, pages promise and tests of the records hold.
-"""
+"""Every field of every record refuses what its declaration does not allow, in one line with its key."""
 
 import importlib
 from dataclasses import fields, is_dataclass

@@ -131,7 +131,6 @@ def _send_work(pipe, thing):
 
 
 def test_spawn(things):
-    """One process for all of them: starting it is what takes time."""
     names = [name for name in things if name not in CANNOT_BE_PICKLED]
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         found = pool.map_async(work, [things[name] for name in names]).get(TIMEOUT_S)
@@ -149,7 +148,6 @@ def squares(count=40):
 
 
 def resample():
-    """What composing does: OpenCV, which has threads of its own, in parallel."""
     import cv2
 
     image = np.arange(300 * 300, dtype=np.float32).reshape(300, 300)
@@ -216,8 +214,6 @@ def test_the_first_error_is_raised_and_the_rest_is_not_started():
 
 
 def test_it_can_be_nested():
-    """In its own workers, and in a thread that they wait for."""
-
     def in_a_thread(number):
         with ThreadPoolExecutor(1) as thread:
             return sum(thread.submit(squares, number).result())

@@ -69,7 +69,6 @@ def test_projections_are_those_of_pycolmap(model: str) -> None:
 
 
 def test_every_model_of_the_table_is_tested_and_has_colmaps_id(tmp_path: Path) -> None:
-    """The binary file is pycolmap's own."""
     known = [row.words[0] for row in colmap.COLMAP.rows]
     assert {*PARAMS, "EQUIRECTANGULAR"} == set(known)
     assert [name for name in colmap.NAMES if name in known] == known

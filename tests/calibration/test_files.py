@@ -16,7 +16,6 @@ WRITTEN = [name for name, form in FORMS.items() if form.written]
 
 
 def named(format: str) -> str:
-    """What a camera can be called in a format."""
     return "camera-slam-left" if format == "aria" else FORMS[format].label.format(0, 1, name="cam0")
 
 

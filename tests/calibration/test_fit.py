@@ -53,7 +53,6 @@ def test_an_equidistant_lens_is_a_polynomial_of_one_term_and_a_stretched_one_sta
 def test_the_errors_are_those_of_all_rays_that_both_cameras_see(
     source: cameras.Camera, model: str, least: float, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a fit that need not be the best one."""
     monkeypatch.setattr(fitting, "_STEPS", 12)
     fitted = calibration.fit(source, model)
     pixels = source.pixels().reshape(-1, 2)
@@ -68,7 +67,6 @@ def test_the_errors_are_those_of_all_rays_that_both_cameras_see(
 
 
 def test_no_other_camera_of_the_model_is_nearer() -> None:
-    """Every number a little off makes the sum of the squares larger: it is a minimum."""
     fitted = calibration.fit(DOUBLE, "extended-unified")
     pixels = DOUBLE.pixels()[8:-8:8, 8:-8:8].reshape(-1, 2)
     rays = DOUBLE.unproject(pixels)

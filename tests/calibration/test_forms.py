@@ -328,14 +328,12 @@ CORNERS = ("instant-ngp", "nerf", "metashape", "opensfm", "hugin")
 
 
 def theirs(name: str, points: np.ndarray) -> np.ndarray:
-    """The pixels of points by the program, as ours."""
     return CASES[name][1](points) + (0.0 if name.startswith(CORNERS) else 0.5)
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("dialect", ["\n", "\ufeff\r\n"])
 def test_pixels_are_the_programs(name: str, dialect: str) -> None:
-    """400 points, half of whose pixels are at no whole number; 1e-9 px."""
     text, _ = CASES[name]
     if isinstance(text, str):
         text = dialect.removesuffix("\n").removesuffix("\r") + text.replace("\n", dialect.lstrip("\ufeff"))
@@ -508,8 +506,6 @@ def test_unknown_files_get_the_nearest_forms(tmp_path: Any) -> None:
     (tmp_path / "odd").write_text(ROS.format("plumb_bob", []).replace("322.25", "2322.25"), encoding="utf-8")
     assert any("lies outside" in line for line in doubts(calibration.load(tmp_path / "odd")["cam0"]))
 
-
-# -- the gate -------------------------------------------------------------------------------------------
 
 UNSEEN = ("orb-slam2", "orb-slam3-kb", "cam-K", "K-ir-projected", "flat-pair")
 """Where a key of coefficients that is turned round is any other key: the camera's name is part of it."""

@@ -1,8 +1,4 @@
-"""Cameras for the contract suite: every registered model's own example, and those of ``EXAMPLES``.
-
-``EXAMPLES`` has constructor arguments by model, at the ends of their domains, with small images of odd and
-even sizes.
-"""
+"""Cameras for the contract suite: each model's own example, and those at the ends of its parameters."""
 
 import inspect
 from typing import Any
@@ -14,6 +10,13 @@ ROUND = {"width": 61, "height": 61}
 LONG = {"width": 80, "height": 45}
 TINY = {"width": 25, "height": 16}
 """Where a projection takes an iteration of its own for each point."""
+
+
+def moving(base, scan, readout, velocity, turn, **options):
+    """A rolling shutter on a camera that moves, m/s, and turns, degrees a second."""
+    motion = {"readout": readout, "velocity": velocity, "angular_velocity_deg": turn, "scan": scan}
+    return {**TINY, "base": {"model": base, **options}, **motion}
+
 
 EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "equirectangular": [WIDE, {"width": 45, "height": 33}],
@@ -65,30 +68,9 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "orthographic": [{**LONG, "width_m": 0.3, "center": (10, 40)}],
     "rolling-shutter": [
         {**LONG, "base": {"model": "fisheye-equidistant"}, "readout": 0.0, "velocity": (1, 2, 3)},
-        {
-            **TINY,
-            "base": {"model": "fisheye-stereographic", "fov_deg": 200},
-            "readout": 0.05,
-            "velocity": (1, -2, 0.5),
-            "angular_velocity_deg": (100, -200, 50),
-            "scan": "bottom-to-top",
-        },
-        {
-            **TINY,
-            "base": {"model": "cylindrical", "fov_h_deg": 200, "fov_v_deg": 100},
-            "readout": 0.5,
-            "velocity": (0.0, 0.0, 3.0),
-            "angular_velocity_deg": (0, 60, 0),
-            "scan": "right-to-left",
-        },
-        {
-            **TINY,
-            "base": {"model": "lidar", "preset": "vlp-16"},
-            "readout": 0.05,
-            "velocity": (0.0, 0.0, 1.0),
-            "angular_velocity_deg": (0, 20, 0),
-            "scan": "left-to-right",
-        },
+        moving("fisheye-stereographic", "bottom-to-top", 0.05, (1, -2, 0.5), (100, -200, 50), fov_deg=200),
+        moving("cylindrical", "right-to-left", 0.5, (0, 0, 3), (0, 60, 0), fov_h_deg=200, fov_v_deg=100),
+        moving("lidar", "left-to-right", 0.05, (0, 0, 1), (0, 20, 0), preset="vlp-16"),
     ],
     "noncentral-spherical-mirror": [
         {**ROUND, "mirror_radius": 0.5, "distance": 0.3},

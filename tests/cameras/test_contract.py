@@ -32,7 +32,6 @@ def test_contract(camera, check):
 
 @every_model
 def test_example_shows_the_same_at_any_size(name):
-    """Rays at fractions of the image do not depend on the size."""
     small, large = cameras.model(name).example(32), cameras.model(name).example(256)
     pixels = small.pixels()[small.valid()]
     if name != "lidar":  # whose first column fires at one angle, however many there are
@@ -94,7 +93,6 @@ def test_centers(name):
 
 @every_model
 def test_wrong_arguments_are_refused(name):
-    """The error names the argument, what was expected and what came."""
     good = cameras.model(name).example(64).to_dict()
     wrong = [("width", value) for value in (0, 2.5, 10**7, "64")] + [("height", True), ("height", -3)]
     if takes_center(name) == ("center",):
@@ -191,8 +189,6 @@ def test_the_numbers_of_a_lens_make_the_same_lens(name):
     again = cameras.create(name, camera.width, camera.height, **lens.arguments(numbers), **limits)
     np.testing.assert_array_equal(again.unproject().directions, camera.unproject().directions)
 
-
-# -- parameters of lenses --------------------------------------------------------------------------------
 
 SIZE = {"width": 64, "height": 48}
 

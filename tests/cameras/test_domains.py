@@ -124,7 +124,6 @@ def ray(angle, azimuth=0.0):
 
 @turning
 def test_the_lens_ends_at_the_first_turn(name):
-    """In the image and in space; all around where the image is large enough."""
     lens = TURNING[name]
     angle, radius = first_turn(lens)
     camera = cameras.from_dict({**lens.camera.to_dict(), "width": 10_000} | centred(lens.camera))
@@ -197,8 +196,6 @@ def test_domains_of_tangential_terms_and_prisms(distortion):
     assert all(least_stretch(part * rim) > 0 for part in (0.2, 0.5, 0.8, 0.95, 0.999))
 
 
-# -- fields of view --------------------------------------------------------------------------------------
-
 SQUARE = {"width": 101, "height": 101}
 KB = {"fx": 12.0, "fy": 12.0}
 POLYNOMIAL = {"coefficients": (-20.0, 0, 0.012)}
@@ -223,7 +220,6 @@ CONE = {"half_angle_deg": 60.0, "distance": 0.3}
 
 @pytest.mark.parametrize(("name", "key", "limit", "closed", "others"), LIMITS)
 def test_one_ulp_beyond_is_refused(name, key, limit, closed, others):
-    """``chart.limits`` approaches the limits themselves."""
     beyond = float(np.nextafter(limit, np.inf)) if closed else float(limit)
     sign = "<=" if closed else "<"
     says = rf"^{key}: expected a finite number > 0 and {sign} {limit}, got {beyond!r}$"
@@ -235,7 +231,6 @@ def test_one_ulp_beyond_is_refused(name, key, limit, closed, others):
     ("name", "others"), [(name, others) for name, key, *_, others in LIMITS if key == "fov_deg"]
 )
 def test_points_beyond_the_field_of_view_are_not_seen(name, others):
-    """To 1e-9 of the angle, on both sides of its edge, all around."""
     camera = cameras.create(name, **SQUARE, **others, fov_deg=100)
     ahead = -1 if name.startswith("catadioptric") else 1
     azimuth = np.linspace(-np.pi, np.pi, 25) if name != "pinhole" else np.zeros(1)
@@ -260,8 +255,6 @@ def test_the_limit_of_a_hyperboloid_is_its_asymptote(distance, semi_latus_rectum
     with pytest.raises(ArgumentError, match=r"^fov_deg: expected a finite number > 0 and < "):
         cameras.create("catadioptric-hyperbolic", **SQUARE, **mirror, fov_deg=limit * (1 + 1e-9))
 
-
-# -- non-central mirrors ------------------------------------------------------------------------
 
 ACROSS = 100
 EDGE = np.array([ACROSS, ACROSS / 2])  # the last pixel of the image circle, to the right

@@ -63,7 +63,6 @@ VELODYNE = ("vert_correction", "rot_correction", "horiz_offset_correction", "ver
 
 
 def test_tables_of_files(tmp_path):
-    """Files of Ouster, Velodyne, NCore and CSV give the rays that their own programs compute."""
     (tmp_path / "ouster.json").write_text(json.dumps(OUSTER))
     camera = cameras.create("lidar", preset=str(tmp_path / "ouster.json"))
     assert (camera.width, camera.height) == (1024, 3)

@@ -24,18 +24,13 @@ SCANS = {
 
 
 def moving(scan):
-    """The camera that moves evenly from START to END."""
     camera = create("rolling-shutter", 48, 36, base=BASE, readout=0.04, scan=scan)
     return camera.on(Trajectory.timed((START, END), (0.0, 0.04)), 0, Pose(np.zeros(3), np.eye(3)))
 
 
 def pose_between(part):
-    """SciPy's slerp, and a straight line."""
     turns = Slerp([0, 1], Rotation.from_matrix([START.R_w_c, END.R_w_c]))
     return Pose((1 - part) * START.t_w_c + part * END.t_w_c, turns(part).as_matrix())
-
-
-# -- omnidirectional stereo -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("eye", "side"), [("left", -1), ("right", 1)])
@@ -61,9 +56,6 @@ def test_vr180_eyes_are_apart_by_the_distance():
     np.testing.assert_array_equal(left.unproject().directions, ahead.directions)
 
 
-# -- rolling shutters -----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("scan", SCANS)
 def test_every_line_is_the_base_at_its_time(scan):
     camera, pose = moving(scan), START
@@ -78,7 +70,6 @@ def test_every_line_is_the_base_at_its_time(scan):
 
 @pytest.mark.parametrize("scan", ["top-to-bottom", "right-to-left"])
 def test_points_are_seen_in_the_line_that_is_read_just_then(scan):
-    """Found by trying: where the base, as it is just then, sees the point in the line of that time."""
     camera, pose = moving(scan), START
     points_c = np.random.default_rng(2).uniform((-3, -2, -0.5), (3, 2, 4), (60, 3))
     pixels, seen = camera.project(points_c)
@@ -160,9 +151,6 @@ def test_no_readout_or_no_motion_is_the_base(still):
 def test_wrong_parameters_of_rolling_shutters_are_refused(wrong, says):
     with pytest.raises(ArgumentError, match=says):
         create("rolling-shutter", 48, 36, **{"base": {"model": "pinhole"}, "readout": 0.1, **wrong})
-
-
-# -- parallel rays ----------------------------------------------------------------------------------
 
 
 def test_a_push_broom_is_a_row_of_pinholes():

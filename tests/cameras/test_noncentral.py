@@ -45,9 +45,6 @@ def cone(**options):
     return create("noncentral-conical-mirror", **options)
 
 
-# -- rays ----------------------------------------------------------------------------------------------
-
-
 def check(camera, edge, part, azimuth, tolerance):
     """A pixel at a part of the last radius has the ray that bounces off the mirror, or none beyond the edge.
 
@@ -96,9 +93,6 @@ def test_the_cone_has_no_ray_at_its_tip_and_ends_at_its_rim():
     assert not served.all()
 
 
-# -- points --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("camera", "tip", "half_angle"),
     [
@@ -107,7 +101,6 @@ def test_the_cone_has_no_ray_at_its_tip_and_ends_at_its_rim():
     ],
 )
 def test_no_point_is_found_within_a_cone_or_in_the_shadow_of_a_ball(camera, tip, half_angle):
-    """Behind the tangent cone of the grazing rays nothing is seen; just before it everything is."""
     z = np.array([1.0, 5.0, 1e6])
     for part, visible in ((1 - 1e-9, False), (1 + 1e-9, True)):
         points = np.stack([(z - tip) * np.tan(half_angle) * part, 0 * z, z], axis=-1)
@@ -142,7 +135,6 @@ every_camera = st.one_of(
 @cases(25)
 @given(every_camera, st.floats(-np.pi, np.pi), st.floats(0, 1), st.floats(0, 9).map(lambda e: 10**e))
 def test_a_point_on_a_ray_is_seen_by_its_pixel(camera, azimuth, part, away):
-    """Pixels anywhere between the centre and the last one; points from beside the mirror to 1e9 m."""
     reach = last_radius(camera)
     pixel = camera.center + part * reach * (1 - 1e-12) * np.array([np.cos(azimuth), np.sin(azimuth)])
     rays = camera.unproject(pixel)
@@ -181,9 +173,6 @@ def test_points_on_the_axis(name):
     pixels, valid = create(name).project(points[:, [0, 2, 1]] if name == "noncentral-panorama" else points)
     np.testing.assert_array_equal(valid, (z <= 0.3) & (name == "noncentral-spherical-mirror"))
     assert (pixels[valid] == SIZE / 2).all()
-
-
-# -- shared centres ------------------------------------------------------------------------------------
 
 
 def displaced(camera, count):
@@ -226,9 +215,6 @@ def test_mirrors_have_a_centre_for_each_ring_of_a_pixel_or_for_steps_of_height(n
     beside = create(name, center=(1e4, 1e4)).viewpoints()
     assert beside.centers.shape == (0, 3)
     assert (beside.index == -1).all()
-
-
-# -- lines ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -146,8 +146,6 @@ def test_miller_rows():
     np.testing.assert_allclose((1 - pixels[:, 1] / 500) * 2.3034125, expected, atol=1e-7)
 
 
-# -- poles and seam --------------------------------------------------------------------------------------
-
 PANORAMAS = [("equirectangular", {}), ("cylindrical", {"fov_v_deg": 180})]
 every_panorama = pytest.mark.parametrize(("name", "parameters"), PANORAMAS)
 

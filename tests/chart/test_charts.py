@@ -161,8 +161,6 @@ def test_without_the_package_of_charts_its_extra_is_named(words, monkeypatch, tm
     assert "expected the package matplotlib; pip install 'omniscv[charts]'" in capsys.readouterr().err
 
 
-# -- failures --------------------------------------------------------------------------------------------
-
 COLUMNS = ("panorama", "8 viewpoints")
 
 
@@ -174,7 +172,6 @@ def told(address, position, timeout_s, patience_s):
 
 @pytest.mark.parametrize("doctor", [told, pytest.param(failures.examine_address, marks=pytest.mark.soak)])
 def test_strong_faults_are_found(doctor, monkeypatch):
-    """Depth that is radial in full."""
     small = "size=96x72"
     radial = Cause("radial depth", "of the way", (1,), f"{small}&fault=radial-depth={{}}", sound=small)
     for name, value in (("examine_address", doctor), ("CAUSES", (radial,)), ("COLUMNS", COLUMNS)):
@@ -213,7 +210,6 @@ def table(rows):
 
 
 def test_the_page_has_the_table_of_its_data():
-    """And a second table explains every cause that is silent."""
     rows_of_docs = of_docs(failures, "chart-failures")
     page = (DOCS / "failures.md").read_text(encoding="utf-8")
     assert table(rows_of_docs) in page

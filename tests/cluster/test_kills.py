@@ -63,7 +63,6 @@ def workers_of(process):
 
 @pytest.mark.soak
 def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
-    """A terminal sends Ctrl-C to the workers too."""
     make(load(job_of(tmp_path, "single", rate=12)))
     with mock_server.serve("four-wall", latency_ms=10) as first, ExitStack() as games:
         second = games.enter_context(mock_server.serve("four-wall", latency_ms=10))

@@ -1,5 +1,4 @@
-"""What workers make, in threads of this process: sampled poses, servers that fail, jobs that are refused; and
-where workers are."""
+"""What workers make, in threads of this process: sampled poses, servers that fail, jobs that are refused."""
 
 import logging
 import os
@@ -108,7 +107,6 @@ def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
             yield client
 
     def end(*made):
-        """End the scheduler with the first frames that are made."""
         started[0].sync(started[0].scheduler.close)
 
     with pytest.raises(ClusterError, match=r"expected the scheduler to stay.*run the same command again"):

@@ -19,7 +19,6 @@ from omniscv.make import Part, make, run_part
 
 
 def described(folder, **source):
-    """Write a job of one camera, with an export; return its path."""
     path = job_file(folder, more="export: [webdataset]\n", **source)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(line for line in lines if "lens:" not in line))
@@ -28,7 +27,6 @@ def described(folder, **source):
 
 @pytest.fixture(scope="module")
 def single(tmp_path_factory):
-    """The folder of a job, its dataset, and a recording of all that it captures."""
     folder = tmp_path_factory.mktemp("single")
     job = load(described(folder))
     make(replace(job, record=folder / "room.sqlite"))
@@ -74,7 +72,6 @@ def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_p
 
 
 def test_a_late_frame_stops_no_other(monkeypatch):
-    """The first file of the first frame is put when the last one of ten later frames has been."""
     last, waited = threading.Event(), []
     with failing_store() as store, omniscv.open_source("scene://four-wall") as source:
         camera = omniscv.cameras.create("equirectangular", 8, 4)

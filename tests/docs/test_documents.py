@@ -17,7 +17,6 @@ BY_NAME = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for pat
 
 
 def commands(name):
-    """The command lines of a document that run omniscv."""
     lines = [words for block in blocks(BY_NAME[name]) for words in block.commands()]
     return [words for words in lines if words[0] == "omniscv"]
 
@@ -49,7 +48,6 @@ def processes():
 
 
 def loaded():
-    """Whether this process was forked of one that has loaded what documents use."""
     return "support.warm" in sys.modules
 
 

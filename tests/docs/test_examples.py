@@ -48,7 +48,6 @@ def used_keys():
 
 
 def test_every_key_of_a_job_is_used():
-    """A key that nobody needs is one too many."""
     assert {key.name for key in keys()} - set(used_keys()) == UNUSED
 
 

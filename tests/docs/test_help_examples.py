@@ -34,7 +34,6 @@ assert {"omniscv serve", "omniscv recording info"} <= set(COMMANDS)
 
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory):
-    """The files that examples read, made once."""
     made = tmp_path_factory.mktemp("inputs")
     shutil.copytree(ROOT / "captures", made / "captures")
     with contextlib.chdir(made):

@@ -40,7 +40,6 @@ def leaves(nav):
 
 
 def site():
-    """mkdocs.yml, whose tags are no YAML of ours."""
     return yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
 
 
@@ -129,7 +128,6 @@ def source_of(name):
 
 
 def test_the_reference_has_every_public_name():
-    """By its own name, or with the module that it is in; and names nothing else."""
     pages = (DOCS / "reference").glob("*.md")
     shown = {name for page in pages for name in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE)}
     for name in set(omniscv.__all__) - {"__version__"}:
@@ -161,7 +159,6 @@ def test_lists_begin_after_an_empty_line():
 
 
 def test_frames_are_drawn_with_their_axes():
-    """As small files whose words are text."""
     for frame, words in {
         "world": ("X forward", "Y left", "Z up"),
         "unreal": ("X forward", "Y right", "Z up"),

@@ -94,7 +94,6 @@ def test_points_of_a_chain_are_grouped_by_line():
 
 
 def test_pictures_of_a_room_give_r_vl():
-    """Of a mirror, whose image looks backwards."""
     unit, value = 256, 0.9
     model = models(unit)["hyper-catadioptric"]
     camera = model.camera(2 * unit, value * unit)
@@ -134,14 +133,11 @@ def test_a_figure_is_the_largest_error_of_a_mean_in_which_failed_images_count(tm
     assert cv2.imread(str(tmp_path / "chart.png")).shape == (480, 1000, 3)
 
 
-# -- formulas --------------------------------------------------------------------------------------------
-
 SIZE = 1024
 VALUES = st.floats(0.5, 1.5).map(lambda value: value * SIZE / 2)
 
 
 def radii(name, v, shares):
-    """Radii within the model's domain."""
     most = {"orthogonal": v, "equi-solid": 1.41 * v, "equi-angular": 1.99 * v}.get(name, SIZE / 2)
     return np.asarray(shares) * min(most, SIZE / 2)
 

@@ -107,7 +107,6 @@ def test_maps_alone_have_no_scores_of_corners():
 
 
 def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
-    """The file knows no room: it is fitted to panoramas of the two places."""
     shots = list(layout.render(Settings(Path(), quick=True, source=str(RECORDING))))
     assert [shot.name for shot in shots] == ["room-0-0", "room-0-1", "room-1-0", "room-1-1"]
     room = room_of_scene("four-wall")
@@ -147,8 +146,6 @@ def test_sources_without_a_room_and_missing_folders_are_refused(tmp_path):
         run("layout", Settings(tmp_path, quick=True, options=options))
 
 
-# -- predictions as files --------------------------------------------------------------------------------
-
 WIDTH = 256
 SMALL = cameras.create("equirectangular", WIDTH, WIDTH // 2)
 POSE = Pose.from_angles((0.3, -0.2, 1.5), yaw_deg=20)
@@ -175,7 +172,6 @@ def test_corners_come_back_as_they_were_written(tmp_path):
 
 
 def test_maps_come_back_as_they_were_written(tmp_path):
-    """JPEG's own loss aside; 16 bits and colours, too."""
     drawn = draw_maps(CORNERS["one"], WIDTH)
     for kind, pixels in zip(("EM", "CM"), drawn, strict=True):
         Image.fromarray(pixels).save(tmp_path / f"png_{kind}.png")

@@ -79,8 +79,6 @@ def test_a_source_without_a_room_is_refused(tmp_path):
         run("lines", Settings(tmp_path, quick=True, source="scene://direction"))
 
 
-# -- lines from rays -------------------------------------------------------------------------------------
-
 PANORAMA = omniscv.cameras.create("noncentral-panorama", width=2048, height=1024, radius=1.0)
 MIRROR = {"width": 1024, "height": 1024, "distance": 0.5}
 CONE = omniscv.cameras.create("noncentral-conical-mirror", **MIRROR, half_angle_deg=55)
@@ -205,7 +203,6 @@ def test_distances_in_pixels_are_those_from_the_projected_line():
 
 
 def test_a_rooms_directions_come_from_its_level_lines():
-    """Upright ones are not taken for level."""
     foot = np.array([1.5, 1.0, 2.6])
     upright = reconstruction.with_gravity(noisy(foot, foot - 1.8 * GRAVITY, 1, px=0.2), GRAVITY)
     assert reconstruction.angle_deg(upright[:3], -GRAVITY) <= 1e-9

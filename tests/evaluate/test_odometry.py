@@ -125,7 +125,6 @@ def test_a_missing_trajectory_and_colours_of_floating_point_are_refused(tmp_path
 
 @pytest.mark.soak
 def test_the_papers_bounds_are_kept(tmp_path):
-    """The acceptance of the evaluation, on the panorama; the others are below the paper's 8 degrees."""
     report = evaluate.run("odometry", Settings(tmp_path, quick=True))
     values = {figure.name: figure.value for figure in report.figures}
     assert values["panorama: registered"] >= 95
@@ -171,8 +170,6 @@ def test_a_euroc_sequence_gives_its_trajectory(tmp_path):
         assert len(estimates) == len(pictures) == 24
         assert rms(trajectory_errors(truth, estimates).position_m) <= 0.01 * path_length(truth)
 
-
-# -- errors of trajectories ------------------------------------------------------------------------------
 
 DRAW = np.random.default_rng(3)
 TRUTH = [

@@ -1,8 +1,4 @@
-"""What docs add by public names alone works through ``render``, jobs, datasets and the command line.
-
-The code is that of docs/extending.md, and of a truth and a format in docs/datasets.md: what it defines and
-registers. ``tests/docs`` runs these pages as they are.
-"""
+"""What docs/extending.md and docs/datasets.md add by public names works in jobs, datasets and commands."""
 
 import ast
 import os

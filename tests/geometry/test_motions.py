@@ -52,7 +52,6 @@ def test_straight_ways_and_the_shortest_turns_at_constant_speed():
 
 
 def test_splines_follow_cubic_ways_and_even_turns():
-    """What a cubic polynomial and a constant angular velocity are sampled from, they give back."""
     axis = np.array([0.6, 0.0, 0.8])
 
     def pose(time):

@@ -20,7 +20,6 @@ STEPS = Trajectory.timed((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0,
 
 
 def wandering(count=40):
-    """Poses turned every way, at uneven times."""
     draw = np.random.default_rng(5)
     turns = Rotation.random(count, rng=draw).as_matrix()
     poses = tuple(Pose(place, R) for place, R in zip(draw.normal(size=(count, 3)) * 30, turns, strict=True))
@@ -69,7 +68,6 @@ def test_kitti_without_times_has_none(tmp_path):
 
 
 def test_between_poses_positions_are_linear_and_turns_steady():
-    """A turn by 90 degrees about the camera's y: a third of the time turns 30."""
     first, last = Pose.from_angles((0, 0, 1)), Pose.from_angles((3, 6, 1), yaw_deg=90)
     poses = Trajectory.timed((first, last), (10.0, 13.0))
     assert poses[1:].times_ns == poses.times_ns[1:]
@@ -106,7 +104,6 @@ def test_wrong_trajectories(poses, times, says):
     ],
 )
 def test_the_frame_of_a_file_is_stated_or_said(poses, looks, says, tmp_path, capsys):
-    """Without a rotation a body looks along X, and a camera at the ceiling."""
     (tmp_path / "path.txt").write_text("0 1 0 1.5 0 0 0 1\n1 1 1 1.5 0 0 0 1\n")
     job = tmp_path / "job.yaml"
     job.write_text(f"{JOB}{poses}\nout: {tmp_path}/out\n")
@@ -140,7 +137,6 @@ def test_a_table_has_the_angles_of_a_pose(rows, tmp_path):
 
 
 def test_columns_of_trackers_that_are_nothing_of_a_pose(tmp_path):
-    """As programs of SLAM write them: numbers of frames, states in words, velocities."""
     (tmp_path / "a.csv").write_text(
         "frame_idx,timestamp,state,is_lost,x,y,z,q_x,q_y,q_z,q_w,vx,vel_y,velocity.z\n"
         "7,0.5,2,false,1,2,3,0.1,0.5,0.5,0.7,9,9,9\n8,0.6,2,true,1,2,4,0,0,0,1,9,9,9\n"
@@ -195,7 +191,6 @@ def test_a_wrong_line_is_named(text, says, tmp_path):
 
 
 def test_what_a_file_says_of_itself_is_heeded(tmp_path):
-    """Separators, the order of a quaternion, and the world of a body's matrices."""
     path = tmp_path / "path.txt"
 
     def read(text, frame="camera"):

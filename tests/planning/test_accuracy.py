@@ -147,7 +147,6 @@ def test_sources_that_cannot_set_views(size, stopped):
 
 
 def test_budgets_are_kept_and_named():
-    """Strategies that capture nothing finer refuse an aim."""
     for strategy in ("exact", "cube"):
         with source() as counted, pytest.raises(ArgumentError, match=f"strategy 'auto'.* got .*'{strategy}'"):
             made(PANORAMA, counted, strategy=strategy, accuracy="1%")

@@ -72,7 +72,6 @@ class Frozen(CountingSource):
 
 
 def scene_at(time):
-    """The scene's source at a time."""
     return SceneSource(WORKSHOP, instant=Instant(time=time))
 
 
@@ -122,7 +121,6 @@ def test_a_world_that_stands_still_is_delivered_as_if_nothing_was_proven(shoot):
 
 
 def test_a_tick_in_the_middle_of_a_set_is_taken_again():
-    """What comes is the world before it, or behind it, and nothing between."""
     with scene_at(0.5) as before, scene_at(1.5) as behind:
         allowed = [central(before), central(behind)]
     for seed in range(4):
@@ -188,7 +186,6 @@ def test_a_recorded_set_is_compared_with_the_world_as_it_is(tmp_path):
 
 
 def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
-    """The requests of a torn try are made again."""
     path = tmp_path / "room.sqlite"
     options = omniscv.RenderOptions(face_size=16)
     moving = {"world": Unfrozen(lambda made: 0.5 if made < 7 else 1.5)}
@@ -201,7 +198,6 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
 
 
 def test_frozen_moments_equal_the_scene_at_their_times(tmp_path):
-    """Recorded and replayed too, each from its own state."""
     path, times = tmp_path / "room.sqlite", (0.0, 0.4, 1.1)
     with omniscv.record(Frozen(SceneSource(WORKSHOP)), path) as source:
         for time in times:

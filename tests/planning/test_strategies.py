@@ -69,7 +69,6 @@ def test_no_view_is_captured_for_nothing(name, views):
 @pytest.mark.parametrize("strategy", EXACT)
 @pytest.mark.parametrize("name", SCATTERED)
 def test_a_centre_for_every_pixel_is_refused(name, strategy):
-    """Unless fewer centres are wanted: a view each would be captured for them."""
     with pytest.raises(ArgumentError, match=f"expected 'auto', .* or a number.* got '{strategy}'"):
         views_of(plan(CAMERAS[name], strategy=strategy))
     viewpoints = viewpoints_of(plan(CAMERAS[name], strategy=strategy, viewpoints=12))
@@ -91,7 +90,6 @@ def test_strips_of_the_papers_panorama():
 
 
 def test_strips_of_a_size_that_a_server_takes():
-    """A server that refuses less than 16 px gets strips of 16: padded, not cut."""
     camera = CAMERAS["noncentral-panorama"]
     views = views_of(plan(camera, capabilities=Capabilities(min_size=16), strategy="exact"))
     assert all(min(view.width, view.height) >= 16 for view in views)
@@ -103,7 +101,6 @@ def test_strips_of_a_size_that_a_server_takes():
 @given(st.integers(1, 400))
 @settings(max_examples=6)
 def test_any_number_of_centres(count):
-    """One to more than there are columns: never more centres than columns, every pixel served."""
     camera = CAMERAS["noncentral-panorama"]
     viewpoints = viewpoints_of(plan(camera, viewpoints=count, strategy="exact"))
     assert len(viewpoints) == min(count, camera.width)
@@ -152,7 +149,6 @@ def test_wrong_options_and_those_that_a_plan_cannot_have():
 
 
 def test_a_recording_in_which_one_strip_is_missing(tmp_path):
-    """The error says which view it lacks, and which one is nearest."""
     camera = create("noncentral-panorama", width=16, height=8, radius=0.5)
     views = views_of(plan(camera, LEVEL, strategy="exact"))
     path = tmp_path / "most.sqlite"
@@ -212,7 +208,6 @@ def shown(camera, source, modes=MODES, **options):
 
 @pytest.mark.parametrize("strategy", ["exact", "cube"])
 def test_wrong_labels_fall_in_proportion(strategy):
-    """And with them the rims of depth."""
     camera = WIDE if strategy == "cube" else RING
     source, truth = float_source(ROOM), truth_of(camera)
     wrong, off = {}, {}
@@ -247,7 +242,6 @@ def test_only_ground_truth_is_finer(camera):
     [("exact", SMALL, 64, ("lit", "object_mask")), ("exact", WIDE, "auto", TRUTH)],
 )
 def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
-    """Faces also at the automatic size."""
     path, given = tmp_path / "finer.sqlite", {"strategy": strategy, "truth_scale": 2}
     with omniscv.open_source("scene://four-wall?traces=0") as live, omniscv.record(live, path) as source:
         recorded = omniscv.render(camera, POSE, source, modes, face_size=64, **given)

@@ -107,7 +107,6 @@ def test_rays_through_a_fence_end_within_their_bounds(aside_m, shell):
 
 
 def test_rays_end_within_the_bounds_of_finer_views(shell):
-    """Of bars that are ten pixels wide there: fewer rays pass another surface within a pixel."""
     bars = Pose(CENTER, cube_rotations()[0][1])
     (finer,) = float_source(FENCE).capture([Request(View(bars, 60.0, 1600, 1600), "depth")])
     rng = np.random.default_rng(7)

@@ -75,7 +75,6 @@ def test_a_cube_serves_in_every_orientation(name, tmp_path):
 
 
 def test_the_fuller_and_finer_cube_is_taken(tmp_path):
-    """An aligned cube that lacks a face does not hide a turned one that is whole."""
     aligned = [*views(np.eye(3), edge=2 * EDGE)][:5]
     with recorded(tmp_path / "room.sqlite", aligned, views(TURNED, edge=64), views(TURNED)) as source:
         held = RecordedViews(source.recorded_views())
@@ -85,7 +84,6 @@ def test_the_fuller_and_finer_cube_is_taken(tmp_path):
 
 
 def test_any_views_that_see_every_direction_serve(tmp_path):
-    """Twelve in three rows; eleven of them leave a hole."""
     angles = [(yaw, pitch) for pitch, first in ((-50, 0), (0, 45), (50, 0)) for yaw in range(first, 360, 90)]
     twelve = [View(Pose.from_angles(CENTER, yaw_deg=y, pitch_deg=p), 90, EDGE, EDGE) for y, p in angles]
     camera, pose = omniscv.cameras.create("equirectangular", 96, 48), Pose.from_angles(CENTER, yaw_deg=5)
@@ -96,7 +94,6 @@ def test_any_views_that_see_every_direction_serve(tmp_path):
 
 
 def test_a_turned_cube_serves_rays_that_start_beside_its_centre(tmp_path):
-    """Depth of a cube in any orientation says what a ray from elsewhere meets."""
     camera = omniscv.cameras.create("noncentral-panorama", 96, 48, radius=0.2)
     with recorded(tmp_path / "room.sqlite", views(TURNED, edge=256)) as source:
         pose = Pose.from_angles(CENTER, yaw_deg=20)

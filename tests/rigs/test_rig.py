@@ -105,8 +105,6 @@ def test_a_wrong_description_is_refused_in_one_line(data: dict[str, Any], says: 
     assert len(str(caught.value)) <= 1000
 
 
-# -- files -----------------------------------------------------------------------------------------------
-
 FISHEYE = cameras.create("kannala-brandt", width=80, height=60, fx=25.0, fy=26.0, k=(0.01, -0.002, 0.0, 0.0))
 SPHERE = cameras.create("equirectangular", width=64, height=32)
 chains = st.lists(st.tuples(poses, st.floats(-0.1, 0.1)), min_size=1, max_size=4)
@@ -143,7 +141,6 @@ def test_a_chain_has_the_rigs_points_and_comes_back(
 
 
 def test_a_rig_comes_back_from_colmaps_files(tmp_path: Path) -> None:
-    """That pycolmap reads them, ``tests/dataset/test_colmap_model.py`` tests."""
     mounted = {name: RigCamera.turned(FISHEYE, (0.02 * int(name), 0, 0), 90 * int(name)) for name in "1234"}
     rig = Rig({**mounted, "5": RigCamera.turned(SPHERE, (0, -0.1, 0), 45, 10, 5)}).seen_from("1")
     calibration.save_rig(tmp_path, rig, "colmap")

@@ -25,7 +25,6 @@ def source() -> Iterator[CountingSource]:
 
 
 def test_five_cameras_take_six_captures_a_pose(source: CountingSource) -> None:
-    """Four fisheyes and a panorama at one centre; the rig turns and moves, its centre does not repeat."""
     for i in range(4):
         pose = Pose.from_angles((-1 + i / 2, 0.3, 1.5), yaw_deg=88 * i, pitch_deg=12 * i - 25)
         images = omniscv.render_rig(ROUND, pose, source, face_size=16)

@@ -55,7 +55,6 @@ def test_dead_reckoning(imu):
 
 
 def test_samples_enclose_the_last_pose():
-    """The last one is less than a period later, where the motion goes on as it does."""
     path, rate = loop(), 187.33
     samples = truth.imu(path, Imu(rate=rate))
     assert 0 < int(samples.times_ns[-1]) - path.times_ns[-1] < 1e9 / rate

@@ -68,8 +68,6 @@ def test_the_noise_of_a_frame_stays_the_same():
     assert codes[0].tolist() == [535, 610, 580, 575, 563, 613, 583, 588]
 
 
-# -- EMVA 1288 -------------------------------------------------------------------------------------------
-
 SIZE, QUANTUM_EFFICIENCY = 256, 0.5
 
 
@@ -115,7 +113,6 @@ def test_the_standards_software_measures_the_parameters(tmp_path, monkeypatch):
 
 
 def test_dark_current_row_noise_and_a_full_well():
-    """The first has its own shot noise, the second is one draw a row, the third holds no more."""
     dark = {"dark_current": 2000, "exposure_s": 0.5, "black_level": 50}
     sensor = Sensor(full_well=5000, gain=2, bits=16, mosaic="mono", **dark)
     a, b = (codes.astype(float) / 2 for codes in frames(sensor, 0, 2))

@@ -61,7 +61,6 @@ def test_black_in_a_white_field_reads_the_glare():
      ("kannala-brandt", {"fx": 40.0, "fy": 41.0, "cx": 31.0, "cy": 33.0, "k": [0.01, 0, 0, 0]})],
 )  # fmt: skip
 def test_lateral_colour_is_seen_by_lenses_of_other_focal_lengths(name, parameters):
-    """That their three images make the colours, a job's test tells."""
     camera, sensor = create(name, width=64, height=64, **parameters), Sensor(lateral=(0.004, -0.003))
     ray, ahead = np.array([0.1, 0.2, 1.0]), np.array([0.0, 0.0, 1.0])
     for share, other in zip(sensor.lateral, sensor.lateral_cameras(camera), strict=True):
@@ -85,9 +84,6 @@ def test_a_rolling_shutter_has_its_lens():
     longer = optics.magnified(camera, 0.01)
     assert longer.base.focal == pytest.approx(1.01 * plain.focal)
     assert (longer.readout, longer.to_dict()["angular_velocity_deg"]) == (0.03, [0, 30, 0])
-
-
-# -- photometric files: I = G(t V B) ---------------------------------------------------------------------
 
 
 def test_a_response_is_the_inverse_of_its_transfer(tmp_path):

@@ -26,7 +26,6 @@ NOISY = {"seed": 3, "electrons": 4000, "read_noise": 5, "prnu": 0.01, "black_lev
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """A recording of all that the jobs need."""
     path = tmp_path_factory.mktemp("recorded") / "room.sqlite"
     capture(load(JOB), path)
     return str(path)

@@ -63,7 +63,6 @@ def test_corners_in_the_cameras_frame_have_the_pixels_of_the_worlds(name):
 
 
 def test_truncated_is_the_share_outside_the_image():
-    """Of a cube that a pinhole camera sees a part of, by points strewn over its sides."""
     camera, rng = cameras.create("pinhole", width=80, height=60, fov_deg=70), np.random.default_rng(3)
     for _ in range(8):
         center = rng.uniform([1.5, -2, -1.5], [4, 2, 1.5])
@@ -104,9 +103,6 @@ def test_the_truth_of_a_frame_has_a_box_for_every_object_that_is_seen(source):
         else:
             assert (world.min(axis=0) <= low + 0.01).all()
             assert (world.max(axis=0) >= high - 0.01).all()
-
-
-# -- on the sphere ---------------------------------------------------------------------------------------
 
 
 def lattice(count=100_000):
@@ -158,8 +154,6 @@ def test_areas_and_overlaps_agree_with_a_lattice(a, b):
     assert truth.spherical_iou(*east) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
 
 
-# -- around what is seen --------------------------------------------------------------------------------
-
 RADIUS, DISTANCE = 0.5, 2.4
 BALL_DEG = 2 * np.degrees(np.arcsin(RADIUS / DISTANCE))
 
@@ -195,7 +189,6 @@ FINE = cameras.create("equirectangular", width=720, height=360)
 
 @pytest.mark.parametrize(("camera", "turn"), [(camera, turn) for camera in TURNS for turn in TURNS[camera]])
 def test_a_ball_has_its_angle_whatever_the_camera_looks_at(camera, turn):
-    """Also over a pole, and over the seam."""
     yaw, pitch, roll = turn
     pose = omniscv.Pose.from_angles((0, 0, 0), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
     mask, rays = seen(camera, ball_at((1, 0, 0)), pose)

@@ -38,7 +38,6 @@ def off_ray(camera, pose, pixels, points_w):
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
-    """For central and non-central models, while the camera and two objects move."""
     camera = cameras.model(name).example(32 if name == "rolling-shutter" else 64)
     label, other = (SCENE.label(each) for each in SCENE.objects[:2])
     motions = {label: object_pose((0.1, -0.05, 0.02), 10), other: object_pose((0, 0.2, 0))}
@@ -71,7 +70,6 @@ def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
 
 
 def test_the_shortest_way_is_at_most_half_around():
-    """Of a panorama that moves 1.5 m above a plane."""
     camera, level = cameras.create("equirectangular", 256, 128), Pose.from_angles((0, 0, 0))
     rays = camera.unproject()
     down = -1.5 / (rays.directions @ level.R_w_c.T)[..., 2]

@@ -24,7 +24,6 @@ def example(name, width=128):
 
 
 def pieces_of(record):
-    """Every piece: its edge, its pixels, the piece."""
     return [(edge, np.array(piece["pixels"]), piece) for edge in record["edges"] for piece in edge["pieces"]]
 
 

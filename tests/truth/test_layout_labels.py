@@ -120,8 +120,6 @@ def test_other_cameras_and_positions_are_refused():
             cor_id(room_of_plan(PLAIN), camera, Pose.from_angles(*pose))
 
 
-# -- maps of edges and corners ---------------------------------------------------------------------------
-
 HALF = cameras.create("equirectangular", 512, 256)
 
 
@@ -142,7 +140,6 @@ def test_shares_of_the_known_room_are_those_of_the_reference():
 
 
 def test_maps_turn_with_the_panorama():
-    """A yaw of k columns to the left moves the image to the right, over the seam."""
     maps = exact_maps(record_of(L_SHAPE)[0], HALF)
     turned = exact_maps(record_of(L_SHAPE, yaw_deg=360 * 389 / 512)[0], HALF)
     for before, after in zip(maps, turned, strict=True):

@@ -63,7 +63,6 @@ def test_pixels_without_surface_or_unsure_have_no_point():
 
 
 def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():
-    """Against a plain loop over points, taken apart in several clouds."""
     draw = np.random.default_rng(3)
     whole = Points(draw.normal(size=(3000, 3)), draw.uniform(1, 9, 3000), {"id": np.arange(3000)})
     nearest: dict[tuple, int] = {}

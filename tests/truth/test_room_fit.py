@@ -31,7 +31,6 @@ def picture_of(scene, position):
 
 
 def rendered(source, camera=PANORAMA, **known):
-    """A frame of an image, and its renderer."""
     renderer = Renderer(source)
     image = renderer.render(camera, Pose.from_angles((0.1, 0.2, 1.5)), SHOWN)
     instances = {name: i for i, name in enumerate(image.objects.names(), 1)}

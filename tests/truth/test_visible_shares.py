@@ -35,7 +35,6 @@ def alone(seen_frame, name):
 
 @pytest.fixture(scope="module", params=CAMERAS)
 def shares(request):
-    """An image, and the records of its objects."""
     camera = CAMERAS[request.param]
     options = {"face_size": 96} if camera.central else {"viewpoints": 4, "strategy": "cube", "face_size": 48}
     with omniscv.open_source("scene://four-wall") as source:
@@ -113,7 +112,6 @@ def test_stuff_has_no_share_and_recordings_are_refused(tmp_path):
 
 
 def test_objects_of_a_group_cannot_hide_each_other():
-    """Wherever the camera is: what one ray meets of a group is one object at most."""
     with omniscv.open_source("scene://four-wall") as source:
         boxes = source.geometry().boxes
     rng = np.random.default_rng(7)

@@ -14,7 +14,6 @@ POSE = omniscv.Pose.from_angles((0, 0, 1.5), yaw_deg=20)
 
 @pytest.fixture(scope="module")
 def room():
-    """Images of a lens and a panorama, and the room's objects."""
     with omniscv.open_source("scene://four-wall") as source:
         renderer = omniscv.Renderer(source)
         options = omniscv.RenderOptions(face_size=48)

@@ -108,7 +108,6 @@ def test_many_frames_lie_beside_the_page_as_programs(truth, tmp_path):
 
 
 def test_one_image_is_shown_by_any_of_its_files_or_as_a_bare_picture(truth, tmp_path):
-    """Which is a sphere where it is twice as wide as high."""
     for name in ("panorama.json", "panorama.lit.png", "panorama.depth.exr"):
         page, *_ = look(truth.folder / name, tmp_path / "page.html")
         assert [each["key"] for each in Read(page).json["data"]["frames"]] == ["panorama"]

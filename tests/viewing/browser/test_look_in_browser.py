@@ -132,7 +132,6 @@ def test_keys_change_layers_form_frame_and_direction(shown):
 
 
 def test_a_divider_shows_two_layers(shown):
-    """Left of it the first layer's colours, right of it the second one's."""
     page = shown.page
     page.keyboard.press("2")
     page.select_option("#compare", "slider")
@@ -183,6 +182,5 @@ def test_frames_beside_the_page_are_loaded_when_they_are_shown(shown):
 
 
 def test_nothing_is_requested_from_a_network_and_nothing_goes_wrong(shown):
-    """After all the above: files only, and an empty console."""
     assert {url.split(":")[0] for url in shown.requested} <= {"file", "data", "blob"}
     assert shown.printed == []
