@@ -103,16 +103,18 @@ def _work(pipe):
     with contextlib.suppress(EOFError, OSError):  # the end of the run, or of a case that hung
         while True:
             family, seed = pipe.recv()
-            pipe.send(_case(family, seed))
+            pipe.send(carried_out(family, seed))
 
 
-def _case(family, seed):
+def carried_out(family, seed):
+    """Carry out a case in this process; return None, or the kind of a fault and its text."""
+    before = psutil.Process().children(recursive=True)
     module = "datasets" if family in ("records", "names", "shards") else family
     case = getattr(importlib.import_module(f"attack.{module}"), "case" if family == module else family)
     try:
         with tempfile.TemporaryDirectory(prefix="attack-") as folder:
             case(random.Random(f"{family} {seed}"), Path(folder))
-        left = psutil.Process().children(recursive=True)
+        left = {*psutil.Process().children(recursive=True)} - {*before}
         if left:
             return "processes are left", str(left)
     except Exception as error:

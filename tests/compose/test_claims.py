@@ -202,10 +202,10 @@ CAMERAS = {
     "ball": lambda s: create(
         "noncentral-spherical-mirror", 32, 32, mirror_radius=0.3 * s, distance=0.3 * s, fov_deg=280
     ),
-    "ring": lambda s: create("noncentral-panorama", 32, 16, radius=0.5 * s),
+    "ring": lambda s: create("noncentral-panorama", 24, 12, radius=0.5 * s),
     "panorama": lambda s: create("equirectangular", 128, 64),
 }
-AT_SCALES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 8, "accuracy": 0.1}), ("panorama", {})]
+AT_SCALES = [("ball", {"strategy": "exact"}), ("ring", {"viewpoints": 4, "accuracy": 0.1}), ("panorama", {})]
 POSE = Pose.from_angles((0.1, 0.2, 1.5), yaw_deg=10, pitch_deg=5, roll_deg=-7)
 
 

@@ -51,6 +51,7 @@ def test_what_rays_are_marched_through_knows_its_relief():
     assert wrong[label > 1].mean() <= MOST[1.4]
 
 
+@pytest.mark.soak
 def test_finer_depth_of_a_ring_corrects_rays_that_were_not_in_doubt(tmp_path):
     """Bars of one and a twentieth pixel of the faces that are captured first: they show a smooth wall."""
     path = relief.scene_of_bars(tmp_path, 0.0547)
