@@ -69,7 +69,6 @@ EXAMPLES: dict[str, list[dict[str, Any]]] = {
     "rolling-shutter": [
         {**LONG, "base": {"model": "fisheye-equidistant"}, "readout": 0.0, "velocity": (1, 2, 3)},
         moving("fisheye-stereographic", "bottom-to-top", 0.05, (1, -2, 0.5), (100, -200, 50), fov_deg=200),
-        moving("cylindrical", "right-to-left", 0.5, (0, 0, 3), (0, 60, 0), fov_h_deg=200, fov_v_deg=100),
         moving("lidar", "left-to-right", 0.05, (0, 0, 1), (0, 20, 0), preset="vlp-16"),
     ],
     "noncentral-spherical-mirror": [

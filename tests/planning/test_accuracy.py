@@ -24,7 +24,7 @@ POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
 TRUTH = ("object_mask", "depth")
 MODES = ("lit", *TRUTH)
 PANORAMA = create("equirectangular", width=256, height=128)
-RING = create("noncentral-panorama", width=64, height=32, radius=0.3)
+RING = create("noncentral-panorama", width=48, height=24, radius=0.3)
 WIDE = create("fisheye-equidistant", width=96, height=96, fov_deg=170)
 NARROW = create("pinhole", width=40, height=30, fov_deg=90)
 
@@ -193,7 +193,7 @@ def test_a_replay_ends_for_the_reason_of_the_live_image(camera, options, reason,
 
 
 def test_several_centres_are_captured_from_few_and_finer_only_at_edges():
-    ball = create("noncentral-spherical-mirror", width=48, height=48, mirror_radius=0.3, distance=0.3)
+    ball = create("noncentral-spherical-mirror", width=32, height=32, mirror_radius=0.3, distance=0.3)
     with source() as counted:
         image = made(ball, counted, TRUTH, accuracy="3%")
     assert image.doubtful <= 0.03
@@ -205,7 +205,7 @@ def test_several_centres_are_captured_from_few_and_finer_only_at_edges():
 def test_rays_that_no_centre_sees_to_their_end_are_unsure_in_colours_alone():
     """Behind a lamp and a ball, areas of a wrong colour were in no layer; errors of a pixel are edges."""
     pose = Pose.from_angles((-0.9, -0.5, 1.4), yaw_deg=25.0)
-    camera = create("noncentral-panorama", width=384, height=192, radius=0.6)
+    camera = create("noncentral-panorama", width=256, height=128, radius=0.6)
     with source() as rooms:
         image = omniscv.render(camera, pose, rooms, ("lit",))
     color = traced(mock_server.load_scene("four-wall"), camera, pose).color
@@ -268,9 +268,9 @@ def test_the_sky_is_met_at_infinity():
 
 
 def test_at_one_centre_the_plan_is_that_of_a_central_camera():
-    circle = create("noncentral-panorama", width=128, height=64, radius=0.0)
+    circle = create("noncentral-panorama", width=64, height=32, radius=0.0)
     with source() as where:
-        image, central = (made(camera, where) for camera in (circle, create("equirectangular", 128, 64)))
+        image, central = (made(camera, where) for camera in (circle, create("equirectangular", 64, 32)))
     for layer in ("lit", "labels", "depth"):
         np.testing.assert_array_equal(image[layer], central[layer])
     assert not image.unsure.any()
