@@ -76,9 +76,9 @@ def test_codes_at_the_ends_are_clipped():
 
 def test_a_dome_is_the_sky_by_two_signs_or_by_its_name():
     with omniscv.open_source("scene://open?traces=0") as source:
-        true = examined(source, checks="none", face_size="auto")
+        true = examined(source, checks="none", face_size=160)
     sky = np.isinf(true["depth"])
-    image = served("open", "sky-dome=100", face_size="auto")
+    image = served("open", "sky-dome=100", face_size=160)
     signs = image.provenance["light"]["objects"]["dome"]["SkyDome"]
     assert signs == ["its name", "a sphere around the camera", "it follows the camera"]
     dome = (image["light"] & BITS["dome"]) > 0
