@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 from support.overlapping import walk
 
 from omniscv import cli
-from omniscv.diagnostics.exported_poses import check_pictures
 
 JOB = """
 source: scene://four-wall
@@ -17,12 +16,13 @@ modes: [lit, depth]
 export: [nerfstudio, colmap, poses, euroc]
 out: dataset
 """
+TUM = "exports/poses/flat.tum"
 FILES = {
     "frames.jsonl": "camera-to-world, axes camera",
     "exports/colmap/sparse/0/images.txt": "world-to-camera, axes camera",
     "exports/euroc/mav0/state_groundtruth_estimate0/data.csv": "camera-to-world, axes camera",
     "exports/nerfstudio/transforms.json": "camera-to-world, axes opengl",
-    "exports/poses/flat.tum": "camera-to-world, axes camera",
+    TUM: "camera-to-world, axes camera",
     "exports/poses/flat.euroc": "camera-to-world, axes camera",
     "exports/poses/flat.kitti": "camera-to-world, axes camera",
 }
@@ -40,28 +40,17 @@ def folder(tmp_path_factory):
     return folder / "dataset"
 
 
-def test_pictures_find_the_convention_that_each_format_has(folder, capsys):
-    assert cli.run(["dataset", "check", str(folder), "--pictures"]) == 0
+def test_pictures_find_the_convention_that_each_format_has_and_poses_that_no_longer_have_it(folder, capsys):
+    rows = [line.split() for line in (folder / TUM).read_text().splitlines() if line[0] != "#"]
+    in_cm = [[time, *(f"{100 * float(n)}" for n in row[:3]), *row[3:]] for time, *row in rows]
+    (folder / TUM).write_text("".join(f"{' '.join(row)}\n" for row in in_cm))
+    assert cli.run(["dataset", "check", str(folder), "--pictures"]) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert [line.partition(": flat: ")[0] for line in lines[:-1]] == [*FILES]
-    for line, says in zip(lines, FILES.values(), strict=False):
-        assert f"pictures: as said, {says}, depth along the ray: agreement 0." in line
-
-
-def test_poses_that_are_no_longer_those_of_the_format_are_a_fault(folder):
-    file = folder / "exports/colmap/sparse/0/images.txt"
-    written = file.read_text()
-    lines = [line.split(" ") for line in written.splitlines()]
-    rows = [line for line in lines if len(line) > 8]
-    turned = [[*row[:5], *(f"{100 * float(n)}" for n in row[5:8]), *row[8:]] for row in rows]
-    file.write_text("\n\n".join(" ".join(line) for line in turned if line[0] != "#") + "\n\n")
-    try:
-        own, colmap = check_pictures(str(folder), "colmap")
-    finally:
-        file.write_text(written)
-    assert not own[1]
-    assert colmap[1]
-    assert "pictures: world-to-camera, axes camera, positions in cm, depth along the ray" in colmap[0]
+    assert [line.partition(": flat: ")[0] for line in lines] == [*FILES]
+    for line, (file, says) in zip(lines, FILES.items(), strict=True):
+        said = f"as said, {says}" if file != TUM else f"{says}, positions in cm"
+        assert f"pictures: {said}, depth along the ray" in line
+        assert file == TUM or "depth along the ray: agreement 0." in line
 
 
 def test_datasets_that_cannot_be_asked_are_refused(copied, capsys):
