@@ -16,7 +16,6 @@ from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job import load
 
 JOB = "source: scene://four-wall\ncameras: {p: {model: pinhole, width: 8, height: 8, fov_deg: 60}}\nposes: "
-STEPS = Trajectory.timed((Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5))), (0.1, 0.2))
 
 
 def wandering(count=40):
@@ -81,18 +80,16 @@ def test_between_poses_positions_are_linear_and_turns_steady():
             poses.at(nanoseconds(outside))
 
 
-@pytest.mark.parametrize(
-    ("poses", "times", "says"),
-    [
+def test_wrong_trajectories():
+    two = (Pose.from_angles((0, 0, 1.5)), Pose.from_angles((1, 0, 1.5)))
+    for poses, times, says in (
         ((), None, "at least one pose"),
-        (STEPS.poses, (1,), "one per pose, got 1 for 2"),
-        (STEPS.poses, (1, 1), "increasing seconds, got 0.000000001 after 0.000000001"),
-        (STEPS.poses, (1.0, 2.0), "whole nanoseconds, got 1.0, or others; Trajectory.timed takes seconds"),
-    ],
-)
-def test_wrong_trajectories(poses, times, says):
-    with pytest.raises(ArgumentError, match=says):
-        Trajectory(poses, times)
+        (two, (1,), "one per pose, got 1 for 2"),
+        (two, (1, 1), "increasing seconds, got 0.000000001 after 0.000000001"),
+        (two, (1.0, 2.0), "whole nanoseconds, got 1.0, or others; Trajectory.timed takes seconds"),
+    ):
+        with pytest.raises(ArgumentError, match=says):
+            Trajectory(poses, times)
 
 
 @pytest.mark.parametrize(
