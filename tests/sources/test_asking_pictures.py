@@ -27,7 +27,7 @@ def shots():
 
 @pytest.fixture(scope="module")
 def few():
-    return room(3, count=5)
+    return room(3, count=4)
 
 
 def verdict_of(shots, name):

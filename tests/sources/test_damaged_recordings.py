@@ -26,6 +26,7 @@ from omniscv.errors import (
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
 from omniscv.sources import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
+from omniscv.sources.recording import world_rows
 from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
@@ -285,16 +286,18 @@ def test_what_a_recorder_took_is_sound(tmp_path_factory, data):
             assert verify(path).faults == []
 
 
-def test_an_import_of_too_many_objects_leaves_the_recording_as_it_was(tmp_path):
-    """Masks without a list: each colour becomes an object, and 60,000 are known."""
-    file, codes = tmp_path / "a.sqlite", np.arange(60_000 + 80 * 80)
+def test_an_import_of_too_many_objects_leaves_the_recording_as_it_was(tmp_path, monkeypatch):
+    """Masks without a list: each colour becomes an object, and 60,000 are known; here of both a hundredth."""
+    assert world_rows.MOST_OBJECTS == 65535
+    monkeypatch.setattr(world_rows, "MOST_OBJECTS", 655)
+    file, codes = tmp_path / "a.sqlite", np.arange(600 + 8 * 8)
     colors = np.uint8(np.stack([codes + 1 >> shift & 255 for shift in (16, 8, 0)], axis=-1))
     with closing(Store(file, write=True)) as store:
-        store.set_objects(ObjectTable({f"{i}": tuple(rgb) for i, rgb in enumerate(colors[:60_000].tolist())}))
+        store.set_objects(ObjectTable({f"{i}": tuple(rgb) for i, rgb in enumerate(colors[:600].tolist())}))
     for face in ("front", "right", "back", "left", "up", "down"):
-        put(tmp_path / f"f/mask/{face}.png", colors[60_000:].reshape(80, 80, 3))
+        put(tmp_path / f"f/mask/{face}.png", colors[600:].reshape(8, 8, 3))
     before = file.read_bytes()
-    with pytest.raises(RecordingNotWritableError, match="expected at most 65535 objects, got more"):
+    with pytest.raises(RecordingNotWritableError, match="expected at most 655 objects, got more"):
         import_pictures(tmp_path / "f", file, "faces")
     assert file.read_bytes() == before
     assert verify(file).ok
