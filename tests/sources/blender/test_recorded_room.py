@@ -32,14 +32,12 @@ def source():
         yield replay
 
 
-@pytest.fixture(scope="module")
-def images(source):
-    return {name: getattr(recorded_room, name)(source) for name in ("panorama", "fisheye", "noncentral")}
+SLOW = pytest.param("noncentral", marks=pytest.mark.soak)  # planned for seconds; tests/planning has its like
 
 
-@pytest.fixture(params=["panorama", "fisheye", "noncentral"])
-def image(request, images):
-    return images[request.param]
+@pytest.fixture(scope="module", params=["panorama", "fisheye", SLOW])
+def image(request, source):
+    return getattr(recorded_room, request.param)(source)
 
 
 def points_w(image):
@@ -76,15 +74,15 @@ def test_the_walls_are_where_they_were_built(image):
         assert np.max(off - image["depth_error"][here]) <= LENS_M, name
 
 
-def test_normals_are_those_of_the_walls(images):
+@pytest.mark.parametrize("image", ["panorama", "fisheye"], indirect=True)
+def test_normals_are_those_of_the_walls(image):
     """The ceiling's paint is smooth; plaster has bumps, of which shading normals show the slopes."""
-    for image in (images["panorama"], images["fisheye"]):
-        normals_w = image.normals @ image.pose.R_w_c.T
-        for name, (normal, _) in WALLS.items():
-            found = normals_w[seen(image, name)]
-            assert np.abs(np.linalg.norm(found, axis=-1) - 1).max() <= 1e-5
-            slope_deg = np.degrees(np.arccos(np.clip(found @ normal, -1, 1)))
-            assert np.median(slope_deg) <= (0.01 if name == "Ceiling" else 5.0), name
+    normals_w = image.normals @ image.pose.R_w_c.T
+    for name, (normal, _) in WALLS.items():
+        found = normals_w[seen(image, name)]
+        assert np.abs(np.linalg.norm(found, axis=-1) - 1).max() <= 1e-5
+        slope_deg = np.degrees(np.arccos(np.clip(found @ normal, -1, 1)))
+        assert np.median(slope_deg) <= (0.01 if name == "Ceiling" else 5.0), name
 
 
 @pytest.mark.parametrize("number", [0, 5])
@@ -107,9 +105,9 @@ def test_at_the_centres_of_its_pixels_an_image_is_the_capture(number, source):
     assert len(np.unique(ids)) >= 2
 
 
-def test_a_point_has_the_same_object_and_colour_from_a_circle_as_from_its_middle(source, images):
+@pytest.mark.parametrize("image", [SLOW], indirect=True)
+def test_a_point_has_the_same_object_and_colour_from_a_circle_as_from_its_middle(source, image):
     """But where it is hidden from the middle, or shines."""
-    image = images["noncentral"]
     points, kept = points_w(image), image.valid & np.isfinite(image.depth)
     same, apart = [], []
     for view in VIEWS:
