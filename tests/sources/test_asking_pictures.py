@@ -186,7 +186,6 @@ SOUND = {
     "line": {"count": 12, "straight": True}, "turns": {"count": 10, "still": True}, "two": {"count": 2},
     "far": {"count": 6, "step_deg": 35.0},
 }  # fmt: skip
-"""Kinds of sound folders."""
 
 
 @pytest.mark.soak

@@ -261,15 +261,11 @@ def test_the_window_of_plugin_0_3_10_may_differ_from_the_camera():
             assert says in mask.value
 
 
-def test_the_windows_view_mode_gets_into_captures():
-    with visited("vset /viewmode normal") as (connection, _):
+def test_the_windows_view_mode_gets_into_captures_and_stale_frames_are_counted():
+    with visited("vset /viewmode normal", faults=["stale=3"]) as (connection, camera):
         assert doctor.view_mode(connection).verdict == "bad"
         connection.texts([doctor.view_mode(connection).remedy])
         assert doctor.view_mode(connection).verdict == "ok"
-
-
-def test_stale_frames_are_counted():
-    with visited(faults=["stale=3"]) as (_, camera):
         assert doctor.settle(camera).verdict == "ok"
         assert camera.lag == 3
 
