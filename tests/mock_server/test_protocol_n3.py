@@ -56,6 +56,9 @@ def test_the_list_is_the_plugins(start, open_raw, raw):
     assert raw.text("vget /unrealcv/help").split("\n")[::2].count("vget /unrealcv/commands") == 1
     refusing = open_raw(start(shared_memory="refusing"))
     assert set(refusing.text("vget /unrealcv/commands").split("\n")) - set(lines) == set(SHARED)
+    no = "error Windows shared memory transport is only available on Windows"
+    assert refusing.text("vget /camera/0/lit_shared") == no
+    assert refusing.text("vget /camera/99/lit_shared") == "error Invalid sensor id"
 
 
 def test_all_sensors_of_a_cine_camera_have_its_projection(raw):
@@ -98,10 +101,3 @@ def test_exposure_that_is_set_while_the_cine_model_is_on_is_lost(raw):
     raw.text("vset /camera/1/exposure_bias -1")
     raw.text("vset /camera/1/cine/enabled 1")
     assert lit() == pytest.approx(before / 2, rel=0.02)  # rounded to 8 bits
-
-
-def test_shared_memory_is_refused_elsewhere_than_on_windows(start, open_raw):
-    raw = open_raw(start(shared_memory="refusing"))
-    no = "error Windows shared memory transport is only available on Windows"
-    assert raw.text("vget /camera/0/lit_shared") == no
-    assert raw.text("vget /camera/99/lit_shared") == "error Invalid sensor id"

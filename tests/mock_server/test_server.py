@@ -41,16 +41,13 @@ def test_a_wrong_option_is_named(key):
         mock_server.serve("direction", host="0.0.0.0", files="anywhere")
 
 
-def test_stopping_waits_for_no_client_that_has_stopped_reading(start, open_raw):
+def test_stopping_waits_for_no_client_that_does_not_read_and_for_no_slow_frame(start, open_raw):
     server = start(size=(512, 512))
     client = open_raw(server)
     client.send(*(b"%d:vget /camera/0/lit bmp" % number for number in range(20)))
     client.bytes(100)  # the first of 20 MB is on its way
     server.stop()  # a server that waits exceeds the suite's time limit
     server.stop()
-
-
-def test_stopping_waits_for_no_frame_of_a_slow_engine(start, open_raw):
     server = start(frames_per_s=0.01)
     open_raw(server).text("vget /scene/name")
     server.stop()  # a hundred seconds later the suite's time limit is over

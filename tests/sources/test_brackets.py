@@ -126,13 +126,7 @@ def test_a_server_that_does_not_expose_as_it_is_set_is_refused():
             rendered(source)
 
 
-def test_sources_without_exposure_are_refused():
-    refused = pytest.raises(ArgumentError, match="brackets: expected a source whose exposure can be set")
-    with omniscv.open_source("scene://four-wall") as source, refused:
-        bracketed(source, STOPS)
-
-
-def test_exposures_that_cannot_be_merged_are_refused(tmp_path):
+def test_exposures_that_cannot_be_merged_or_set_are_refused(tmp_path):
     view, floats = View(POSE, 90, 8, 8), SceneSource(load_scene("four-wall"), lit="float32")
     for live, error, says in (
         (Exposing(), ArgumentError, "transfer: expected one of srgb, linear, film; got None"),
@@ -143,6 +137,9 @@ def test_exposures_that_cannot_be_merged_are_refused(tmp_path):
             list(source.capture(Request(view, "lit", stops=stops) for stops in STOPS))
         with omniscv.open_source(path) as source, pytest.raises(error, match=says):
             list(source.capture([Request(view, "lit")]))
+    refused = pytest.raises(ArgumentError, match="brackets: expected a source whose exposure can be set")
+    with omniscv.open_source("scene://four-wall") as source, refused:
+        bracketed(source, STOPS)
 
 
 @pytest.fixture

@@ -206,22 +206,14 @@ def folder(tmp_path):
     return tmp_path / "f"
 
 
+LONG = pytest.param(1000, 3, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])
+
+
+@pytest.mark.parametrize(("count", "seed"), [(12, 1), LONG])
 @pytest.mark.parametrize("door", DOORS)
-def test_valid_poses_are_equal_at_every_door(door, folder):
-    check_valid(door, 1, 12, folder)
-
-
-@pytest.mark.parametrize("door", DOORS)
-def test_what_is_no_pose_is_refused_at_every_door(door, folder):
-    check_changed(door, 2, 24, folder)
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize("door", DOORS)
-def test_doors_20000_times(door, folder):
-    check_valid(door, 3, 1_000, folder)
-    check_changed(door, 4, 2_400, folder)
+def test_valid_poses_are_equal_at_every_door_and_others_are_refused(door, count, seed, folder):
+    check_valid(door, seed, count, folder)
+    check_changed(door, seed + 1, 2 * count, folder)
 
 
 HALF = np.radians(15)

@@ -96,13 +96,9 @@ def check_changed(count, seed, folder):
     assert taken > count / 20
 
 
-def test_what_is_changed_at_random_is_right_or_one_line(tmp_path):
-    check_changed(300, 1, tmp_path)
-
-
-@pytest.mark.soak
-def test_what_is_changed_at_random_20000_times(tmp_path):
-    check_changed(20_000, 2, tmp_path)
+@pytest.mark.parametrize("count", [300, pytest.param(20_000, marks=pytest.mark.soak)])
+def test_what_is_changed_at_random_is_right_or_one_line(count, tmp_path):
+    check_changed(count, 1, tmp_path)
 
 
 def saved(name, pixels, **kw):

@@ -99,7 +99,7 @@ def test_an_instant_shows_the_scene_at_its_time_with_its_poses_and_without_what_
     assert not np.array_equal(got["depth"], at_start["depth"])
 
 
-def test_an_address_may_have_a_time():
+def test_an_address_may_have_a_time_and_an_instant_of_another_scene_is_refused():
     with omniscv.open_source("scene://workshop?time=1.25") as source:
         assert source.state == Instant(time=1.25).state
         depth = captured(source)["depth"]
@@ -108,9 +108,6 @@ def test_an_address_may_have_a_time():
         assert copied.state == source.state
         assert source.at(Instant()).state == ""
     assert np.array_equal(depth, captured(SceneSource(MOVING.at(1.25)))["depth"])
-
-
-def test_an_instant_of_another_scene_is_refused():
     with pytest.raises(ArgumentError, match="scene workshop: expected objects of the scene, got 'Cow'"):
         SceneSource(MOVING).at(Instant({"Cow": CRATE}))
     with pytest.raises(ArgumentError, match=r"scene workshop: time: expected -1e\+09 to 1e\+09 s"):

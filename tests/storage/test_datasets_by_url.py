@@ -49,7 +49,11 @@ def in_folder(path):
     return {name: (path / name).read_bytes() for name in tree(path)}
 
 
-def test_frames_are_those_of_the_folder(url, folder, cache):
+def test_counts_and_frames_are_those_of_the_folder_and_there_are_no_faults(url, folder, cache, capsys):
+    assert info(url) == info(folder)
+    assert cli.run(["dataset", "check", url]) == 0
+    assert capsys.readouterr().out == f"{url}: 6 frames, no faults\n"
+    assert not cache.exists()  # a check of frames keeps nothing
     local, remote = dataset.open(folder), dataset.open(url)
     assert not cache.exists()  # fetched when they are used
     assert [frame.key for frame in remote] == [frame.key for frame in local]
@@ -59,13 +63,6 @@ def test_frames_are_those_of_the_folder(url, folder, cache):
             assert np.array_equal(mine.layer(layer), theirs.layer(layer))
     held = {path.name for path in cache.rglob("[!.]*.*")}
     assert held == {f"{each.key}.{kind}" for each in local for kind in ("lit.png", "depth.exr")}
-
-
-def test_counts_are_those_of_the_folder_and_there_are_no_faults(url, folder, cache, capsys):
-    assert info(url) == info(folder)
-    assert cli.run(["dataset", "check", url]) == 0
-    assert capsys.readouterr().out == f"{url}: 6 frames, no faults\n"
-    assert not cache.exists()  # a check of frames keeps nothing
 
 
 def test_faults_are_those_of_the_folder(folder, tmp_path):

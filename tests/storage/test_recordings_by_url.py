@@ -38,7 +38,7 @@ def replayed(source):
     return [capture.payload for capture in source.capture(REQUESTS)]
 
 
-def test_a_recording_on_s3_replays_as_its_file_does(url, room, cache, s3):
+def test_a_recording_on_s3_replays_as_its_file_does(url, room, cache, s3, capsys):
     with omniscv.open_source(room) as local, omniscv.open_source(url) as source:
         assert replayed(source) == replayed(local)
         with pickle.loads(pickle.dumps(source)) as again:  # noqa: S301
@@ -48,9 +48,6 @@ def test_a_recording_on_s3_replays_as_its_file_does(url, room, cache, s3):
     copies[0].write_bytes(b"damaged")
     with omniscv.open_source(url) as source:
         assert len(replayed(source)) == len(REQUESTS)
-
-
-def test_commands_read_urls(url, room, capsys):
     assert info(url).captures == info(room).captures
     assert verify(url).ok
     assert cli.run(["recording", "check", url]) == 0

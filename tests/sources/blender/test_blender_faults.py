@@ -136,13 +136,9 @@ def test_boxes_that_are_none_are_one_clear_sentence(boxes, tmp_path):
         source.geometry()
 
 
-def test_much_noise_before_the_start_is_skipped(tmp_path):
+def test_much_noise_is_skipped_and_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
     """A byte costs as much as the one before, or this does not end."""
-    omniscv.open_source(blender.fake(tmp_path, noise=1_000_000)).close()
-
-
-def test_a_scene_without_a_world_is_a_warning(tmp_path, caplog):
-    omniscv.open_source(blender.fake(tmp_path, world=False)).close()
+    omniscv.open_source(blender.fake(tmp_path, world=False, noise=1_000_000)).close()
     assert caplog.messages == ["room.blend: the scene has no world: pixels without an object are black"]
 
 

@@ -55,10 +55,12 @@ def test_the_command_prints_json_and_exits_with_1_if_anything_is_bad(capsys, mon
     assert "mock://room" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("address", ["http://localhost", "unreal://"])
-def test_what_is_no_address_is_not_examined(address, capsys):
-    assert run(["doctor", address]) == 2
-    assert "expected unreal://host:port" in capsys.readouterr().err
+def test_what_is_no_address_is_not_examined_and_has_no_report(tmp_path, capsys):
+    for address in ("http://localhost", "unreal://"):
+        assert run(["doctor", address]) == 2
+        assert "expected unreal://host:port" in capsys.readouterr().err
+    assert run(["doctor", "--self", "--report", str(tmp_path / "r.zip")]) == 2
+    assert "--report: expected an address unreal:// or mock://, got none" in capsys.readouterr().err
 
 
 def record(game, *options):
@@ -128,8 +130,3 @@ def test_paths_are_left_out(path):
 
     found = _without({"reply": f"Config file: {path}\nvget /camera/0/lit png"}, [])
     assert found == {"reply": "Config file: (path)\nvget /camera/0/lit png"}
-
-
-def test_a_report_is_of_a_server(tmp_path, capsys):
-    assert run(["doctor", "--self", "--report", str(tmp_path / "r.zip")]) == 2
-    assert "--report: expected an address unreal:// or mock://, got none" in capsys.readouterr().err

@@ -132,10 +132,13 @@ def test_without_masks_the_rest_is_captured():
             list(source.capture([Request(FACES[0].view, "object_mask")]))
 
 
-def test_a_window_that_is_higher_than_wide_is_refused():
+def test_a_window_that_is_higher_than_wide_and_a_camera_of_the_level_are_refused():
     expected = "expected pictures at least as wide as high, got 20 x 40"
     with serve(window=(20, 40)) as server, pytest.raises(ServerRefusedError, match=expected):
         omniscv.open_source(server.uri)
+    refused = pytest.raises(ArgumentError, match=r"expected no .camera, .*; give --position")
+    with serve("N3") as server, refused:
+        omniscv.open_source(f"{server.uri}?camera=1")
 
 
 def test_a_window_that_shows_too_little_is_reported():
@@ -230,12 +233,6 @@ def test_views_that_engines_cannot_show_are_refused():
             list(source.capture([Request(View(Pose.from_angles(CENTER), *view), "depth")]))
 
 
-def test_a_camera_of_the_level_is_refused():
-    refused = pytest.raises(ArgumentError, match=r"expected no .camera, .*; give --position")
-    with serve("N3") as server, refused:
-        omniscv.open_source(f"{server.uri}?camera=1")
-
-
 def test_a_setting_that_is_not_kept_is_refused():
     for what, stays, says in (
         ("fov", "90.000000", r"a field of view, degrees, of 100.0, .* got '90.000000'"),
@@ -286,14 +283,7 @@ def test_commands_are_known_from_the_list_or_the_help_and_without_both_by_the_di
     assert supported(without) == HAVE[dialect] - {CINE}
 
 
-def test_a_list_that_does_not_hold_itself_is_not_believed():
-    short = answering("vget /camera/[uint]/cine/enabled", "/commands")
-    with serve("N1") as server, relayed(server, short) as uri:
-        plugin = plugin_of(uri)
-    assert (plugin.dialect, supported(plugin)) == ("N1", HAVE["N1"])
-
-
-def test_the_dev_build_which_names_cameras_in_another_way_is_taken_for_n3():
+def test_the_dev_build_is_taken_for_n3_and_a_list_that_does_not_hold_itself_is_not_believed():
     def dev(command, forward):
         reply = forward(command)
         return reply.replace(b"[uint]", b"[camera_id]") if command.endswith("/commands") else reply
@@ -302,6 +292,10 @@ def test_the_dev_build_which_names_cameras_in_another_way_is_taken_for_n3():
         plugin = plugin_of(uri)
     assert plugin.dialect == "N3"
     assert CINE in plugin.templates
+    short = answering("vget /camera/[uint]/cine/enabled", "/commands")
+    with serve("N1") as server, relayed(server, short) as uri:
+        plugin = plugin_of(uri)
+    assert (plugin.dialect, supported(plugin)) == ("N1", HAVE["N1"])
 
 
 def test_the_documents_have_the_table():

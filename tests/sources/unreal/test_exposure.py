@@ -241,15 +241,7 @@ def test_provenance_that_no_camera_has_is_the_games_exposure(bias):
     assert exposure_from_text(f"manual, bias {bias}") == "game"
 
 
-def test_a_job_matches_the_exposure_where_its_first_image_is(tmp_path):
-    with mock_server.serve("four-wall") as server:
-        arguments = ["--source", server.uri, "--modes", "lit", "--set", "face_size=16", "--position"]
-        assert run(["record", *arguments, "0.5,0.25,1.4", "--out", str(tmp_path / "room.sqlite")]) == 0
-        assert server.statistics.total("vset /camera/1/location 50.000000 -25.000000 140.000000")
-        assert server.statistics.total("vset /camera/1/exposure_method manual")
-
-
-def test_exposure_of_the_command_line(tmp_path, capsys):
+def test_exposure_of_the_command_line_which_is_matched_where_its_first_image_is(tmp_path, capsys):
     base = ["record", "--source", "mock://four-wall", "--modes", "lit", "--set", "face_size=16"]
     out = str(tmp_path / "a.sqlite")
     assert run([*base, "--exposure", "0.5", "--out", out]) == 0
@@ -261,3 +253,8 @@ def test_exposure_of_the_command_line(tmp_path, capsys):
         assert run([*base, "--exposure", wrong, "--out", out]) == 2
     expected = "--exposure: expected auto, game or a bias in stops such as 0.5, got"
     assert [expected in line for line in capsys.readouterr().err.splitlines()] == [True, False, True]
+    with mock_server.serve("four-wall") as server:
+        arguments = ["--source", server.uri, "--modes", "lit", "--set", "face_size=16", "--position"]
+        assert run(["record", *arguments, "0.5,0.25,1.4", "--out", str(tmp_path / "room.sqlite")]) == 0
+        assert server.statistics.total("vset /camera/1/location 50.000000 -25.000000 140.000000")
+        assert server.statistics.total("vset /camera/1/exposure_method manual")

@@ -17,19 +17,13 @@ from omniscv.sources.unreal import watcher
 from omniscv.sources.unreal.launcher import BACKUP, settings_folders, temporary_settings
 
 
-def test_a_game_that_ends_is_quoted(game):
+def test_a_game_that_ends_is_quoted_and_its_settings_lie_beside_it(game):
     behave(game, code=3, words="no GPU found")
     with pytest.raises(ServerConnectionError, match=r"ended with code 3. Its last output: no GPU found"):
         omniscv.open_source(f"launch:{game}")
-
-
-def test_a_game_that_is_no_program_is_one_clear_error(tmp_path):
-    game = tmp_path / "Game"
-    game.write_bytes(b"\x7fELF and no more")
-    game.chmod(0o755)
-    with pytest.raises(ArgumentError, match=r"expected a game that can be run, got: .*Exec format error"):
-        omniscv.open_source(f"launch:{game}")
-    assert list(tmp_path.iterdir()) == [game]
+    assert settings_folders(game) == [beside(game)]
+    assert settings_folders(beside(game) / "Game") == [beside(game)]
+    assert settings_folders(game.parent / "Engine" / "tool") == [game.parent / "Engine"]
 
 
 def test_a_game_that_never_answers_is_stopped(game):
@@ -178,13 +172,7 @@ def test_launches_of_one_package_wait_for_one_another(tmp_path):
     assert file.read_text() == "Port=7\n"
 
 
-def test_settings_lie_beside_the_executable(game):
-    assert settings_folders(game) == [beside(game)]
-    assert settings_folders(beside(game) / "Game") == [beside(game)]
-    assert settings_folders(game.parent / "Engine" / "tool") == [game.parent / "Engine"]
-
-
-def test_what_cannot_be_started_is_one_clear_error():
+def test_what_cannot_be_started_is_one_clear_error(tmp_path):
     for uri, says in (
         ("launch:/no/such/Game", "/no/such/Game: expected a game that can be run"),
         (f"launch:{STAND_IN}", "expected a game that can be run"),  # it is no program by itself
@@ -197,3 +185,9 @@ def test_what_cannot_be_started_is_one_clear_error():
     ):
         with pytest.raises(ArgumentError, match=says):
             omniscv.open_source(uri)
+    game = tmp_path / "Game"
+    game.write_bytes(b"\x7fELF and no more")
+    game.chmod(0o755)
+    with pytest.raises(ArgumentError, match=r"expected a game that can be run, got: .*Exec format error"):
+        omniscv.open_source(f"launch:{game}")
+    assert list(tmp_path.iterdir()) == [game]

@@ -223,7 +223,7 @@ def test_views_that_show_the_same_are_captured_and_soon_not_doubted():
         assert server.statistics.total("vget /camera/1/depth") < 2 * len(requests * 4) + 20
 
 
-def test_vignette_and_exposure_are_fixed_on_request(truth):
+def test_vignette_and_exposure_are_fixed_on_request_and_an_object_that_was_spawned_late_is_measured(truth):
     with mock_server.serve("four-wall", faults=["vignette", "exposure-drift"]) as server:
         with live(server) as source:
             spoiled = payloads(source, REQUESTS)
@@ -233,8 +233,5 @@ def test_vignette_and_exposure_are_fixed_on_request(truth):
     differs = [a != b for a, b in zip(spoiled, truth, strict=True)]
     assert differs == lit
     assert cured == truth
-
-
-def test_an_object_that_was_spawned_late_is_measured_all_the_same(truth):
     with mock_server.serve("four-wall", faults=["object-missing=Table"]) as server, live(server) as source:
         assert payloads(source, REQUESTS) == truth

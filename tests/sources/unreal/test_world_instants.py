@@ -83,7 +83,7 @@ def test_a_batch_is_answered_in_one_tick():
     assert len(payloads["none"]) > 1
 
 
-def test_nothing_is_paused_where_nothing_is_to_be_kept():
+def test_nothing_is_paused_where_nothing_is_to_be_kept_nor_proven_of_a_still_game():
     with serve(time_step_s=0.0) as server, omniscv.open_source(server.uri, freeze="none") as source:
         with source.at(Instant({"Box": MOVED}, frozenset({"Ball"}), 1.5, "night")) as there:
             assert there.state == Instant({"Box": MOVED}, frozenset({"Ball"}), 1.5, "night").state
@@ -94,6 +94,10 @@ def test_nothing_is_paused_where_nothing_is_to_be_kept():
             }
         assert not wrong(source, SCENE)
         assert server.statistics.total("vset /action/game") == 0
+    with serve("N1") as server, omniscv.open_source(server.uri) as source:
+        assert not source.capabilities.moves
+        with source.at(Instant()) as same:
+            assert (same.state, same.capabilities.moves) == ("", False)
 
 
 def test_a_picture_that_proves_is_another_picture():
@@ -243,13 +247,6 @@ def test_every_way_to_freeze_is_proven_and_recorded(freeze, tmp_path):
         again = central(there)
         assert set(there.instant.poses) == {"Ball"}
     assert all(np.array_equal(image[name], again[name]) for name in LAYERS)
-
-
-def test_a_still_game_is_captured_as_before():
-    with serve("N1") as server, omniscv.open_source(server.uri) as source:
-        assert not source.capabilities.moves
-        with source.at(Instant()) as same:
-            assert (same.state, same.capabilities.moves) == ("", False)
 
 
 def test_a_pause_that_does_not_hold_is_found():
