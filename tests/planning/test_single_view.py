@@ -101,6 +101,7 @@ def test_labels_and_points_of_a_drawn_camera(name):
     check(drawn_camera(name, rng), drawn_pose(rng), load_scene(ROOMS[names().index(name) % 2]))
 
 
+@pytest.mark.soak
 def test_a_mirror_ball_in_a_corner_of_the_image():
     ball = create("noncentral-spherical-mirror", 80, 80, mirror_radius=0.3, distance=0.25, focal=29)
     pose = Pose.from_angles((-0.18, 0.61, 1.28), yaw_deg=48, pitch_deg=65, roll_deg=62)
