@@ -8,7 +8,7 @@ from omniscv import cameras
 WIDE = {"width": 96, "height": 48}
 ROUND = {"width": 61, "height": 61}
 LONG = {"width": 80, "height": 45}
-TINY = {"width": 25, "height": 16}
+TINY = {"width": 17, "height": 11}
 """Where a projection takes an iteration of its own for each point."""
 
 
@@ -133,7 +133,7 @@ def example_cameras(central_only: bool = False) -> dict[str, cameras.Camera]:
     for name in cameras.names():
         if central_only and not cameras.model(name).central:
             continue
-        examples[f"{name}-example"] = cameras.model(name).example(64)
+        examples[f"{name}-example"] = cameras.model(name).example(32 if name == "rolling-shutter" else 64)
         for i, parameters in enumerate(EXAMPLES.get(name, ())):
             examples[f"{name}-{i}"] = cameras.create(name, **parameters)
     return examples

@@ -39,9 +39,9 @@ objects:
 """
 
 
-def shot_of(plan):
-    lit, pose = np.zeros((256, 512, 3), np.uint8), Pose.from_angles((0, 0, 1.5), 20.0)
-    return layout.with_truth("shot", lit, room_of_plan(plan), PANORAMA, pose)
+def shot_of(plan, camera=PANORAMA):
+    lit, pose = np.zeros((camera.height, camera.width, 3), np.uint8), Pose.from_angles((0, 0, 1.5), 20.0)
+    return layout.with_truth("shot", lit, room_of_plan(plan), camera, pose)
 
 
 def lines(corners):
@@ -191,9 +191,9 @@ def test_maps_come_back_as_they_were_written(tmp_path):
 
 
 def test_the_truth_that_is_written_can_be_read_as_a_prediction(tmp_path):
-    shot = shot_of(L_SHAPE)
+    shot = shot_of(L_SHAPE, SMALL)
     layout.write(shot, tmp_path)
-    predictions = read(tmp_path, ["shot"], 512)["shot"]
+    predictions = read(tmp_path, ["shot"], WIDTH)["shot"]
     assert predictions.corners == pytest.approx(shot.corners, abs=5e-4)  # three decimals
     for read_back, drawn in zip(predictions.maps, shot.maps, strict=True):
         assert (255 * read_back).round() == pytest.approx(drawn)
