@@ -16,7 +16,6 @@ from omniscv.sources.recording.inspection import verify
 DIALECTS = {"1.x": {}, "0.3.10": {"size": (16, 16)}}
 MODES = ("lit", "object_mask", "depth")
 REQUESTS = [request for x in range(10) for request in face_requests(16, MODES, (0.1 * x, 0.0, 1.5))]
-"""Two thirds of them are more than one turn of the source."""
 
 
 class Game:
