@@ -24,7 +24,7 @@ def laughs(width, depth):
 
 HOSTILE = {
     "laughs": (laughs(9, 12), "at most 100000 values, aliases expanded"),
-    "deep": ("[" * 100_000, "at most 32 levels"),
+    "deep": ("[" * 100_000, "at most 32 levels|nesting depth"),  # newer PyYAML counts, too
     "deep-mappings": ("{a: " * 100_000, "at most 32 levels"),
     "deep-blocks": ("- " * 100_000, "at most 32 levels"),
     "deep-by-alias": ("a: &a " + "[" * 20 + "]" * 20 + "\nb: " + "[" * 20 + "*a" + "]" * 20, "32 levels"),

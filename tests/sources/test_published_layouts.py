@@ -210,7 +210,7 @@ def test_a_layout_of_the_user(tmp_path, file, capsys, monkeypatch):
     for wrong, says in (
         (MINE.replace("z/{i}", "../z/{i}"), "expected a file in the folder, got '../z/0.png'"),
         (MINE.replace("z/{i}", "zz/{i}"), "depth: expected files zz/{i}.png, got none"),
-        (MINE.replace("(?P<i>", "(?P<i"), "expected a folder of layout mine, got error"),
+        (MINE.replace("(?P<i>", "(?P<i"), "expected a folder of layout mine, got "),
         (MINE.replace("'color/(?P", "'(.+)+!color/(?P"), "place: expected a pattern that is matched with"),
     ):
         layout.write_text(wrong)

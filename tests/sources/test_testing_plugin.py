@@ -65,7 +65,7 @@ def test_an_argument_that_a_marker_does_not_take_is_one_line(suite):
     cases = (
         ("unreal_server", "unreal(sice=(8, 8))", "unexpected keyword argument 'sice'"),
         ("unreal_server", "unreal('six-wall', 'N1')", "expected (scene='four-wall', **options)"),
-        ("unreal_server", "unreal(3)", "unreal: expected str"),
+        ("unreal_server", "unreal(3)", "unreal: *str"),
         ("recorded_source", "recorded(path='a')", "expected (file=None), got others"),
     )
     tests = (f"@pytest.mark.{mark}\ndef test_{i}({of}): pass\n" for i, (of, mark, _) in enumerate(cases))
