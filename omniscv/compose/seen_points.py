@@ -52,7 +52,7 @@ class SeenPoints(NamedTuple):
         center_w = captures[0].view.pose.t_w_c
         hits = march(depth_shell(center_w, captures, cube=False), origins_w, directions_w)
         visible = ~np.isnan(hits.reach)
-        agree = hits.join(around)
+        agree = hits.narrow(around)
         better = ~agree & ~hits.sure & (around.sure | ~visible)
         hits[better] = around[better]
         reach = np.where(np.isposinf(hits.reach), FAR_M, hits.reach)[:, None]

@@ -1,14 +1,4 @@
-"""The file of a job: YAML, checked key by key. ``example.yaml`` beside this module has every key.
-
-Paths are relative to the file. A rig may stand in the file; positions of its cameras are metres in the rig's
-frame (x right, y down, z forward), angles degrees from where the rig looks::
-
-    rig:
-      cameras:
-        left:  {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190}}
-        right: {camera: {model: fisheye-equidistant, width: 640, height: 640, fov_deg: 190},
-                position: [0.1, 0, 0], yaw_deg: -90, time_offset: 0.002}
-"""
+"""The file of a job: YAML, checked key by key. ``example.yaml`` beside this module has every key."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence

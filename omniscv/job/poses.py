@@ -1,17 +1,5 @@
-"""The keys ``poses``, ``motions`` and ``times`` of a job: where its cameras and objects are, and when.
-
-``poses`` is a list, the name of a trajectory file or ``{file: NAME, frame: body}``, or a description of poses
-to sample (:mod:`omniscv.job.sampling`). ``times`` is a list of seconds, ``{start, rate, count}``
-(``rate`` alone: from the first pose to the last), or ``poses``: those of the poses. ``motions`` has waypoints
-by object::
-
-    motions:                              # metres and degrees, world frame; yaw to the left +
-      Chair_1:                            # waypoints: linear between them
-        - {time: 0, position: [1.2, 0.4, 0.5]}
-        - {time: 2, position: [1.2, -0.8, 0.5], yaw_deg: 90}
-      Ball: {spline: [...]}               # waypoints, or those of a file, on a smooth curve
-      Door: door.tum                      # a trajectory file; relative to the job's
-"""
+"""The keys ``poses``, ``motions`` and ``times`` of a job: where its cameras and objects are, and when
+(docs/job.md)."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial

@@ -1,18 +1,7 @@
-"""Poses that a job samples in place of listing them: at random in free space, on a grid, along a path.
+"""Poses that a job samples in place of listing them: at random in free space, on a grid, along a path
+(docs/job.md).
 
-::
-
-    poses:
-      random: {count: 50, low: [-2.5, -2, 1.2], high: [2.5, 2, 1.8], clearance: 0.3, start: [0, 0, 1.5],
-               seed: 0, yaw_deg: [-180, 180], pitch_deg: [-10, 10]}
-
-      grid: {low: [-2, -2, 1.5], high: [2, 2, 1.5], step: 0.5, yaws_deg: [0, 90], clearance: 0.3,
-             start: [0, 0, 1.5]}
-
-      path: {waypoints: [[-2, 0, 1.5], [0, 1, 1.5], [2, 0, 1.5]], speed: 1.0, rate: 30, look: ahead}
-
-One of the three. Positions are metres, world frame; angles are numbers, or ``[low, high]`` to draw from.
-This module computes positions and angles. Free space is tested by a function that the caller passes in.
+Free space is tested by a function that the caller passes in.
 """
 
 from collections.abc import Callable

@@ -1,16 +1,4 @@
-"""The key ``vary`` of a job: what of the world is drawn anew for each frame, place or world.
-
-::
-
-    vary:
-      seed: 7
-      per: place                                # frame, place or world
-      objects:   {"Chair_*": {shift: {box: [[-.5, -.5, 0], [.5, .5, 0]]}, turn_deg: [0, 360], shown: 0.8}}
-      lights:    {"Lamp*": {power: {log: [20, 400]}, kelvin: [2700, 6500]}, World: {strength: [0.2, 2]}}
-      materials: {"Wall*": {base_color: {choice: [[0.8, 0.8, 0.7], [0.6, 0.7, 0.8]]}}}
-
-A value is a number; ``[low, high]``, even; ``{log: [low, high]}``, even in the logarithm; ``{normal: [mean,
-sigma]}``; ``{choice: [...]}``; or ``{box: [[X, Y, Z], [X, Y, Z]]}``, a point of a box.
+"""The key ``vary`` of a job: what of the world is drawn anew for each frame, place or world (docs/worlds.md).
 
 **A draw depends on nothing but what it is for**: it is a hash of the seed, the world, the setting, the object
 and the frame or place. So shards, orders and further rules change no other draw.

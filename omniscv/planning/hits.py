@@ -10,8 +10,11 @@ from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask
 
 _SAME_SURFACE = 0.003  # relative to the reach: rays that end nearer to each other meet the same surface
+_APART = 0.02
+"""Of the reach: parts of a ray that two centres are unsure of, nearer to each other, may be at one edge."""
 _SHORT = 0.25
 """Of the reach: a hidden part up to this long widens the bound, a longer one makes the pixel unsure."""
+_MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 
 _NOWHERE: Mask = np.zeros((), np.bool_)
 
@@ -48,14 +51,15 @@ class Hits(np.recarray[Any, Any]):
 
     Attributes:
         reach: (N,) metres along each ray, +inf for the sky, NaN where it is unknown.
-        error: (N,) bound on the error of ``reach``, metres; +inf where nothing bounds it.
+        error: (N,) bound on the error of ``reach``, metres, where the ray passes all that is beside it; +inf
+            where nothing bounds it.
         direction_error: (N,) radians, bound on the resulting error of the direction from the centre.
         hidden_from, hidden_to: (N,) metres along the ray, the part of it that the centre does not see;
             +inf and -inf if it sees all.
         beside_from, beside_to: (N,) metres along the ray, the part of it where another surface is within a
             pixel; +inf and -inf if none is.
         sure: (N,) whether all of the way is visible from the centre.
-        grazes: (N,) whether the ray passes within a pixel of another surface on its way.
+        grazes: (N,) whether the ray hardly passes behind the surface that it meets.
     """
 
     reach: Array
@@ -78,18 +82,21 @@ class Hits(np.recarray[Any, Any]):
         return self[rows].view(Hits)
 
     def known_depth(self) -> KnownDepth:
-        """Return the depth of the rays' pixels; a short hidden part of the way adds to its error.
+        """Return the depth of the rays' pixels; a short hidden part of the way, and what is beside it, add to
+        its error.
 
         Rays that end nowhere are hidden from +inf to -inf, and unsure.
         """
         with np.errstate(invalid="ignore"):
-            may_be_nearer = np.where(self.sure, 0.0, self.reach - self.hidden_from)
+            hidden = np.where(self.sure, 0.0, self.reach - self.hidden_from)
+            beside = self.beside_from <= self.beside_to
+            may_be_nearer = np.fmax(hidden, np.where(beside, _MARGIN * (self.reach - self.beside_from), 0.0))
             long = ~(np.abs(self.hidden_to - self.hidden_from) <= _SHORT * self.reach)
         return KnownDepth(
             self.reach.astype(np.float32),
             np.fmax(self.error, may_be_nearer).astype(np.float32),
             self.direction_error.astype(np.float32),
-            self.grazes | ~self.sure,
+            self.grazes | beside | ~self.sure,
             ~self.sure & long,
         )
 
@@ -97,28 +104,50 @@ class Hits(np.recarray[Any, Any]):
         """Mark some of N hits as unsure, and their rays as hidden all the way."""
         self.sure[rows], self.hidden_from[rows], self.hidden_to[rows] = False, 0.0, np.inf
 
-    def join(self, others: Hits) -> Mask:
-        """Combine with hits of the same rays from another centre, where both end at the same surface.
+    @property
+    def _end(self) -> Interval:
+        """(N,) from and to where rays end, metres along them; beyond an edge they may meet anything."""
+        same, nearer = _SAME_SURFACE * self.reach, np.where(np.isfinite(self.error), self.error, 0.0)
+        with np.errstate(invalid="ignore"):
+            least = np.where(np.isposinf(self.reach), np.inf, self.reach - nearer - same)
+        return least, self.reach + self.error + same
 
-        Two centres together may see all of a ray of which each sees a part.
+    def narrow(self, others: Hits) -> Mask:
+        """Leave in doubt only what another centre does not see free: where it ends, or is in doubt, too.
+
+        A ray ends where its centre says, or somewhere that its centre is unsure of. So two centres together
+        are unsure only of what both are unsure of.
 
         Returns:
-            (N,) whether both end at the same surface.
+            (N,) whether the other centre does not contradict the end; other rays are left as they are.
         """
-        with np.errstate(invalid="ignore"):
-            off = np.where(self.reach == others.reach, 0.0, np.abs(self.reach - others.reach))
-            same = off <= self.error + others.error + _SAME_SURFACE * self.reach
-            vague = others.error > _SAME_SURFACE * self.reach  # it may be the surface beside this one
-        open_ = same & ~self.sure
-        self.hidden_from[open_] = np.maximum(self.hidden_from, others.hidden_from)[open_]
-        self.hidden_to[open_] = np.minimum(self.hidden_to, others.hidden_to)[open_]
-        self.sure[open_] = self.hidden_from[open_] >= self.hidden_to[open_]
-        grazing = open_ & (others.grazes | vague)
-        self.grazes[grazing] = True
-        self.beside_from[grazing] = np.minimum(self.beside_from, others.beside_from)[grazing]
-        self.beside_to[grazing] = np.maximum(self.beside_to, others.beside_to)[grazing]
-        self.error[grazing] = np.maximum(self.error, off + others.error)[grazing]
-        return np.asarray(same)
+        hidden, beside = (self.hidden_from, self.hidden_to), (self.beside_from, self.beside_to)
+        unseen = _wider(others.hidden_from, others.hidden_to)
+        near, end = _wider(others.beside_from, others.beside_to), _wider(*others._end)
+        start, stop = _common(*((self._end, each) for each in (unseen, near, others._end)))
+        agree = np.asarray(start <= stop)
+        still_hidden = _common((hidden, unseen), (hidden, end))
+        still_beside = _common((beside, unseen), (beside, near), (beside, end), (hidden, near))
+        self.hidden_from[agree], self.hidden_to[agree] = (each[agree] for each in still_hidden)
+        self.beside_from[agree], self.beside_to[agree] = (each[agree] for each in still_beside)
+        self.sure[agree] = self.hidden_from[agree] > self.hidden_to[agree]
+        return agree
+
+
+Interval = tuple[Array, Array]
+"""From and to, (N,) each; empty where it ends before it begins."""
+
+
+def _wider(start: Array, end: Array) -> Interval:
+    return start * (1 - _APART), end * (1 + _APART)
+
+
+def _common(*pairs: tuple[Interval, Interval]) -> Interval:
+    """Return the least intervals that hold what is in both of any pair."""
+    starts = np.array([np.maximum(a[0], b[0]) for a, b in pairs])
+    ends = np.array([np.minimum(a[1], b[1]) for a, b in pairs])
+    some = starts <= ends
+    return np.where(some, starts, np.inf).min(axis=0), np.where(some, ends, -np.inf).max(axis=0)
 
 
 _UNKNOWN = np.array(

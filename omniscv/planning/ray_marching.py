@@ -8,8 +8,6 @@ Where g jumps above zero, the ray is occluded from c: what it meets there is unk
 
 With h the distance of c from the ray and psi the angle between ``Y - c`` and the ray,
 ``|Y - c| = h / sin psi``, and steps of equal psi are steps of equal pixels.
-
-Surfaces between pixels, and the planes through them, are those of :mod:`omniscv.geometry.surfaces`.
 """
 
 from typing import Any, NamedTuple
@@ -141,7 +139,7 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
     if not shell.cube and psi < start:
         hit.hidden_from, hit.hidden_to = 0.0, foot + h / np.tan(psi)
         first = False
-    met_at, passed, ahead = -1.0, np.inf, np.inf
+    met_at, ahead = -1.0, np.inf
     while True:
         psi = max(psi, end)
         was_free = was_free or first
@@ -164,19 +162,18 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
             if planar < captured:
                 free = True
                 if planar >= ahead * along:
-                    beside_m = _passed_beside(shell, arc, psi, ahead)
-                    passed = min(passed, _noted(arc, hit, psi, beside_m))
+                    _note(arc, hit, psi, last_step, _passed_beside(shell, arc, psi, ahead))
                 beside = pixel_depth(shell, NEAREST, k, u, v)
                 ahead = beside / along
                 if planar >= beside:
-                    passed = min(passed, _noted(arc, hit, psi, _passing(arc, psi, ahead)))
+                    _note(arc, hit, psi, last_step, _passing(arc, psi, ahead))
             elif was_free and not (first and planar > planar_depth(shell, k, u, v) * _BEHIND):
                 # A step farther: between pixels a surface can lie behind its nearest pixel.
                 behind, before = max(psi - step, 0.5 * end), min(psi + (last_step + step), np.pi)
                 at, gap = _refined(shell, arc, behind, before)
                 if abs(gap) <= _ON_SURFACE:
                     met_at = at
-                    passed = min(passed, _noted(arc, hit, at, _passed_beside(shell, arc, at, ahead)))
+                    _note(arc, hit, at, last_step, _passed_beside(shell, arc, at, ahead))
                     break
         if not free:
             seen_m = foot + h / np.tan(min(psi + last_step, np.pi - 1e-9))
@@ -199,9 +196,6 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
         hit.reach = np.inf
         k, u, v, _ = look_up(shell, arc.direction)
         hit.error = np.inf if shell.precision.largest_m < np.inf else error_said(shell, k, u, v)
-    if passed < np.inf:
-        hit.grazes = True
-        hit.error = max(hit.error, _MARGIN * (hit.reach - passed))
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
@@ -217,13 +211,12 @@ def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
 
 
 @inner(cache=True, nogil=True, error_model="numpy")
-def _noted(arc: Any, hit: Any, psi: float, passed: float) -> float:
-    """Return the reach at which a ray may have met a surface beside it; note where that was seen."""
+def _note(arc: Any, hit: Any, psi: float, last_step: float, passed: float) -> None:
+    """Note that a ray may have met a surface beside it at a reach, since the step before an angle."""
     if passed < np.inf:
-        along_ray = arc.foot + arc.h / np.tan(psi)
-        hit.beside_from = min(hit.beside_from, along_ray)
-        hit.beside_to = max(hit.beside_to, along_ray)
-    return passed
+        before = arc.foot + arc.h / np.tan(min(psi + last_step, np.pi - 1e-9))
+        hit.beside_from = min(hit.beside_from, max(passed, before))
+        hit.beside_to = max(hit.beside_to, arc.foot + arc.h / np.tan(psi))
 
 
 @inner(cache=True, nogil=True, error_model="numpy")

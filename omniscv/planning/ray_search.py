@@ -1,8 +1,8 @@
 """Rays of several optical centres, and what they meet in depth that was captured at few.
 
-Rays are marched through the depth captured at the nearest centres until one certifies that all of the way
-is free (:mod:`omniscv.planning.ray_marching`): the pixel is then looked up there, in the direction of the
-point that the ray meets.
+Rays are marched through the depth captured at one centre after the other, the nearest first, until all of the
+way is known to be free (:mod:`omniscv.planning.ray_marching`). A part of the way is in doubt only where no
+centre sees it free (:meth:`Hits.narrow`). The pixel is looked up at the centre that knows most of its ray.
 
 Where it fails: objects thinner than a pixel of a capture, which a ray may pass unnoticed; mirrors, glass
 and gloss, whose lit colour depends on the viewpoint; a rim of half a capture's pixel around silhouettes,
@@ -14,16 +14,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from omniscv.geometry import Array
+from omniscv import modalities
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.hits import FAR_M, Hits, KnownDepth
+from omniscv.planning.hits import DOUBTFUL, FAR_M, Hits, KnownDepth
 from omniscv.planning.plan import Plan
 from omniscv.planning.ray_marching import march
-from omniscv.planning.rays import Groups
-from omniscv.planning.rounds import Viewpoint
-from omniscv.planning.views import FACE_BORDER_PX, CubeFaces, faces_hit
+from omniscv.planning.rays import Groups, looking
+from omniscv.planning.rounds import Viewpoint, pixels_of
+from omniscv.planning.views import FACE_BORDER_PX, STEEPEST, CubeFaces, faces_hit, holding_view
+from omniscv.render_options import Price
 from omniscv.sources.base import Capture, View
 
 
@@ -42,11 +44,12 @@ class Search:
         hits: of the rays, as far as they are known.
         pixels: (N,) their flat indices in the image.
         shell_of: (N,) the number of the centre that serves the ray; -1: none does.
+        asked: (N,) through how many centres' depth the ray was marched.
     """
 
     def __init__(self, plan: Plan, groups: Groups) -> None:
         rays = plan.rays
-        self._plan = plan
+        self._plan, self._truth = plan, any(modalities.get(mode).truth for mode in plan.modes)
         self.pixels = np.flatnonzero(rays.valid)
         self.origins_w, self.directions_w = plan.origins_w(self.pixels), plan.directions_w(self.pixels)
         own = rays.own_viewpoints
@@ -57,6 +60,7 @@ class Search:
         self.hits = Hits.unknown(len(self.pixels))
         self.shells: list[DepthShell] = []
         self._faces = CubeFaces(plan, plan.edge, plan.border(FACE_BORDER_PX))
+        self.asked = np.zeros(len(self.pixels), np.int64)
         self._first_w = [plan.pose.to_world(group.center_c) for group in groups]
         # A ray may be looked up at any centre: all faces that any of the camera's rays hits.
         hit = [faces_hit(group.directions, plan.pose.R_w_c) for group in groups]
@@ -83,14 +87,14 @@ class Search:
         """March rays that are not yet certified through depth captured at new centres, the nearest first."""
         first = len(self.shells)
         self.shells += [depth_shell(captures[0].view.pose.t_w_c, captures) for captures in depth]
-        self._march(np.flatnonzero(~self.hits.sure), first)
+        self._march(np.flatnonzero(self.doubtful(self.hits)), first)
 
     def _march(self, unsure: Ints, first: int) -> None:
         """March rays that are not certified through the nearest centres, from the first one on."""
-        nearest = self._nearest(unsure)[:, : tuned.TRIES]
+        nearest = self._nearest(unsure)
         for rank in range(nearest.shape[1]):
             for number in range(first, len(self.shells)):
-                rows = unsure[(nearest[:, rank] == number) & ~self.hits.sure[unsure]]
+                rows = unsure[(nearest[:, rank] == number) & self.doubtful(self.hits.of(unsure))]
                 if len(rows):
                     self._march_through(number, rows)
 
@@ -110,6 +114,7 @@ class Search:
         for number, captures in finer.items():
             self.shells[number] = self.shells[number].refined(captures)
         self.hits[rows] = Hits.unknown(len(rows))
+        self.asked[rows] = 0
         self.shell_of[rows] = -1
         self._march(rows, 0)
 
@@ -126,9 +131,18 @@ class Search:
             off = np.abs(after.reach - before.reach)
             bounded = (off < np.inf) & (after.error < np.inf) & (off <= before.error + after.error)
         wrong = ~bounded & ~(np.isposinf(before.reach) & np.isposinf(after.reach))
-        self.hits[rows[wrong]] = after[wrong]
+        self.hits[rows[wrong]], self.asked[rows[wrong]] = after[wrong], 1
         self.shell_of[rows[wrong & np.isnan(after.reach)]] = -1
         return rows[wrong]
+
+    def doubtful(self, hits: Hits) -> Mask:
+        """Return (N,) whether the depth of rays is in doubt; for colours alone, whether it is unverified."""
+        known = hits.known_depth()
+        if not self._truth:
+            return known.unsure
+        with np.errstate(invalid="ignore"):
+            off = ~(known.error <= DOUBTFUL * known.distance)
+        return np.asarray(known.grazes | known.unsure | off)
 
     def hidden_origin(self, worth: float) -> Array | None:
         """Return the origin (3,), world frame, metres, around which most rays are not certified; None where
@@ -156,22 +170,26 @@ class Search:
         return hits
 
     def _march_through(self, number: int, rows: Ints) -> None:
-        hits = self._through(number, rows)
-        known = self.hits.of(rows)
-        known.join(hits)
+        hits, known = self._through(number, rows), self.hits.of(rows)
+        alone = hits.copy()
+        agree = hits.narrow(known)
+        known.narrow(alone)
         # A guess is better than none, and the nearer centre's is better than a farther one's.
-        better = hits.sure | (np.isnan(known.reach) & ~np.isnan(hits.reach))
+        better = (hits.sure & ~known.sure) | (np.isnan(known.reach) & ~np.isnan(hits.reach))
+        resolved = agree & self.doubtful(known) & ~self.doubtful(hits)
+        better |= resolved & np.isfinite(known.error)  # where one sees an edge, the other may be too coarse
         known[better] = hits[better]
         self.shell_of[rows[better]] = number
+        self.asked[rows] += 1
         self.hits[rows] = known
 
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves, with views that see what they meet; None: the
-        faces that do. ``occluded`` (N,) is whether their own optical centres are."""
+        cheapest that do. ``occluded`` (N,) is whether their own optical centres are."""
         center_w, toward_w = self.shells[self.shell_of[rows[0]]].center_w, self.toward_w(rows)
         viewpoint = Viewpoint(
             center_w,
-            self._faces.views(center_w, faces_hit(toward_w, np.eye(3))) if views is None else views,
+            self._coarse_views(center_w, toward_w) if views is None else views,
             self.pixels[rows],
             toward_w=toward_w,
             known_depth=self.hits.of(rows).known_depth(),
@@ -179,6 +197,18 @@ class Search:
             truth_scale=self._plan.options.truth_scale if views is None else 1,
         )
         return self._plan.finished(viewpoint)
+
+    def _coarse_views(self, center_w: Array, toward_w: Array) -> tuple[View, ...]:
+        """Return faces that hold rays, or one view where that is cheaper."""
+        plan, faces = self._plan, self._faces.views(center_w, faces_hit(toward_w, np.eye(3)))
+        if plan.shared or plan.options.seams != "keep" or not plan.sets_views:
+            return faces
+        rays = toward_w / np.linalg.norm(toward_w, axis=1, keepdims=True)
+        R_w_c, half = looking(rays, rays.mean(axis=0), plan.pose.R_w_c[:, 1])
+        pose, price = Pose(center_w, R_w_c), Price(*plan.options.capture_ms)
+        view = holding_view(plan, pose, half, plan.edge / 2) if half.max() <= STEEPEST else None
+        some = [faces, (view,)] if view else [faces]
+        return min(some, key=lambda views: float(price.of(len(views), pixels_of(views))))
 
     def toward_w(self, rows: Ints, reach: Array | None = None) -> Array:
         """Return (N, 3) from the centre of each of N rays to a point of it, ``reach`` (N,) metres along it;

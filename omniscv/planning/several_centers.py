@@ -15,7 +15,6 @@ import numpy as np
 
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
-from omniscv.planning.hits import DOUBTFUL, Hits
 from omniscv.planning.patches import Doubt
 from omniscv.planning.plan import Plan, Strategy
 from omniscv.planning.ray_search import Search, serving_all
@@ -60,7 +59,7 @@ class SeveralCenters(Refinement):
         search.adopt_lost()
         rate, most = 0.0, math.inf
         for _ in range(tuned.DEPTH_ROUNDS):
-            doubt = search.pixels[self._doubtful(search.hits)]
+            doubt = search.pixels[search.doubtful(search.hits)]
             enough = tuned.EDGES * self.aim if self.truth else self.aim
             choice = self.choice(doubt) if enough < len(doubt) < most else ""
             if isinstance(choice, str):
@@ -142,7 +141,7 @@ class SeveralCenters(Refinement):
         """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price, with
         ``rate`` ms a pixel; coarse views ``again`` for rays that no patch shows."""
         search, viewpoints = self._search, []
-        rows = rows[~self._doubtful(search.hits.of(rows))]
+        rows = rows[~search.doubtful(search.hits.of(rows))]
         for number in np.unique(search.shell_of[rows]):
             mine = rows[search.shell_of[rows] == number]
             views = self._finer[number]
@@ -175,7 +174,7 @@ class SeveralCenters(Refinement):
         viewpoint = self._search.viewpoint(rows, None if view is None else (view,), occluded)
         known = viewpoint.known_depth
         if view is None and known is not None:  # masks coarser than depth may be wrong without a sign
-            doubtful = self._shown_finer[rows] & self._doubtful(self._search.hits.of(rows))
+            doubtful = self._shown_finer[rows] & self._search.doubtful(self._search.hits.of(rows))
             known = known._replace(grazes=known.grazes | self._was_wrong[rows] | doubtful)
         return replace(viewpoint, known_depth=known)
 
@@ -183,7 +182,7 @@ class SeveralCenters(Refinement):
         search = self._search
         rows = self._rows_of(pixels)
         hits = search.hits.of(rows)
-        deep, parts = self._doubtful(hits), []
+        deep, parts = search.doubtful(hits), []
         beside = deep & (hits.beside_from <= hits.beside_to)
         helped = ~hits.known_depth().unsure | (hits.hidden_from > hits.hidden_to)  # finer depth shows an end
         for chosen, reach in (
@@ -205,15 +204,6 @@ class SeveralCenters(Refinement):
             coarse = np.where(deep[mine], focal_px[patch_of], self.focal_px[pixels])
             found.append(Doubt(int(number), search.centers_w[number], pixels, toward_w[mine], coarse))
         return found
-
-    def _doubtful(self, hits: Hits) -> Mask:
-        """Return (N,) whether the depth of rays is in doubt; for colours alone, whether it is unverified."""
-        known = hits.known_depth()
-        if not self.truth:
-            return known.unsure
-        with np.errstate(invalid="ignore"):
-            off = ~(known.error <= DOUBTFUL * known.distance)
-        return np.asarray(known.grazes | known.unsure | off)
 
     def _rows_of(self, pixels: Ints) -> Ints:
         return np.searchsorted(self._search.pixels, pixels)
@@ -249,14 +239,17 @@ class SeveralCenters(Refinement):
         return rows, self._march_again(rows, finer)
 
     def _march_again(self, doubted: Ints, finer: Mapping[int, Sequence[Capture]]) -> Ints:
-        """March doubted rays again through finer depth; return others that coarser depth was wrong about."""
+        """March doubted rays again through finer depth, and those of which several centres were asked; return
+        those that coarser depth was wrong about."""
         search = self._search
-        wrong: list[Ints] = [_NONE]
-        search.march_again(doubted, finer)
+        again = np.union1d(doubted, np.flatnonzero(search.asked > 1))
+        clear = again[~search.doubtful(search.hits.of(again))]
+        search.march_again(again, finer)
+        wrong = [clear[search.doubtful(search.hits.of(clear))]]
         self._shown_finer[doubted] = True
         for number, captures in finer.items():
-            mine = np.flatnonzero((search.shell_of == number) & ~self._doubtful(search.hits))
-            mine = np.setdiff1d(mine, doubted, assume_unique=True)
+            mine = np.flatnonzero((search.shell_of == number) & ~search.doubtful(search.hits))
+            mine = np.setdiff1d(mine, again, assume_unique=True)
             views = [capture.view for capture in captures]
             shown = mine[first_view(search.toward_w(mine), views, FACE_BORDER_PX) >= 0]
             self._shown_finer[shown] = True

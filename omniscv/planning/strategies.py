@@ -8,14 +8,13 @@ position first, and the pixels of centres behind their surfaces are flagged.
 
 from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from omniscv import modalities
 from omniscv.errors import ArgumentError, MissingCaptureError
-from omniscv.geometry import Array, Pose, pinhole
+from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
 from omniscv.planning.hits import Hits
@@ -30,7 +29,7 @@ from omniscv.planning.views import (
     STEEPEST,
     CubeFaces,
     faces_hit,
-    holding_size,
+    holding_view,
     straight,
     strip_size,
     strip_views,
@@ -276,10 +275,5 @@ def _single_viewpoint(plan: Plan, group: RayGroup) -> Viewpoint | None:
         focal_px = plan.edge / 2
     focal_px = min(focal_px, LARGEST_FACE_PX / 2 / max(half.max(), _NARROWEST))
     pose = Pose(plan.pose.to_world(group.center_c), plan.pose.R_w_c @ R_c_v)
-    # A recording may have been made of a source that captures no view higher than wide.
-    for capabilities in (plan.capabilities, replace(plan.capabilities, can_set_tall=False)):
-        size = holding_size(half, focal_px, plan.border(FACE_BORDER_PX), capabilities)
-        view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
-        if plan.available((view,)):
-            return Viewpoint(pose.t_w_c, (view,), group.pixels)
-    return None
+    view = holding_view(plan, pose, half, focal_px)
+    return Viewpoint(pose.t_w_c, (view,), group.pixels) if view else None

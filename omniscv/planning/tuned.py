@@ -33,7 +33,6 @@ LEAST_PROMISED = 0.05  # of the aim: rays that a further centre must promise
 HIDDEN_LEFT = 0.95  # of the hidden rays: further centres must leave less
 
 INITIAL_VIEWPOINTS = 8  # optical centres that are captured first, if the options give none
-TRIES = 4  # of centres, nearest first, through which a ray is marched
 SAMPLED_RAYS = 20_000
 ON_THE_WAY = (0.0, 0.3, 0.6, 1.0, 2.0, 4.0)  # of the distance from a centre to the ray's origin
 NEIGHBOURHOODS = 128

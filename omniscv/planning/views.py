@@ -1,7 +1,6 @@
 """Views at an optical centre: cube faces, and strips, narrow views that hold just some rays.
 
-Faces are aligned with the world, so that one set of captures serves every orientation of a camera at that
-centre.
+Faces are aligned with the world, so that one set of captures serves every orientation of a camera there.
 
 The rays of a panorama's column, or of a mirror's ring, lie on a circle of the sphere of directions: on a
 plane or cone about an axis n, ``n . d = c``. A few views set around that circle, their rows along it,
@@ -10,6 +9,7 @@ slow on real servers; what differs is how many views a circle takes.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -208,6 +208,17 @@ def holding_size(half: Array, focal_px: float, border_px: int, capabilities: Cap
     height = 2 * int(np.ceil(focal_px * half[1] + border_px - 0.5 - _ROUNDING)) + 1
     height = max(height, capabilities.min_size)
     return max(width, 1 if capabilities.can_set_tall else height, capabilities.min_size), height
+
+
+def holding_view(plan: Plan, pose: Pose, half: Array, focal_px: float) -> View | None:
+    """Return the least view around extents in tangents; None where a recording holds none."""
+    # A recording may have been made of a source that captures no view higher than wide.
+    for capabilities in (plan.capabilities, replace(plan.capabilities, can_set_tall=False)):
+        size = holding_size(half, focal_px, plan.border(FACE_BORDER_PX), capabilities)
+        view = View(pose, pinhole.fov_deg(size[0], focal_px), *size)
+        if plan.available((view,)):
+            return view
+    return None
 
 
 def _thinned(items: Any, count: int) -> Any:
