@@ -119,8 +119,10 @@ def _from_json(text: str) -> Any:
 
     try:
         return json.loads(text, object_pairs_hook=once)
-    except RecursionError as cause:
-        raise ArgumentError("expected JSON, got one that is nested too deeply") from cause
+    except (json.JSONDecodeError, ArgumentError):
+        raise
+    except (RecursionError, ValueError) as cause:
+        raise ArgumentError("expected JSON, got one nested too deeply, or with too long a number") from cause
 
 
 def _from_yaml(text: str) -> list[Any]:

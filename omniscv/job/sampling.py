@@ -1,8 +1,5 @@
 """Poses that a job samples in place of listing them: at random in free space, on a grid, along a path
-(docs/job.md).
-
-Free space is tested by a function that the caller passes in.
-"""
+(docs/job.md). Free space is tested by a function that the caller passes in."""
 
 from collections.abc import Callable
 from functools import partial

@@ -143,6 +143,7 @@ OURS = "omniscv: 1, model: pinhole, width: 64, height: 48"
     [
         (f"{{{OURS}, 'fx': 1e308, 'fy': 9}}", "fx: expected"),
         (f"{{{OURS}, 'focal': 9, 'center': [1e9, 2]}}", "cx"),
+        ('{"fx": ' + "9" * 5000 + "}", "too long a number"),
         ('{"fx": 500, "fy": 500, "cx": , "cy": 24, "width": 64, "height": 48}', "a key without a value"),
         (
             "# oST version 5.0 parameters\n\n[image]\n\nwidth\n64\n\nheight\n48\n\n[a]\n\ncamera matrix\n"
