@@ -140,10 +140,15 @@ class RenderOptions:
         depth.
 
         Raises:
-            ArgumentError: ``checks`` compares modes that are not among them.
+            ArgumentError: ``checks`` compares modes that are not among them, or masks, which show the
+                objects of ``sky``, are not among them though other ground truth is.
         """
         if self.checks == "beat" and not set(COMPARED) & set(modes):
             raise ArgumentError(f"checks: beat expects depth or object_mask in modes, got {', '.join(modes)}")
+        shows_surfaces = bool({"depth", "normals"} & set(modes))
+        if self.sky and shows_surfaces and "object_mask" not in modes:
+            expected = "expected object_mask in modes, which shows where these objects are"
+            raise ArgumentError(f"sky: {expected}, got {', '.join(modes)}")
         other = {"normals": "normals_from_depth"} if self.normals == "from-depth" else {}
         return tuple(other.get(mode, mode) for mode in modes)
 

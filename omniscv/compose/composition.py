@@ -27,6 +27,7 @@ from omniscv.progress import Progress, Report
 from omniscv.render_options import COMPARED
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture, Source, View
+from omniscv.sources.developing import stands_for_sky
 
 _FLOAT32 = 2.0**-23
 """Relative error of a distance that is stored as float32, and of its ray's digits."""
@@ -81,6 +82,9 @@ class Composing:
         plan, pixels = self._plan, np.flatnonzero(self._plan.rays.valid)
         origins_w, center_w = plan.origins_w(pixels), plan.pose.t_w_c
         distance, label, normal = self._source.trace(origins_w, plan.directions_w(pixels))
+        if plan.options.sky:
+            sky = stands_for_sky(label, self._source.objects(), plan.options)
+            self._canvas.put_part("sky", pixels, sky)
         error = np.where(np.isfinite(distance), distance * _FLOAT32, 0).astype(np.float32)
         masks = self._source.objects().mask_values() if "object_mask" in plan.traced else label
         values = {"depth": distance.astype(np.float32), "object_mask": masks[label]}

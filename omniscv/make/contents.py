@@ -149,6 +149,8 @@ def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequ
     check_modes(source, modes)
     if job.motions:
         known_objects(job.motions, source.objects().names(), "motions")
+    if job.options.sky:
+        known_objects(job.options.sky, source.objects().names(), "sky")
     if contents.classes is not None:
         contents.classes.table(source.objects().names())
     asks = any(truths.get(name).check for name in contents.truth)
@@ -159,10 +161,20 @@ def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequ
             with within(f"truth.{name}"):
                 truth.check(source, geometry, modes, truth.read_options(options))
     check_face_size(job, source)
-    for camera in list(job.cameras.values())[:1] if job.poses else ():
-        _ = renderer.plan(camera, job.poses[0], job.options).aim  # refuses an accuracy of no use
+    if job.poses:
+        _check_accuracy(job, renderer, modes)
     if source.recorded_views() is not None:
         _check_recorded(job, renderer, planned)
+
+
+def _check_accuracy(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> None:
+    """Refuse an accuracy of no use, and budgets below what the first captures of an image take."""
+    options = job.options
+    has_budget = options.most_captures is not None or options.most_megapixels is not None
+    for camera in job.cameras.values() if has_budget or options.accuracy is not None else ():
+        plan = replace(renderer.plan(camera, job.poses[0], options), modes=modes).by_rays()
+        if plan.aim is not None and has_budget:
+            plan.make(plan.modes)
 
 
 def check_face_size(job: Job, source: Source) -> None:

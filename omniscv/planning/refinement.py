@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omniscv import modalities
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import tuned
@@ -104,8 +105,31 @@ class Refinement(ABC):
         return self._doubted.beyond <= self._aim
 
     def counted(self) -> Rounds:
-        """Return the first rounds, and finer ones; a last one has no viewpoints and says why they end."""
+        """Return the first rounds, and finer ones; a last one has no viewpoints and says why they end.
+
+        ArgumentError: a budget does not allow the first rounds.
+        """
+        options = self.plan.options
+        if options.most_captures is not None or options.most_megapixels is not None:
+            self._check_budgets()
         return pass_on(self.planned(), self._count)
+
+    def _check_budgets(self) -> None:
+        """Refuse budgets that do not allow what is captured first, whatever it shows."""
+        options, first = self.plan.options, type(self)(replace(self.plan, doubt=None))
+        for _ in pass_on(first.planned(), first._count):
+            pass
+        count, megapixels = first._requests, first._pixels / 1e6
+        advice = "which the first captures of the image take"
+        if options.most_captures is not None and count > options.most_captures:
+            raise ArgumentError(
+                f"most_captures: expected at least {count}, {advice}, got {options.most_captures}"
+            )
+        if options.most_megapixels is not None and megapixels > options.most_megapixels:
+            least = math.ceil(100 * megapixels) / 100
+            raise ArgumentError(
+                f"most_megapixels: expected at least {least:g}, {advice}, got {options.most_megapixels:g}"
+            )
 
     @abstractmethod
     def planned(self) -> Rounds:

@@ -74,6 +74,33 @@ def test_each_command_refuses_a_later_world_before_the_first_capture(omniscv, tm
         assert [path.name for path in tmp_path.iterdir()] == ["job.yaml"]
 
 
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        ({"sky": ["Sofa"]}, "worlds.shop: sky: expected objects of the scene, got 'Sofa'; it has"),
+        ({"sky": ["Wal"], "modes": ["lit", "object_mask"]}, "worlds.kitchen: sky: expected objects of"),
+        (
+            {"sky": ["Layout_Ceiling"], "modes": ["lit", "depth"]},
+            "worlds.kitchen: sky: expected object_mask in modes",
+        ),
+        (
+            {"accuracy": "1%", "most_captures": 1, "strategy": "auto", "face_size": "auto"},
+            "worlds.kitchen: most_captures: expected at least 18, which the first captures",
+        ),
+        (
+            {"accuracy": "1%", "most_megapixels": 0.01, "strategy": "auto", "face_size": "auto"},
+            "worlds.kitchen: most_megapixels: expected at least",
+        ),
+    ],
+    ids=["sky of another world", "sky misspelt", "sky without masks", "captures", "megapixels"],
+)
+def test_options_of_images_are_checked_by_world(keys, says, omniscv, tmp_path):
+    worlds = {"kitchen": WORLDS["kitchen"], "shop": {"source": "scene://open"}}
+    line = refusal(omniscv, "job, plan, dataset make", worlds=worlds, **keys)
+    assert line.startswith(f"omniscv: {says}")
+    assert [path.name for path in tmp_path.iterdir()] == ["job.yaml"]
+
+
 def test_every_command_refuses_what_one_world_lacks(omniscv, tmp_path):
     moved = {"motions": {"Vaze": [{"time": 0, "position": [0, 0, 1]}]}, "times": [0]}
     line = refusal(omniscv, "job, plan, render, dataset make", **ONE, **moved)

@@ -160,6 +160,20 @@ def test_budgets_are_kept_and_named():
         assert image.doubtful > 0.001
 
 
+@pytest.mark.parametrize("camera", [PANORAMA, RING], ids=["one centre", "several"])
+def test_a_budget_below_what_is_captured_first_is_refused_and_the_named_one_is_enough(camera):
+    with (
+        source() as counted,
+        pytest.raises(ArgumentError, match="most_captures: expected at least") as refused,
+    ):
+        made(camera, counted, TRUTH, accuracy="0.1%", most_captures=1)
+    assert counted.requests == 0
+    least = int(refused.value.message.split("at least ")[1].partition(",")[0])
+    with source() as counted:
+        image = made(camera, counted, TRUTH, accuracy="0.1%", most_captures=least)
+    assert image.effort.captures == counted.requests == least
+
+
 def test_a_replay_is_the_image_and_one_without_finer_views_says_so(one_percent):
     image, _, path = one_percent
     with omniscv.open_source(path) as replayed:

@@ -49,6 +49,33 @@ def test_each_pixel_shows_what_its_own_ray_meets(camera, strategy, masks):
     np.testing.assert_allclose(points, np.sort(ends, axis=0), atol=1e-5)
 
 
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_objects_that_stand_for_the_sky_are_the_sky_of_rays(camera):
+    """As of captures, up to what these mark as doubtful."""
+    images = {}
+    for address in ("scene://four-wall", "scene://four-wall?traces=0"):
+        with omniscv.open_source(address) as source:
+            images[address] = omniscv.render(
+                camera, POSE, source, DATA, sky=("Layout_Ceiling", "Layout_Floor")
+            )
+            truth, table = traced(source, camera, POSE), source.objects()
+    rays, captured = images.values()
+    sky = rays.valid & np.isin(truth.label, [table.label("Layout_Ceiling"), table.label("Layout_Floor")])
+    assert 0.1 < sky.mean() < 0.9
+    for name, value in {
+        "depth": np.inf,
+        "depth_error": 0,
+        "labels": 0,
+        "object_mask": 0,
+        "normals": 0,
+    }.items():
+        assert (rays[name][sky] == value).all(), name
+    assert np.isfinite(rays.depth[~sky]).all()
+    sure = captured.valid & ~captured.doubt
+    assert (np.isinf(captured.depth) == sky)[sure].all()
+    assert (rays.labels == captured.labels)[sure].all()
+
+
 def test_colours_beside_them_are_captured_as_alone_and_centres_behind_a_wall_are_marked():
     """The ring around a place 0.2 m from the wall x = 3 goes through it; options ask for shared captures."""
     ring, behind = CAMERAS["ring"], omniscv.Pose.from_angles((2.8, 0, 1.5))

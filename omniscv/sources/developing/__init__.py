@@ -10,10 +10,12 @@ from functools import cached_property
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.geometry import Array, Pose, cube_rotations
+from omniscv.geometry.arrays import Mask
 from omniscv.render_options import RenderOptions
-from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View, known_objects
+from omniscv.sources.base import Capture, ObjectTable, Request, Source, SourceWrapper, View, known_objects
 from omniscv.sources.developing.cube import Cube
 from omniscv.sources.developing.seams import mend
 from omniscv.sources.developing.slips import POOLED, pooled_vignette, proven_turns, straightened
@@ -107,9 +109,8 @@ class Developed(SourceWrapper):
         if capture.mode != "object_mask" or not self._options.sky:
             return capture
         table = self._source.objects()
-        known_objects(self._options.sky, table.names(), "sky")
         labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
-        sky = np.isin(labels, [table.label(name) for name in self._options.sky])
+        sky = stands_for_sky(labels, table, self._options)
         return replace(capture, marks={"sky": np.where(sky, np.uint8(255), np.uint8(0))})
 
     def _straight(self, capture: Capture) -> Capture:
@@ -150,6 +151,13 @@ class Developed(SourceWrapper):
         places = (np.array(centers[i]) for i in some)
         cubes = (Cube.recorded(self._source, at, self._source.state) for at in places)
         return pooled_vignette((cube for cube in cubes if cube is not None), transfer)
+
+
+def stands_for_sky(labels: NDArray[np.uint16], table: ObjectTable, options: RenderOptions) -> Mask:
+    """Return (...) whether labels (...) are of objects that stand for the sky; ArgumentError for an unknown
+    name."""
+    known_objects(options.sky, table.names(), "sky")
+    return np.isin(labels, [table.label(name) for name in options.sky])
 
 
 def develop(source: Source, options: RenderOptions) -> Source:
