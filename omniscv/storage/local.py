@@ -1,17 +1,18 @@
 """Local folders: atomic writes, locks, and scratch folders."""
 
 import errno
+import logging
 import os
 import secrets
 import shutil
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
-from typing import IO
+from typing import IO, Literal
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, StorageError
@@ -25,7 +26,17 @@ _TOKEN_BYTES = 8
 _TOKEN_PATTERN = "[0-9a-f]" * (2 * _TOKEN_BYTES)
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _LAST_BYTES = 10_000  # that are searched for a last line
-_NO_LOCKS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL)
+_NO_LOCKS = (
+    errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.ENOTTY, errno.EOPNOTSUPP,
+    errno.EPERM,
+)  # fmt: skip
+"""With which file systems say that they lock nothing: Lustre, NFS, and those in user space."""
+_BUSY = (errno.EAGAIN, errno.EACCES)
+_LOCK_WAIT_S = 3600.0
+_FIRST_LINE_S, _LINES_EVERY_S = 10.0, 60.0
+_POLL_S = 0.05
+_MOST_SCRATCH_FOLDERS = 100  # that are made in vain
+_log = logging.getLogger("omniscv")
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 
 
@@ -148,78 +159,133 @@ def remove_parts(path: Path) -> None:
 def scratch_folder(parent: Path, prefix: str) -> Iterator[Path]:
     """Yield a new, empty folder ``PREFIX`` + token in ``parent``, and remove it at the end.
 
-    It is locked until then, so that :func:`remove_scratch` of another process or thread skips it.
+    It is locked until then, so that :func:`remove_scratch` of another process or thread skips it. One that
+    was removed before it was locked is replaced by another; StorageError if that happens every time.
     """
-    while True:
+    for _ in range(_MOST_SCRATCH_FOLDERS):
         folder = parent / f"{prefix}{secrets.token_hex(_TOKEN_BYTES)}"
         folder.mkdir(parents=True)
-        with _try_lock(folder) as is_locked:
-            if not is_locked and sys.platform != "win32":  # remove_scratch was faster than the lock
+        with _try_lock(folder) as lock:
+            if lock in ("busy", "gone"):
+                shutil.rmtree(folder, ignore_errors=True)
                 continue
             try:
                 yield folder
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
             return
+    wanted = f"expected a new folder {prefix}* that can be locked"
+    got = f"got {_MOST_SCRATCH_FOLDERS} that another program locked or removed at once"
+    raise StorageError(f"{parent}: {wanted}, {got}; end it, or write elsewhere")
 
 
 def remove_scratch(parent: Path, prefix: str) -> None:
-    """Remove the scratch folders of a prefix that killed processes left in ``parent``."""
+    """Remove the scratch folders of a prefix that killed processes left in ``parent``.
+
+    Where a file system has no locks, nobody knows whether one is in use, and all stay.
+    """
     for folder in parent.glob(f"{escape(prefix)}{_TOKEN_PATTERN}"):
-        with _try_lock(folder) as is_locked:
-            if is_locked:
+        with suppress(OSError), _try_lock(folder) as lock:  # another user's, or one on its way out
+            if lock == "locked":
                 shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
-def locked(folder: Path, timeout_s: float | None = None) -> Iterator[None]:
-    """Lock a folder against other processes and threads; wait for it. A killed process leaves no lock.
+def locked(folder: Path, timeout_s: float = _LOCK_WAIT_S) -> Iterator[None]:
+    """Lock a folder against other processes and threads; wait for it, and log that after some seconds. A
+    killed process leaves no lock.
 
-    Without effect on Windows, and on network folders that cannot be locked: there only one process at a time
-    may write a folder.
+    Without effect on Windows, and on file systems without locks: there only one process at a time may write a
+    folder. That is logged, once for each file system.
 
     Args:
         folder: which must exist.
-        timeout_s: how long to wait; None for as long as it takes.
+        timeout_s: how long to wait.
 
     Raises:
         TimeoutError: another process or thread held the lock all the time.
     """
-    if sys.platform == "win32":
-        yield
-        return
-    opened = os.open(folder, os.O_RDONLY)
-    deadline = time.monotonic() + (timeout_s or 0)
+    opened = os.open(folder, os.O_RDONLY) if sys.platform != "win32" else None
+    started = time.monotonic()
+    line_s = _FIRST_LINE_S
     try:
-        while True:
-            try:
-                fcntl.flock(opened, fcntl.LOCK_EX | (0 if timeout_s is None else fcntl.LOCK_NB))
-                break
-            except BlockingIOError as cause:
-                if time.monotonic() > deadline:
-                    raise TimeoutError(f"{folder}: locked by another process") from cause
-                time.sleep(0.1)
-            except OSError as cause:
-                if cause.errno not in _NO_LOCKS:
-                    raise
-                break
+        while _flock(folder, opened) == "busy":
+            seconds = time.monotonic() - started
+            if seconds > timeout_s:
+                raise TimeoutError(f"{folder}: locked by another process for {timeout_s:.3g} s; end it first")
+            if seconds > line_s:
+                _log.warning("%s: locked by another process; waiting since %.0f s", folder, seconds)
+                line_s += _LINES_EVERY_S
+            time.sleep(min(_POLL_S, max(0.001, seconds)))
         yield
+    finally:
+        if opened is not None:
+            os.close(opened)
+
+
+_Lock = Literal["locked", "busy", "gone", "none"]
+"""What came of locking a folder: another process has the lock, the folder was removed, or the file system has
+no locks."""
+
+
+@contextmanager
+def _try_lock(folder: Path) -> Iterator[_Lock]:
+    """Lock a folder until the end, and yield what came of it."""
+    if sys.platform == "win32":
+        yield "none"
+        return
+    try:
+        opened = os.open(folder, os.O_RDONLY)
+    except FileNotFoundError:
+        yield "gone"
+        return
+    try:
+        lock = _flock(folder, opened)
+        yield lock if folder.exists() else "gone"
     finally:
         os.close(opened)
 
 
-@contextmanager
-def _try_lock(folder: Path) -> Iterator[bool]:
-    """Lock a folder, and yield whether it exists and was free."""
-    is_locked = False
-    with ExitStack() as stack:
-        if sys.platform != "win32":
-            with suppress(OSError):
-                opened = os.open(folder, os.O_RDONLY)
-                stack.callback(os.close, opened)
-                fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                is_locked = folder.exists()
-        yield is_locked
+def _flock(folder: Path, opened: int | None) -> _Lock:
+    """Lock an open folder without waiting. OSError: of a file system that cannot be reached, say."""
+    if sys.platform == "win32" or opened is None:
+        return "none"
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as cause:
+        if cause.errno in _BUSY:
+            return "busy"
+        if cause.errno not in _NO_LOCKS:
+            raise OSError(cause.errno, f"{cause.strerror} at a lock", str(folder)) from cause
+        _warn_without_locks(os.fstat(opened).st_dev, folder, os.strerror(cause.errno))
+        return "none"
+    return "locked"
+
+
+def _warn_without_locks(device: int, folder: Path, why: str) -> None:
+    """Log that a file system has no locks, once for each."""
+    if device not in _without_locks:
+        _without_locks.add(device)
+        advice = "let one process at a time write there"
+        _log.warning("%s: its file system has no locks (%s); %s", folder, why, advice)
+
+
+_without_locks: set[int] = set()
+"""Numbers of the file systems that have no locks, as far as these were tried."""
+
+
+def refused_file_locks(folder: Path) -> str:
+    """Return why the file system of a folder refuses POSIX locks of files, as SQLite takes them; an empty
+    text if it does not, or if that cannot be tried."""
+    if sys.platform == "win32":
+        return ""
+    with suppress(OSError), _temporary(folder / "lock") as part, part.open("xb") as file:
+        # Of a file of its own: closing a file releases all locks that the process has on it.
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as cause:
+            return "" if cause.errno in _BUSY else str(cause.strerror)
+    return ""
 
 
 @contextmanager

@@ -35,7 +35,7 @@ from omniscv.errors import (
 )
 from omniscv.sources.recording.rows import Head
 from omniscv.sources.recording.world_rows import checked_json
-from omniscv.storage.local import move_new, remove_scratch, scratch_folder
+from omniscv.storage.local import move_new, refused_file_locks, remove_scratch, scratch_folder
 
 SCHEMA_VERSION = 4
 LARGEST_BYTES = 1 << 29
@@ -65,6 +65,10 @@ _HEADER = struct.Struct(">16s2xBB40xI4xI")
 _MAGIC = b"SQLite format 3\0"
 _GROWTH_BYTES = 1 << 26
 _BUSY_TIMEOUT_S = 30.0  # for other processes to finish a change
+_FIRST_WAIT_S = 0.5  # before it is asked whether the file system has locks
+_LONGEST_PATH = 504
+"""Bytes of the longest path that SQLite opens with a journal beside it."""
+_MOST_SETTLED = 100  # times that other processes may change a journal while it is read
 _JOURNAL, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # starts of a journal, and of a page of rows
 _HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
 _log = logging.getLogger("omniscv")
@@ -87,9 +91,14 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
     """Return a connection that has read the header, and with it a journal, in a mode of SQLite's addresses;
     ``torn``: the file may be shorter than its header says.
     """
+    refused = RecordingNotWritableError if mode.startswith("rw") else NotARecordingError
+    length = len(os.fsencode(path.absolute()))
+    if length > _LONGEST_PATH:
+        wanted = f"expected a path of at most {_LONGEST_PATH} bytes, which SQLite opens"
+        raise refused(f"{wanted}, got {length}; choose a shorter one", path)
     uri = f"{path.absolute().as_uri()}?mode={mode}"
     database = sqlite3.connect(
-        uri, timeout=_BUSY_TIMEOUT_S, isolation_level=None, check_same_thread=False, uri=True
+        uri, timeout=_FIRST_WAIT_S, isolation_level=None, check_same_thread=False, uri=True
     )
     database.text_factory = bytes.decode
     try:
@@ -100,11 +109,42 @@ def connect(path: Path, mode: str, *, torn: bool = False) -> sqlite3.Connection:
         database.execute("PRAGMA cell_size_check = ON")
         if torn:
             database.execute("PRAGMA writable_schema = ON")
+        if why := _lacks_locks(database, path):
+            raise refused(why, path)
+        database.execute(f"PRAGMA busy_timeout = {1000 * _BUSY_TIMEOUT_S:.0f}")
         database.execute("PRAGMA schema_version").fetchone()
     except BaseException:
         database.close()
         raise
     return database
+
+
+def _lacks_locks(database: sqlite3.Connection, path: Path) -> str:
+    """Return that the file system has no locks, and what to do; an empty text if nothing says so.
+
+    SQLite does not tell such a file system from a file that another process has locked.
+    """
+    try:
+        database.execute("PRAGMA schema_version").fetchone()
+    except sqlite3.OperationalError as refused:
+        if not _is_of_locks(refused):
+            raise
+        if why := refused_file_locks(path.parent):
+            advice = "use a local disk, or mount this one with locks, as Lustre's option flock does"
+            return f"expected a file system that locks files, as SQLite needs it, got: {why}; {advice}"
+    return ""
+
+
+def _is_of_locks(error: sqlite3.Error) -> bool:
+    """Return whether SQLite was refused a lock, or waited in vain for another process."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_OK)
+    return code in _LOCK_ERRORS or code & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_PERM)
+
+
+_LOCK_ERRORS = (
+    sqlite3.SQLITE_IOERR_LOCK, sqlite3.SQLITE_IOERR_RDLOCK, sqlite3.SQLITE_IOERR_UNLOCK,
+    sqlite3.SQLITE_IOERR_CHECKRESERVEDLOCK,
+)  # fmt: skip
 
 
 def opened(path: Path, write: bool) -> sqlite3.Connection:
@@ -217,15 +257,27 @@ def errors_of(path: Path, *, write: bool = False, advice: str = "") -> Iterator[
     except (OSError, sqlite3.Error, UnicodeError) as cause:
         got = cause.strerror if isinstance(cause, OSError) and cause.strerror else shown(str(cause))
         if write and isinstance(cause, OSError | sqlite3.OperationalError):
-            reason = f"expected a file that can be written, got: {got}; what it held is intact"
+            remedy = _remedy(cause)
+            reason = f"expected a file that can be written, got: {got}{remedy}; what it held is intact"
             raise RecordingNotWritableError(reason, path) from cause
         if isinstance(cause, OSError | sqlite3.OperationalError):
-            reason = f"expected a recording that can be read, got: {got}; if its recorder was killed, open it"
-            advice = "once in a folder that can be written, together with the files beside it"
-            raise NotARecordingError(f"{reason} {advice}", path) from cause
+            reason = f"expected a recording that can be read, got: {got}{_remedy(cause)}"
+            raise NotARecordingError(reason, path) from cause
         if isinstance(cause, sqlite3.DataError | sqlite3.IntegrityError | UnicodeError):
             raise DamagedRecordingError(f"expected rows as recorded, got: {got}", path) from cause
         raise NotARecordingError(f"expected a recording, got another file, or damage: {got}", path) from cause
+
+
+def _remedy(cause: OSError | sqlite3.Error) -> str:
+    """Return what helps against an error of SQLite, behind a semicolon; an empty text if nothing is known."""
+    if isinstance(cause, OSError):
+        return ""
+    if _is_of_locks(cause):
+        return f"; another process has used it for {_BUSY_TIMEOUT_S:.0f} s: let it finish, or end it"
+    if getattr(cause, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_READONLY:
+        open_it = "open it once in a folder that can be written, together with the files beside it"
+        return f"; if its recorder was killed, {open_it}"
+    return ""
 
 
 @cache
@@ -316,7 +368,9 @@ def settle_journal(path: Path) -> None:
     if wal.exists():
         _set_aside(path, wal)
         Path(f"{path}-shm").unlink(missing_ok=True)
-    while journal.exists() and _must_roll_back(path):
+    for _ in range(_MOST_SETTLED):
+        if not (journal.exists() and _must_roll_back(path)):
+            return
         of_file, in_journal = _states_of_file(path), _state_in_journal(journal)
         if not _must_roll_back(path) or in_journal != _state_in_journal(journal):
             continue  # another process has rolled it back
@@ -327,6 +381,8 @@ def settle_journal(path: Path) -> None:
         else:
             got = f"{journal.name} of another program; open it there, or remove the journal"
             raise NotARecordingError(f"expected a journal of omniscv, got {got}")
+    got = f"{journal.name}, which other processes changed {_MOST_SETTLED} times; end them, and open it again"
+    raise NotARecordingError(f"expected a journal that rests, got {got}")
 
 
 def _must_roll_back(path: Path) -> bool:

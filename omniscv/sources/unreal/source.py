@@ -11,7 +11,7 @@ from itertools import accumulate, groupby
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from omniscv.errors import SceneChangedError, ServerRefusedError, SourceError
+from omniscv.errors import SceneChangedError, ServerConnectionError, ServerRefusedError, SourceError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -46,6 +46,7 @@ T = TypeVar("T")
 _TURN_REQUESTS = 96  # of a turn, at least: enough to hide latency, few enough for others to wait for
 _IN_FLIGHT_PX = 1 << 24  # pixels that are requested together; a larger picture is requested alone
 _TURN_PX = 1 << 27  # pixels of a turn, all of which are held in memory
+_MOST_CONNECTIONS = 100  # that break one after the other before the camera is attached
 
 
 class UnrealSource(Source):
@@ -171,7 +172,9 @@ class UnrealSource(Source):
 
     def _client(self) -> Client:
         """Return a working client, with the camera attached and the world as it was set."""
-        while self._attached is None or self._attached.broken:
+        for _ in range(_MOST_CONNECTIONS):
+            if self._attached is not None and not self._attached.broken:
+                return self._attached
             self._driver.stale_frames.reset()
             spawned = self._driver.spawned
             self._driver.attach()
@@ -182,16 +185,21 @@ class UnrealSource(Source):
                 self._world.check_lost()
             self._world.set_again()
             self._attached = client
-        return self._attached
+        raise self._unsteady()
 
     def _steady(self, read: Callable[[], T]) -> T:
         """Return what is read over one connection: a game that restarts in between has other mask colours."""
-        while True:
+        for _ in range(_MOST_CONNECTIONS):
             client = self._client()
             result = read()
             self._connection.check_scene()
             if client is self._connection.client:
                 return result
+        raise self._unsteady()
+
+    def _unsteady(self) -> ServerConnectionError:
+        got = f"got {_MOST_CONNECTIONS} in a row that broke; is the game restarting?"
+        return ServerConnectionError(f"{self._connection.address}: expected a connection that lasts, {got}")
 
     def _captures_of_turn(self, requests: list[Request]) -> Iterator[Capture]:
         """Yield a turn's captures; those from before a fault are kept, and progress resets the retries."""
