@@ -20,6 +20,7 @@ _MOST_PARTS = 64
 _JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
+_KEPT = ("uint8", "uint16", "half")  # types of pixels that come as they are; others as float32
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
 
 
@@ -36,6 +37,8 @@ def environment(file: Path) -> str:
 
 def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
     """Return pixels (H, W, 1 or 3), and the file's bytes where it is a PNG that holds exactly them.
+
+    Floats are float32, or float16 where the file has those: they say how exactly depth is known.
 
     Args:
         file: see :data:`SUFFIXES`. Alpha is ignored.
@@ -132,7 +135,7 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
         _check_size(parts[part].width, parts[part].height)
         _check_spec(parts[part], name, kind, lossy)
         source.geterror()
-        form = str(parts[part].format) if str(parts[part].format) in ("uint8", "uint16") else "float"
+        form = str(parts[part].format) if str(parts[part].format) in _KEPT else "float"
         pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
         if pixels is None or source.has_error:  # half a JPEG has pixels
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
@@ -182,4 +185,4 @@ def _npy(payload: bytes) -> Pixels:
     pixels = array.reshape(*array.shape[:2], -1)[..., :3]
     pixels = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
     with np.errstate(over="ignore"):  # 1e300 becomes infinite, and is counted
-        return pixels.astype(np.float32) if array.dtype.kind == "f" else pixels
+        return pixels.astype(np.float32) if array.dtype == np.float64 else pixels

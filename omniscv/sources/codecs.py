@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import modalities
-from omniscv.arguments import numbers, shown
+from omniscv.arguments import number, numbers, shown
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry.precision import Precision
 from omniscv.geometry.unreal_frame import direction_from_unreal
@@ -58,8 +58,14 @@ def encodings() -> tuple[str, ...]:
 
 def precision(capture: Capture) -> Precision:
     """Return the precision of a capture of depth: of its encoding, floats if that is not known, and what its
-    provenance says as ``depth_error``, metres and a share."""
+    provenance says as ``half_floats``, metres of a one and whether they are along the ray, and as
+    ``depth_error``, metres and a share."""
     of_codec = _codecs[capture.encoding].precision if capture.encoding in _codecs else Precision()
+    if "half_floats" in capture.provenance:
+        unit_m, along_ray = numbers("half_floats", capture.provenance["half_floats"], (2,)).tolist()
+        of_codec = _of_halves(number("half_floats", unit_m, above=0), bool(along_ray))
+    elif capture.encoding in ("npy", NEAR_MIDDLE) and _holds_halves(capture.payload):
+        of_codec = _of_halves(1.0, False)._replace(middle_px=of_codec.middle_px)
     if "depth_error" not in capture.provenance:
         return of_codec
     off_m, share = numbers("depth_error", capture.provenance["depth_error"], (2,)).tolist()
@@ -67,6 +73,14 @@ def precision(capture: Capture) -> Precision:
         got = f"{off_m:g}, {share:g}"
         raise ArgumentError(f"depth_error: expected metres and a share of 0 or more, got {got}")
     return of_codec._replace(off_m=of_codec.off_m + off_m, share=of_codec.share + share)
+
+
+def _of_halves(unit_m: float, along_ray: bool) -> Precision:
+    return Precision(unit_m, _HALF_DIGITS, along_ray, largest_m=UNREAL_SKY * unit_m)
+
+
+def _holds_halves(payload: bytes | memoryview | None) -> bool:
+    return payload is not None and npy.layout(bytes(payload[: npy.HEADER_BYTES]))[1] == np.float16
 
 
 def error_of(capture: Capture) -> NDArray[np.float32] | None:
@@ -311,7 +325,5 @@ for _scale in (100, 256, 1000, 4000, 5000, 6553.5):
     _whole = Precision(largest_m=0xFFFF / _scale, off_m=0.5 / _scale)
     register(f"png uint16 {_scale}", partial(_uint16, float(_scale)), ("depth",), _whole)
 register("png normal", _unreal_normals, ("normals",))
-_PLANAR_CM = Precision(0.01, _HALF_DIGITS, along_ray=False, largest_m=UNREAL_SKY / 100)
-_RAY_M = Precision(1.0, _HALF_DIGITS, along_ray=True, largest_m=UNREAL_SKY)
-register("npy planar cm", partial(_unreal_depth, False), ("depth",), _PLANAR_CM)
-register("npy ray m", partial(_unreal_depth, True), ("depth",), _RAY_M)
+register("npy planar cm", partial(_unreal_depth, False), ("depth",), _of_halves(0.01, False))
+register("npy ray m", partial(_unreal_depth, True), ("depth",), _of_halves(1.0, True))

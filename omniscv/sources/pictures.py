@@ -134,7 +134,8 @@ class Picture(NamedTuple):
         step_m: between two numbers that the file can hold, of depth in whole numbers; else 0.
         clipped: number of values that are taken as another: negative or NaN light as 0, the largest whole
             number of depth as no surface.
-        error: (H, W) metres that depth may be off; None: ``step_m / 2``.
+        error: (H, W) metres that depth may be off; None: half of :meth:`steps_m`.
+        half_m: metres of a one, of depth that was stored in half floats; else 0.
     """
 
     pixels: Pixels
@@ -143,6 +144,18 @@ class Picture(NamedTuple):
     step_m: float = 0.0
     clipped: int = 0
     error: Pixels | None = None
+    half_m: float = 0.0
+
+    @property
+    def steps_m(self) -> float | NDArray[np.float32]:
+        """Metres between two numbers that the file can hold: of all, or of each pixel (H, W) in half floats;
+        where those show no surface 0, or more if they cannot hold that of a far one."""
+        if not self.half_m:
+            return self.step_m
+        none = ~np.isfinite(self.pixels)
+        stored = np.where(none, np.float32(0), self.pixels / np.float32(self.half_m)).astype(np.float16)
+        steps = np.spacing(stored).astype(np.float32) * np.float32(self.half_m)
+        return np.where(none, np.float32(0 if self.half_m >= 1 else self.half_m), steps)
 
     def converted(self, pixels: Pixels) -> Picture:
         """Return a picture of other pixels, which the bytes do not hold."""
@@ -182,6 +195,7 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
 def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     clipped = 0
     if pixels.dtype.kind == "f":
+        pixels = pixels.astype(np.float32, copy=False)
         low, wrong = ~(pixels >= 0), np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
         if wrong and not (clip and (pixels[~low] <= _MOST_LIGHT).all()):
             got = f"{wrong} of {pixels.size} other values; --clip takes negative and NaN as 0"
@@ -215,7 +229,8 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
         raise ArgumentError(f"expected floats or 16 bits a pixel, got {got}")
     if whole and not form.per_m:
         raise ArgumentError("expected the unit of whole numbers, such as --depth planar-mm, got none")
-    stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored
+    half_m = 1 / per_m if stored.dtype == np.float16 else 0.0
+    stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored.astype(np.float32)
     none = no_surface(pixels[..., 0], form.missing, per_m)
     metres = np.asarray(stored / per_m if whole else stored * (1 / per_m), np.float32)
     wrong = ((metres < 0) | (metres > _MOST_M)) & ~none
@@ -227,7 +242,8 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
     as_received = received in encodings() and not stored[none].any()
     clipped = np.count_nonzero(none & (stored != 0)) if whole and not form.missing else 0
     known = np.where(none, np.float32(np.inf), metres)
-    return Picture(known, payload, received * as_received, whole / per_m, int(clipped))
+    encoding = received if as_received else ""
+    return Picture(known, payload, encoding, whole / per_m, int(clipped), half_m=half_m)
 
 
 def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pixels:

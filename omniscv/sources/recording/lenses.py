@@ -126,7 +126,9 @@ class Wide:
         return (u, v), Pinhole(focal, focal, w / 2, h / 2, w, h)
 
 
-def straight(pixels: Pixels, lens: Pinhole | Wide, mode: str, step_m: float = 0.0) -> tuple[Pixels, Pinhole]:
+def straight(
+    pixels: Pixels, lens: Pinhole | Wide, mode: str, step_m: float | Pixels = 0.0
+) -> tuple[Pixels, Pinhole]:
     """Return the flat picture of a bent one, sampled as by :func:`to_faces`, and its lens."""
     maps, flat = lens.flat
     layers = _layers(pixels, mode, step_m, 1 / flat.fx, _beyond)
@@ -215,7 +217,7 @@ def _lens(camera: Any) -> Pinhole | Wide | None:
 
 
 def to_faces(
-    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float = 0.0
+    picture: Pixels, mode: str, of_openexr: int = 0, step_m: float | Pixels = 0.0
 ) -> Iterator[tuple[Pixels, Array, float]]:
     """Yield six faces of a panorama (H, W, ...), twice as fine as its equator: pixels, rotation (3, 3), and
     degrees.
@@ -228,7 +230,7 @@ def to_faces(
         picture: colours, masks, or depth along the ray.
         mode: ``lit``, ``object_mask`` or ``depth``.
         of_openexr: 1 if the first and the last column show one meridian, of OpenEXR's axes; else 0.
-        step_m: of whole numbers that depth was stored in.
+        step_m: between two numbers that depth was stored in, of all or (H, W); 0 of float32.
     """
 
     height, width = picture.shape[:2]
@@ -254,7 +256,11 @@ def to_faces(
 
 
 def _layers(
-    picture: Pixels, mode: str, step_m: float, pixel_rad: float, around: Callable[[Pixels], Pixels]
+    picture: Pixels,
+    mode: str,
+    step_m: float | Pixels,
+    pixel_rad: float,
+    around: Callable[[Pixels], Pixels],
 ) -> list[tuple[Pixels, int]]:
     """Return what of a picture is remapped, with a pixel more on every side, and OpenCV's filter of each; of
     depth distances, their error and that between pixels, their inverses, and where these are not known."""
@@ -291,17 +297,18 @@ def _of_layers(layers: list[Pixels], mode: str) -> Pixels:
     return np.stack([distance, error], axis=-1).astype(np.float32)
 
 
-def _error(inverse: Array, change: Array, known: Mask, step_m: float) -> NDArray[np.float32]:
+def _error(inverse: Array, change: Array, known: Mask, step_m: float | Pixels) -> NDArray[np.float32]:
     """Return how far distances may be off whose inverse is off by ``change``, metres."""
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(change < inverse, change / (inverse * (inverse - change)), np.inf) + step_m / 2
     error[~known] = np.inf
-    error[known & (inverse == 0)] = np.inf if step_m else 0.0
+    none = known & (inverse == 0)
+    error[none] = np.where(np.broadcast_to(step_m, none.shape)[none] > 0, np.inf, 0)
     return np.asarray(error, np.float32)
 
 
 def _inverse(
-    distance: Pixels, step_m: float, pixel_rad: float, around: Callable[[Pixels], Pixels]
+    distance: Pixels, step_m: float | Pixels, pixel_rad: float, around: Callable[[Pixels], Pixels]
 ) -> tuple[Array, Array, Array, Mask]:
     """Return 1 / distance of (H, W) pixels, half its change to the next pixel, and its second
     difference, summed over both axes; and whether the neighbours are on the same surface."""

@@ -185,8 +185,7 @@ class Sequence:
         if lens is None:
             if width != 2 * height:
                 raise ArgumentError(f"expected a panorama twice as wide as high, got {width} x {height}")
-            step_m = picture.step_m
-            for pixels, R, fov_deg in to_faces(picture.pixels, mode, self.of_openexr, step_m):
+            for pixels, R, fov_deg in to_faces(picture.pixels, mode, self.of_openexr, picture.steps_m):
                 face = Pose(pose.position, pose.R_w_c @ _FRONT.T @ R)
                 yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
             return
@@ -194,7 +193,7 @@ class Sequence:
         if isinstance(lens, Pinhole) and not lens.is_bent:
             yield lens.view(pose), picture
             return
-        pixels, flat = straight(picture.pixels, lens, mode, picture.step_m)
+        pixels, flat = straight(picture.pixels, lens, mode, picture.steps_m)
         if mode == "depth":
             pixels, picture = pixels[..., 0], picture._replace(error=pixels[..., 1])
         yield flat.view(pose), picture.converted(pixels)
@@ -252,8 +251,10 @@ def capture_of(
         return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
     if mode == "depth" and pixels.ndim == 2:
         lengths, error = view.ray_lengths(), picture.error
-        if error is None and picture.step_m:
-            error = np.where(pixels < np.inf, picture.step_m / 2, np.inf)
+        if error is None and picture.half_m and view.lens is None:
+            provenance = {**provenance, "half_floats": [picture.half_m, int(ray)]}
+        elif error is None and (picture.step_m or picture.half_m):
+            error = np.where(pixels < np.inf, picture.steps_m / 2, np.inf)
         pixels = np.asarray(pixels / lengths if ray else pixels, np.float32)
         if error is not None:
             pixels = np.stack([pixels, np.asarray(error if ray else error * lengths, np.float32)], axis=-1)
