@@ -263,6 +263,45 @@ def test_names_stand_where_programs_put_them(text, name, folder):
     np.testing.assert_allclose(frame.pose.rotation, LEVEL, atol=1e-15)
 
 
+TILTED = "name,x,y,z,yaw,pitch\na.png,1,2,3,30,0\nb.png,1,2,3,30,10\n"
+LYING = "b.png 1 2 3 -0.5 0.5 -0.5 0.5\n"  # seen as a camera, that is level
+YAW = f"b.png 1 2 3 0 0 {np.sin(HALF)} {np.cos(HALF)}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "body", "camera"),
+    [
+        (TILTED, "yaw 30, pitch -10, roll 0", "yaw 30, pitch 10, roll 0"),
+        (LYING, "yaw ", "yaw 0, pitch 0, roll 0"),
+    ],
+    ids=["angles", "quaternion"],
+)
+def test_poses_that_lean_need_the_word_of_their_axes(text, body, camera, folder):
+    (folder / "b.png").touch()
+    file = folder.parent / "poses.csv"
+    file.write_text(text)
+    with pytest.raises(ArgumentError, match="expected --frame, because the pose of 'b.png'") as refusal:
+        find_sequence(folder, "latlong", Options(poses=file))
+    assert f"--frame body (x ahead, z up) means {body}" in str(refusal.value)
+    assert f"--frame camera (x right, z ahead) means {camera}" in str(refusal.value)
+    angles = {}
+    for frame in ("body", "camera"):
+        (found,) = find_sequence(folder, "latlong", Options(poses=file, frame=frame)).frames
+        angles[frame] = found.pose.angles()
+    assert angles["camera"][1] == pytest.approx(10 if text == TILTED else 0)
+    assert abs(angles["body"][1]) == pytest.approx(10 if text == TILTED else 0, abs=1e-6)
+
+
+@pytest.mark.parametrize("text", [YAW, "name,x,y,z,yaw\nb.png,1,2,3,30\n"], ids=["quaternion", "angle"])
+def test_yaw_alone_needs_no_word(text, folder):
+    (folder / "b.png").touch()
+    file = folder.parent / "poses.csv"
+    file.write_text(text)
+    sequence = find_sequence(folder, "latlong", Options(poses=file))
+    assert sequence.frames[0].pose.angles() == pytest.approx((30, 0, 0), abs=1e-9)
+    assert ("poses turn by yaw alone: taken as --frame body" in sequence.says) == (text == YAW)
+
+
 def test_the_words_of_a_job_are_no_files(tmp_path):
     """Paths in a job are relative to it, and words for axes are none."""
     (tmp_path / "path.csv").write_text("X,Y,Z,Yaw\n100,200,150,30\n")

@@ -12,13 +12,15 @@ from omniscv.arguments import number, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import PER_M, Rows
-from omniscv.geometry.trajectory_files import read_poses, read_rows, read_trajectory
+from omniscv.geometry.trajectory_files import check_frame, read_poses, read_rows, read_trajectory
 from omniscv.pictures import foreign
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
 from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, mode_of, pictures_in
 from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes
 
+_DOWN = np.array([0.0, 0, -1])  # the axis y of a camera that turns by yaw alone, world frame
+_LEVEL = 1e-6
 _LATEST_S = 0.02  # between stamps of colour, depth and pose of the TUM benchmark
 
 _TUM = {
@@ -69,6 +71,33 @@ def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
         if (name := next((name for name in names if name in poses), None)) is None:
             raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
         return poses[name]
+
+
+def frame_of_poses(options: Options) -> tuple[str, str]:
+    """Return what the rotations of ``--poses`` turn, and a line about it: the user's word, or ``body`` where
+    they turn by yaw alone; ArgumentError for others, which ``body`` and ``camera`` read in two ways."""
+    assert options.poses is not None
+    if options.frame is not None:
+        return options.frame, ""
+    with within(options.poses.name):
+        check_frame(options.poses, None)
+        by_body = poses_in(options.poses, True, frame="body", unit=options.unit)
+        by_camera = poses_in(options.poses, True, frame="camera", unit=options.unit)
+        for name, pose in by_body.items():
+            other = by_camera[name]
+            if pose is None or other is None or np.abs(pose.R_w_c[:, 1] - _DOWN).max() <= _LEVEL:
+                continue
+            expected = f"expected --frame, because the pose of {shown(name)} turns by more than yaw"
+            body = f"--frame body (x ahead, z up) means {_angles(pose)}"
+            camera = f"--frame camera (x right, z ahead) means {_angles(other)}"
+            raise ArgumentError(f"{expected}: {body}, {camera}; got none")
+    is_turned = any(pose and np.any(pose.R_w_c != by_camera[name].R_w_c) for name, pose in by_body.items())
+    return "body", "poses turn by yaw alone: taken as --frame body" if is_turned else ""
+
+
+def _angles(pose: Pose) -> str:
+    yaw, pitch, roll = (round(angle, 2) + 0.0 for angle in pose.angles())
+    return f"yaw {yaw:g}, pitch {pitch:g}, roll {roll:g} (left, up and right side down +)"
 
 
 def nerfstudio(folder: Path, options: Options) -> Sequence:
@@ -184,17 +213,19 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     if options.poses and options.pose:
         raise ArgumentError("expected --poses, or --position and --yaw; got both")
     frames = list[Frame]()
+    axes, taken = frame_of_poses(options) if options.poses else ("body", "")
     for words, files in places.items():
         names = [name for file in files.values() for name in (file.name, file.stem)]
         pose = options.pose or Pose.from_angles((0, 0, 0))
         if options.poses:
-            said = {"frame": options.frame, "unit": options.unit}
+            said = {"frame": axes, "unit": options.unit}
             pose = named_pose(options.poses, [*names, "_".join(words)], **said) or pose
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
-    says = () if lens else ("resampled to six faces",)
+    says = [] if lens else ["resampled to six faces"]
+    says += [taken] if taken else []
     columns: Collection[str] = ("m0",)
     if options.poses and options.poses.suffix.lower() != ".json":
         columns = read_rows(options.poses, keyed=True)[1].columns
-    poses = words_of(columns, options.frame or "body", options.unit)
-    return Sequence(frames, says=says, of_openexr=of_openexr, words=poses)
+    poses = words_of(columns, axes, options.unit)
+    return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses)
