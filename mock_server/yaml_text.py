@@ -10,6 +10,7 @@ import os
 import re
 import reprlib
 import stat
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -27,8 +28,15 @@ _WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL")) | {
 }
 _WHOLE = re.compile(r"[-+]?[0-9]+")
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?|[-+]?\.inf|\.nan", re.IGNORECASE)
+_EXACT_DIGITS = 15  # that every float has
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _LONGEST_SHOWN = 2, 120
+
+
+class Written(float):
+    """A number that loses digits as a float, and the text that it was written as."""
+
+    written: str
 
 
 def shown(value: object) -> str:
@@ -149,7 +157,14 @@ def _scalar(node: Any) -> Any:
         _refuse(node, f"numbers of at most {LONGEST_NUMBER} characters", shown(text))
     if _WHOLE.fullmatch(text):
         return int(text)
-    return float(text.replace(".", "", 1) if text[-1] in "fFnN" else text)
+    if text[-1] in "fFnN":
+        return float(text.replace(".", "", 1))
+    value = float(text)
+    if len(text) <= _EXACT_DIGITS or Decimal(text) == Decimal(repr(value)):
+        return value
+    written = Written(value)
+    written.written = text
+    return written
 
 
 def _refuse(node: Any, wanted: str, got: str) -> NoReturn:

@@ -24,9 +24,16 @@ SINCE_1970_NS = 10**8 * NS
 """Times beyond are those since 1970: sources have clocks that start with them."""
 
 
-def nanoseconds(seconds: float) -> int:
-    """Return the nearest whole nanoseconds."""
-    return round(Fraction(seconds) * NS)
+def exact_seconds(seconds: float | Decimal) -> Decimal:
+    """Return seconds as they are written: of a float its shortest text, unless it has its own from a file."""
+    if isinstance(seconds, Decimal):
+        return seconds
+    return Decimal(getattr(seconds, "written", "") or repr(float(seconds)))
+
+
+def nanoseconds(seconds: float | Decimal) -> int:
+    """Return the nearest whole nanoseconds of seconds as they are written: 1700000000.05 has 50 million."""
+    return round(Fraction(exact_seconds(seconds)) * NS)
 
 
 def parsed(text: str, per_s: int = 1) -> int:
@@ -129,7 +136,9 @@ class Trajectory(Sequence[Pose]):
             raise ArgumentError(f"times: expected increasing seconds, got {after} after {before}")
 
     @classmethod
-    def timed(cls, poses: Sequence[Pose], seconds: Iterable[float], curve: Curve = "linear") -> Self:
+    def timed(
+        cls, poses: Sequence[Pose], seconds: Iterable[float | Decimal], curve: Curve = "linear"
+    ) -> Self:
         """Return poses at times in seconds."""
         return cls(poses, tuple(map(nanoseconds, seconds)), curve)
 

@@ -2,6 +2,8 @@
 (docs/job.md)."""
 
 from collections.abc import Mapping, Sequence
+from decimal import Decimal
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
@@ -12,7 +14,7 @@ from omniscv.arguments import number, numbers, shown, text, whole_number, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Motion, object_pose
-from omniscv.geometry.trajectory import NS, Curve, Poses, Trajectory, nanoseconds
+from omniscv.geometry.trajectory import NS, Curve, Poses, Trajectory, exact_seconds, nanoseconds
 from omniscv.geometry.trajectory_columns import FRAMES, Frame, length_unit
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job.sampling import SampledPoses, read_sampling
@@ -82,6 +84,14 @@ class PoseFile:
         return Posed(poses, trajectory.times_ns, assumed="\n".join(says))
 
 
+def _seconds(name: str, value: Any) -> Decimal:
+    """Return seconds with all digits that they are written with."""
+    if isinstance(value, Decimal):
+        return value
+    number(name, value)
+    return Decimal(value.strip()) if isinstance(value, str) else exact_seconds(value)
+
+
 @record
 class _Waypoint:
     """The keys of a pose: metres and degrees, world frame; seconds."""
@@ -90,7 +100,7 @@ class _Waypoint:
     yaw_deg: float = checked(number, default=0.0)
     pitch_deg: float = checked(number, default=0.0)
     roll_deg: float = checked(number, default=0.0)
-    time: float | None = checked(optional(number), default=None)
+    time: Decimal | None = checked(optional(_seconds), default=None)
 
     @property
     def angles(self) -> tuple[float, float, float]:
@@ -165,7 +175,7 @@ class TimeRange:
 
     rate: float = checked(number, above=0)
     count: int | None = checked(optional(partial(whole_number, most=_MOST_TIMES)), default=None)
-    start: float | None = checked(optional(number), default=None)
+    start: Decimal | None = checked(optional(_seconds), default=None)
 
     def times_ns(self, own: tuple[int, ...] | None) -> tuple[int, ...]:
         """Return the times; what is not said is that of the poses' own times."""
@@ -176,7 +186,8 @@ class TimeRange:
         if count is None:
             span = ((own or (0,))[-1] - first) / NS
             count = whole_number("times: count", int(max(span, 0) * self.rate + 1e-6) + 1, most=_MOST_TIMES)
-        return tuple(first + nanoseconds(i / self.rate) for i in range(count))
+        per_s = Fraction(exact_seconds(self.rate))
+        return tuple(first + round(i * NS / per_s) for i in range(count))
 
 
 Times = tuple[int, ...] | TimeRange | Literal["poses"]
@@ -187,7 +198,7 @@ def read_times(name: str, value: object) -> Times:
     if value == "poses":
         return "poses"
     if isinstance(value, list) and value:
-        return tuple(nanoseconds(number(f"{name}[{i}]", seconds)) for i, seconds in enumerate(value))
+        return tuple(nanoseconds(_seconds(f"{name}[{i}]", time)) for i, time in enumerate(value))
     if not isinstance(value, dict):
         raise wrong(name, "a list of seconds, {start, rate, count}, or 'poses'", value)
     return read(TimeRange, value, name)
@@ -196,7 +207,7 @@ def read_times(name: str, value: object) -> Times:
 def read_epoch(name: str, value: object) -> int:
     """Return an epoch in whole nanoseconds, which is in seconds if it is below 1e11."""
     epoch = number(name, value, least=0)
-    return nanoseconds(epoch) if epoch < 1e11 else whole_number(name, value, least=0)
+    return nanoseconds(_seconds(name, value)) if epoch < 1e11 else whole_number(name, value, least=0)
 
 
 def at_times(posed: Posed, times: Times | None, curve: Curve = "linear") -> Posed:

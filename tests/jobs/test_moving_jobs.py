@@ -133,6 +133,42 @@ def test_times_since_1970(tmp_path):
     np.testing.assert_allclose(np.diff(moved), 3e-5, rtol=1e-9)
 
 
+WRITTEN = {
+    "1700000000.05": 1_700_000_000_050_000_000,
+    "1700000000.123456789": 1_700_000_000_123_456_789,
+    "0.1": 100_000_000,
+}
+
+
+@pytest.mark.parametrize("written", WRITTEN)
+@pytest.mark.parametrize("door", ["list", "JSON list", "waypoint", "start", "epoch", "CSV", "TUM"])
+def test_times_are_the_nanoseconds_that_are_written(door, written, tmp_path):
+    place = "[{position: [0, 0, 1]}]"
+    if door == "list":
+        job = job_of(tmp_path, f"times: [{written}]", poses=place)
+    elif door == "JSON list":
+        job = job_of(tmp_path, f'"times": [{written}]', poses='[{"position": [0, 0, 1]}]')
+    elif door == "waypoint":
+        job = job_of(tmp_path, "times: poses", poses=f"[{{position: [0, 0, 1], time: {written}}}]")
+    elif door == "start":
+        job = job_of(tmp_path, f"times: {{start: {written}, rate: 3, count: 1}}", poses=place)
+    elif door == "epoch":
+        job = job_of(tmp_path, f"times: [0]\nepoch: {written}", poses=place)
+    else:
+        text = f"time,x,y,z\n{written},0,0,1\n" if door == "CSV" else f"{written} 0 0 1 0 0 0 1\n"
+        (tmp_path / "path.txt").write_text(text)
+        job = job_of(tmp_path, "times: poses", poses="path.txt")
+    assert job.times_ns == (WRITTEN[written],)
+
+
+def test_a_rate_makes_times_without_drift(tmp_path):
+    job = job_of(
+        tmp_path, "times: {start: 1700000000.05, rate: 0.3, count: 4}", poses="[{position: [0, 0, 1]}]"
+    )
+    start = 1_700_000_000_050_000_000
+    assert job.times_ns == (start, start + 3333333333, start + 6666666667, start + 10**10)
+
+
 def test_a_late_camera_of_a_rig_sees_the_world_at_its_own_time(tmp_path):
     rig = f"""rig: {{cameras: {{left: {{camera: {PANORAMA}}},
       right: {{camera: {PANORAMA}, position: [0.1, 0, 0], time_offset: 0.25}}}}}}"""

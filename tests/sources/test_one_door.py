@@ -280,7 +280,7 @@ def test_poses_that_lean_need_the_word_of_their_axes(text, body, camera, folder)
     (folder / "b.png").touch()
     file = folder.parent / "poses.csv"
     file.write_text(text)
-    with pytest.raises(ArgumentError, match="expected --frame, because the pose of 'b.png'") as refusal:
+    with pytest.raises(ArgumentError, match=r"expected --frame, because the pose of 'b\.png'") as refusal:
         find_sequence(folder, "latlong", Options(poses=file))
     assert f"--frame body (x ahead, z up) means {body}" in str(refusal.value)
     assert f"--frame camera (x right, z ahead) means {camera}" in str(refusal.value)

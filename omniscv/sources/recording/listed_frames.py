@@ -83,15 +83,18 @@ def frame_of_poses(options: Options) -> tuple[str, str]:
         check_frame(options.poses, None)
         by_body = poses_in(options.poses, True, frame="body", unit=options.unit)
         by_camera = poses_in(options.poses, True, frame="camera", unit=options.unit)
+        is_turned = False
         for name, pose in by_body.items():
             other = by_camera[name]
-            if pose is None or other is None or np.abs(pose.R_w_c[:, 1] - _DOWN).max() <= _LEVEL:
+            if pose is None or other is None:
+                continue
+            is_turned |= bool(np.any(pose.R_w_c != other.R_w_c))
+            if np.abs(pose.R_w_c[:, 1] - _DOWN).max() <= _LEVEL:
                 continue
             expected = f"expected --frame, because the pose of {shown(name)} turns by more than yaw"
             body = f"--frame body (x ahead, z up) means {_angles(pose)}"
             camera = f"--frame camera (x right, z ahead) means {_angles(other)}"
             raise ArgumentError(f"{expected}: {body}, {camera}; got none")
-    is_turned = any(pose and np.any(pose.R_w_c != by_camera[name].R_w_c) for name, pose in by_body.items())
     return "body", "poses turn by yaw alone: taken as --frame body" if is_turned else ""
 
 
