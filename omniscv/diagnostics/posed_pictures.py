@@ -33,6 +33,9 @@ _INEXACT, _OF_MATTERS = 0.1, 0.25  # shares of sizes that the search is off by
 _CLEAR, _CLEARER = 3.0, 0.05  # standard errors, and correlation, by which other colours fit better
 _REACHES, _TRIALS, _ROUNDS, _SIGMA, _BLOCKS = (1.0, 0.4), 15, 4, 5.0, 8  # of a search for colours
 _PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
+_LIMITS = (*(2**bits - 1 for bits in (8, 10, 12, 13, 14, 15, 16, 24, 31, 32)), 65504, 1e10)
+"""The largest numbers of types, sensors and programs."""
+_SAME = 1e-6  # relative difference of equal depths
 _STEPS, _COARSE = 0.2, 0.01  # distinct values of all; a step, as a share of depth
 _SAMPLE = 200_000
 _OVERLAP = "frames that see the same surfaces"
@@ -86,7 +89,7 @@ def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Findi
     verdict = ask(pictures, words)
     value = verdict.line().removeprefix("pictures").lstrip(": ")
     if verdict.why or verdict.best is None:
-        return [Finding("convention", value, "warning", _OVERLAP), *_values(pictures)]
+        return [Finding("convention", value, "warning", _OVERLAP), *_values(pictures, words)]
     remedy = f"write {verdict.advice('')}"
     findings = [Finding.unless(not verdict.contradicts, "convention", value, "bad", remedy)]
     R, t = verdict.best.convention.poses(*words.written(pictures.R, pictures.t))
@@ -96,7 +99,7 @@ def examine_pictures(pictures: PosedPictures | None, words: Words) -> list[Findi
         findings += _faults(find(pictures, R, t, along))
     else:
         findings.append(Finding("faults", f"none is named from fewer than {LEAST_FRAMES} frames"))
-    return [*findings, *_values(pictures)]
+    return [*findings, *_values(pictures, words)]
 
 
 def find(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Found:
@@ -183,15 +186,27 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     return [Fault(p, size, s) for p, size, s in found if abs(size) > max(p.matters, _SIGMA * s)]
 
 
-def _values(pictures: PosedPictures) -> Iterator[Finding]:
-    """Yield what values of depth say: a maximum or minimum that stands for none, steps."""
+def _is_limit(metres: float, per_m: float) -> bool:
+    """Return whether depth has at most two digits, or is the largest number of a type in a file."""
+    two_digits = float(f"{metres:.1e}")
+    return any(
+        abs(metres / limit - 1) < _SAME for limit in (two_digits, *(number / per_m for number in _LIMITS))
+    )
+
+
+def _values(pictures: PosedPictures, words: Words) -> Iterator[Finding]:
+    """Yield what values of depth say: a maximum or minimum that stands for none, steps.
+
+    The least and the greatest are true depth in level pictures of flat ground, of which a row has either:
+    only limits of a type and round numbers of metres, as those of a sensor's range, are doubted.
+    """
     values = pictures.depth[pictures.depth > 0]
     different = np.unique(values)
     if different.size < 2:
         return
     for name, end in (("greatest", different[-1]), ("least", different[0])):
-        share = float((np.abs(values / end - 1) < 1e-6).mean())
-        if share > _PILED:
+        share = float((np.abs(values / end - 1) < _SAME).mean())
+        if share > _PILED and _is_limit(float(end), words.per_m):
             remedy = f"if it stands for no surface, --missing with its number in the file ({end:.6g} m)"
             yield Finding("values of depth", f"{share:.1%} have the {name}, {end:.6g}", "warning", remedy)
     drawn = np.random.default_rng(0).choice(values, min(values.size, _SAMPLE), replace=False)

@@ -29,7 +29,6 @@ _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
 _TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
 
 UNREAL_SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
-_SATURATED = 1e-3
 _HALF_DIGITS = 11  # significant binary digits of the half floats through which the engine passes depth
 _UNIT_TOLERANCE = 0.1  # how far the length of an 8-bit normal may be from 1; the sky's grey is near 0
 
@@ -175,7 +174,7 @@ def no_surface(stored: NDArray[Any], missing: Sequence[float] = (), per_m: float
     ======================  ==================================================================================
     any                     0, and those of ``missing``
     floats                  NaN, infinity, and 65504 and more, which half floats cannot hold: kilometres
-    whole numbers           the largest of their type, if one in a thousand has it and ``missing`` names none
+    whole numbers           the largest of their type, if ``missing`` names none
     ======================  ==================================================================================
 
     ``per_m`` numbers are a metre. In mm, more than 65504 are taken as they are.
@@ -185,8 +184,8 @@ def no_surface(stored: NDArray[Any], missing: Sequence[float] = (), per_m: float
     if is_float:
         far = stored >= UNREAL_SKY if per_m <= 100 else stored == UNREAL_SKY
         none |= far | ~np.isfinite(stored)
-    elif not missing and (largest := stored == np.iinfo(stored.dtype).max).mean() > _SATURATED:
-        none |= largest
+    elif not missing:
+        none |= stored == np.iinfo(stored.dtype).max
     return np.asarray(none)
 
 
@@ -253,12 +252,14 @@ def _float32(payload: bytes, mode: str, view: View) -> NDArray[Any]:
 
 def _carla(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     colors = _png(payload, view, 8, (3, 4))[..., :3]
-    return np.asarray(colors @ np.array([1.0, 256.0, 65536.0]) * _CARLA_STEP_M, np.float32)
+    depth = colors @ np.array([1.0, 256.0, 65536.0]) * _CARLA_STEP_M
+    return np.where((colors == 0xFF).all(axis=-1), np.inf, depth).astype(np.float32)
 
 
 def _uint16(scale: float, payload: bytes, mode: str, view: View) -> NDArray[Any]:
     stored = _png(payload, view, 16, (1,))[..., 0]
-    return np.where(stored == 0, np.inf, stored / scale).astype(np.float32)
+    none = (stored == 0) | (stored == 0xFFFF)
+    return np.where(none, np.inf, stored / scale).astype(np.float32)
 
 
 def _ids(payload: bytes, mode: str, view: View) -> NDArray[Any]:

@@ -239,7 +239,8 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
         got = f"{count} of {wrong.size} values such as {metres[wrong][0]:.6g} m"
         raise ArgumentError(f"expected 0 to {_MOST_M:g} m, got {got}; {advice}")
     received = f"png uint16 {per_m:g}" if whole and payload and not form.ray and pixels.shape[2] == 1 else ""
-    as_received = received in encodings() and not stored[none].any()
+    none_of_codec = (stored == 0) | (stored == 0xFFFF)
+    as_received = received in encodings() and np.array_equal(none, none_of_codec)
     clipped = np.count_nonzero(none & (stored != 0)) if whole and not form.missing else 0
     known = np.where(none, np.float32(np.inf), metres)
     encoding = received if as_received else ""

@@ -175,6 +175,9 @@ RGBA = np.dstack([COLORS, np.zeros((12, 24), np.uint8)])
 GREY = np.repeat(COLORS[..., :1], 3, axis=-1)
 FAR = [0, 2, np.nan, np.inf, -np.inf, 65504, 1e10]  # Habitat, ROS, half floats, Blender
 FULL = np.where(np.arange(16) == 3, 65535, DEPTH16).astype(np.uint16)
+RARE = np.full((240, 320), 2003, np.uint16)
+RARE[:5, :10] = 65535
+CARLA = np.array([[[255, 255, 255], [254, 255, 255]]], np.uint8)
 LAYERS = {f"View.Combined.{c}": plane for c, plane in RGB.items()} | {"View.Depth.Z": np.full((8, 16), 3.0)}
 TAKEN = [
     ("lit", saved("a.png", RGBA), None, COLORS),
@@ -194,7 +197,15 @@ TAKEN = [
     ("depth", array(np.array([FAR[:6]], "f2")), None, np.where(np.array([FAR[:6]]) == 2, 2, np.inf)),
     ("depth", array(np.full((2, 2), 70000.0)), MM, np.full((2, 2), 70)),
     ("depth", saved("d.png", FULL), MM, np.where(FULL == 65535, np.inf, np.float32(2.003))),
+    ("depth", saved("d.png", RARE), MM, np.where(RARE == 65535, np.inf, np.float32(2.003))),
     ("depth", saved("d.png", FULL), DepthForm.parse("planar-mm", (0,)), FULL / np.float32(1000)),
+    ("depth", array(np.array([[32767, 2003]], np.int16)), MM, np.array([[np.inf, np.float32(2.003)]])),
+    (
+        "depth",
+        saved("d.png", CARLA),
+        DepthForm.parse("carla"),
+        np.array([[np.inf, 1000 - 1000 / (2**24 - 1)]]),
+    ),
     ("object_mask", saved("m.png", RGBA), None, COLORS),
     ("object_mask", saved("m.png", DEPTH16), None, DEPTH16),
     ("object_mask", array(DEPTH16.astype(np.uint32)), None, DEPTH16),

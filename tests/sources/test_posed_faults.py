@@ -12,7 +12,9 @@ from support.overlapping import noisy, read, room
 from omniscv import cli
 from omniscv.diagnostics.posed_faults import PAIRS, WIDTH
 from omniscv.diagnostics.posed_pictures import examine_pictures, find
+from omniscv.geometry import Pose
 from omniscv.sources.recording.conventions import Words
+from omniscv.sources.recording.overlap import PosedPictures, Shot
 
 SIZE = {"count": 16, "width": 112, "height": 84, "step_deg": 7.0}
 
@@ -128,6 +130,20 @@ def check_other(name, make):
 def test_colours_and_values_that_do_not_belong_to_depth(name):
     make = making(5)
     check_other(name, lambda **told: make(count=7, **told))
+
+
+def test_the_horizon_of_flat_ground_is_no_sentinel():
+    """Level pictures, 1.5 m above the ground: a row of pixels has the greatest planar depth."""
+    height, width, focal = 120, 160, 131.0
+    below = np.arange(height) + 0.5 - height / 2
+    rows = np.where(below > 0, 1.5 * focal / np.maximum(below, 0.5), 0).astype(np.float32)
+    depth = np.repeat(rows[:, None], width, axis=1)
+    shot = Shot(depth, None, (focal, focal, width / 2, height / 2))
+    t = np.array([[0.1 * i, 0, 1.5] for i in range(4)])
+    level = np.repeat(Pose.from_angles((0, 0, 0)).R_w_c[None], 4, axis=0)
+    pictures = PosedPictures.read(level, t, lambda i, most: shot, np.radians(60), PAIRS, WIDTH)
+    assert (depth == depth.max()).sum() > 0.008 * depth.size  # as many as of a sentinel
+    assert "values of depth" not in {finding.name for finding in examine_pictures(pictures, Words())}
 
 
 def test_the_doctor_takes_a_folder(tmp_path, capsys):
