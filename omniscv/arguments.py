@@ -3,6 +3,7 @@
 import math
 import re
 import reprlib
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -178,14 +179,23 @@ def stem(name: str, value: object, *, dots: bool = False) -> str:
     return name_is
 
 
+def file_key(name: str) -> str:
+    """Return what names of one file have in common on systems that fold case and normalize Unicode: macOS
+    takes é in one character and é in two for one name."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
 def stems(name: str, values: Iterable[object], *, dots: bool = False) -> None:
-    """Raise ArgumentError unless all are as :func:`stem`, and differ in more than the case of letters."""
+    """Raise ArgumentError unless all are as :func:`stem`, and name different files on every system."""
     folded = dict[str, str]()
     for value in values:
-        same = folded.setdefault(stem(name, value, dots=dots).casefold(), str(value))
-        if same != value:
-            wanted = "expected names of files that differ in more than the case of letters"
-            raise ArgumentError(f"{name}: {wanted}, got {same} and {value}")
+        same = folded.setdefault(file_key(stem(name, value, dots=dots)), str(value))
+        if same == value:
+            continue
+        wanted, pair = "the case of letters", f"{same} and {value}"
+        if same.casefold() != str(value).casefold():
+            wanted, pair = "how Unicode composes letters", f"{same!a} and {value!a}"
+        raise ArgumentError(f"{name}: expected names of files that differ in more than {wanted}, got {pair}")
 
 
 def texts(name: str, value: object) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import Any, Self, Unpack
 import numpy as np
 
 from omniscv import storage
-from omniscv.arguments import number, shown, stem
+from omniscv.arguments import file_key, number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
@@ -96,7 +96,7 @@ class Writer:
 
     def missing(self, frames: Collection[Frame]) -> set[str]:
         """Return the keys of frames that the dataset does not have whole, and with the same values."""
-        if any(frame.key.casefold() in self._written for frame in frames):
+        if any(file_key(frame.key) in self._written for frame in frames):
             self._settle()
         self.keep(frame.key for frame in frames)
         return {frame.key for frame in frames if not self._holds(frame)}
@@ -174,10 +174,10 @@ class Writer:
             records: by kind: the content of ``STEM.KIND.json``.
         """
         with self._lock:
-            if frame.key.casefold() in self._written:  # files that differ in case alone are one on Windows
+            if file_key(frame.key) in self._written:  # as on Windows and macOS
                 wanted = "expected one that no other frame has, in any case of letters"
                 raise ArgumentError(f"key: {wanted}, got {shown(frame.key)} again")
-            self._written.add(frame.key.casefold())
+            self._written.add(file_key(frame.key))
         frame = replace(frame, blank=tuple(blank(image.layers)))
         with ExitStack() as stack:
             # Each writer has its own: two may write one frame, as when a worker taken for dead goes on.
@@ -276,7 +276,7 @@ class Writer:
 
     def refuse(self, keys: Iterable[str]) -> None:
         """Refuse to write frames of these keys, as those that this run has written."""
-        self._written.update(key.casefold() for key in keys)
+        self._written.update(file_key(key) for key in keys)
 
     def _camera_name(self, camera: Camera) -> str:
         """Return the name of a camera; a new camera is named after its model."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv import light
+from omniscv.arguments import file_key
 from omniscv.cameras import Camera, RollingShutter
 from omniscv.cameras.rig import RigCamera
 from omniscv.cameras.rolling_shutter import as_shutter, on_path, readout_of
@@ -110,7 +111,7 @@ def check_keys(job: Job) -> None:
     for world in job.each:
         count = len(world.poses) or getattr(world.sampling, "count", 1)
         for name in world.cameras:
-            for key in (_key(world, name, i, count).casefold() for i in range(count)):
+            for key in (file_key(_key(world, name, i, count)) for i in range(count)):
                 owner = f"camera {name!r} of world {world.world!r}"
                 if owners.setdefault(key, owner) != owner:
                     got = f"that of {owners[key]} and {owner}; rename one"

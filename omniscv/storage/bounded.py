@@ -7,6 +7,7 @@ import json
 import os
 import stat
 import sys
+import unicodedata
 from io import BufferedReader
 from pathlib import Path
 from typing import Any, NoReturn
@@ -48,6 +49,16 @@ def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> Buf
 
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """Opening a pipe does not wait for its other end."""
+
+
+def named_file(folder: Path, name: str) -> Path:
+    """Return the path of a name that a file or a user has; letters on disk may be composed otherwise, as
+    macOS writes them."""
+    path = folder / name
+    if name.isascii() or path.exists():
+        return path
+    others = (folder / unicodedata.normalize(form, name) for form in ("NFC", "NFD"))
+    return next((other for other in others if other.exists()), path)
 
 
 def read_bytes(path: Path, most: int) -> bytes:

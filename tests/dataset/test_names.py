@@ -87,6 +87,19 @@ def test_names_that_differ_in_case_alone_are_refused(picture, tmp_path):
             writer.add("room", picture)
 
 
+def test_names_that_differ_in_how_letters_are_composed_are_refused(picture, tmp_path):
+    """Café in four characters and in five: one file on macOS."""
+    composed, apart = "Caf\u00e9", "cafe\u0301"
+    with pytest.raises(
+        ArgumentError, match=r"how Unicode composes letters, got 'Caf\\xe9' and 'cafe\\u0301'"
+    ):
+        load({**JOB, "cameras": {composed: LENS, apart: LENS}})
+    with dataset.Writer(tmp_path / "out") as writer:
+        writer.add(composed, picture)
+        with pytest.raises(ArgumentError, match="again"):
+            writer.add(apart, picture)
+
+
 def test_names_too_long_for_a_format_are_refused_there(picture, tmp_path):
     for key, to, says in (
         ("k" * 150, "webdataset", "expected names of files of at most 100 bytes"),

@@ -1,10 +1,12 @@
 """Poses come in equal at every door, in every spelling; one thing changed at random is right or one line."""
 
 import json
+import unicodedata
 from itertools import product
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import omniscv
@@ -300,6 +302,40 @@ def test_yaw_alone_needs_no_word(text, folder):
     sequence = find_sequence(folder, "latlong", Options(poses=file))
     assert sequence.frames[0].pose.angles() == pytest.approx((30, 0, 0), abs=1e-9)
     assert ("poses turn by yaw alone: taken as --frame body" in sequence.says) == (text == YAW)
+
+
+@pytest.mark.parametrize("on_disk", ["NFC", "NFD"])
+@pytest.mark.parametrize("door", ["--poses", "transforms.json", "captures.json"])
+def test_names_are_compared_however_their_letters_are_composed(door, on_disk, folder):
+    """macOS writes é as two characters, editors as one."""
+    name = "salle \u00e9t\u00e9.png"
+    other = {"NFC": "NFD", "NFD": "NFC"}[on_disk]
+    listed = unicodedata.normalize(other, name)
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / unicodedata.normalize(on_disk, name))
+    if door == "--poses":
+        (folder.parent / "poses.csv").write_text(f"name,x,y,z\n{listed},1,2,3\n", encoding="utf-8")
+        (frame,) = find_sequence(folder, "latlong", Options(poses=folder.parent / "poses.csv")).frames
+        np.testing.assert_array_equal(frame.pose.position, (1, 2, 3))
+    elif door == "transforms.json":
+        frames = [{"file_path": listed, "transform_matrix": np.eye(4).tolist()}]
+        (folder / "transforms.json").write_text(json.dumps({"fl_x": 2, "w": 4, "h": 4, "frames": frames}))
+        (frame,) = find_sequence(folder, "nerfstudio", Options()).frames
+        assert frame.files["lit"].exists()
+    else:
+        view = {"position": [0, 0, 1], "fov_deg": 90, "width": 4, "height": 4}
+        entry = {"file": listed, "mode": "lit", "view": view}
+        (folder / "captures.json").write_text(json.dumps([entry]))
+        assert import_folder(folder, folder.parent / "a.sqlite") == 1
+
+
+def test_pictures_whose_names_have_no_latin_letters_are_several_places(folder):
+    for name in ("\u5c45\u9593", "\u53f0\u6240"):
+        (folder / f"{name}_rgb.png").touch()
+    (folder.parent / "poses.csv").write_text(
+        "name,x,y,z\n\u5c45\u9593_rgb.png,1,2,3\n\u53f0\u6240_rgb,4,5,6\n"
+    )
+    frames = find_sequence(folder, "latlong", Options(poses=folder.parent / "poses.csv")).frames
+    assert sorted(frame.pose.position[0] for frame in frames) == [1, 4]
 
 
 def test_the_words_of_a_job_are_no_files(tmp_path):

@@ -29,7 +29,7 @@ from omniscv.sources.recording.world_rows import (
     object_from_json,
     scene_of,
 )
-from omniscv.storage.bounded import MOST_PICTURE_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_PICTURE_BYTES, named_file, parse_json, read_bytes
 from omniscv.storage.local import folder_beside, refusal
 
 T = TypeVar("T")
@@ -222,7 +222,7 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
     with within(where):
         request, encoding = entry.request(), entry.encoding or entry.default_encoding()
     try:
-        payload = read_bytes(folder / entry.file, MOST_PICTURE_BYTES)
+        payload = read_bytes(named_file(folder, entry.file), MOST_PICTURE_BYTES)
     except ArgumentError as cause:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause

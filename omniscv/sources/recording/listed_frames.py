@@ -1,6 +1,7 @@
 """Frames and poses that files list: nerfstudio's, the TUM RGB-D benchmark's, panoramas, tables of poses."""
 
 import json
+import unicodedata
 from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
@@ -16,8 +17,15 @@ from omniscv.geometry.trajectory_files import check_frame, read_poses, read_rows
 from omniscv.pictures import foreign
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
-from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, mode_of, pictures_in
-from omniscv.storage.bounded import MOST_JSON_BYTES, read_bytes
+from omniscv.sources.recording.posed_frames import (
+    Files,
+    Frame,
+    Options,
+    Sequence,
+    mode_of,
+    pictures_in,
+)
+from omniscv.storage.bounded import MOST_JSON_BYTES, named_file, read_bytes
 
 _DOWN = np.array([0.0, 0, -1])  # the axis y of a camera that turns by yaw alone, world frame
 _LEVEL = 1e-6
@@ -37,7 +45,7 @@ def inside(folder: Path, name: str) -> Path:
     name = name if "\\" not in name or (folder / name).exists() else name.replace("\\", "/")
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ArgumentError(f"expected a file in the folder, got {shown(name)}")
-    return folder / name
+    return named_file(folder, name)
 
 
 def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
@@ -58,16 +66,21 @@ def words_of(
 
 @cache
 def poses_in(file: Path, keyed: bool, **options: Any) -> dict[str, Pose | None]:
-    """Return the poses of a file by name or number; see :func:`read_poses`."""
+    """Return the poses of a file by name, whose letters are composed, or number; see :func:`read_poses`."""
     if not file.exists():
         raise ArgumentError("expected a file of poses, got none")
-    return read_poses(file, keyed=keyed, **options)
+    poses = read_poses(file, keyed=keyed, **options)
+    composed = {unicodedata.normalize("NFC", name): pose for name, pose in poses.items()}
+    if len(composed) < len(poses):
+        raise ArgumentError("expected names that differ in more than composed letters, got others")
+    return composed
 
 
 def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
     """Return the pose of the first of some names that a file has."""
     with within(file.name):
         poses = poses_in(file, True, **options)
+        names = [unicodedata.normalize("NFC", name) for name in names]
         if (name := next((name for name in names if name in poses), None)) is None:
             raise ArgumentError(f"expected a pose of {shown(names[0])}, got those of {shown([*poses][:4])}")
         return poses[name]

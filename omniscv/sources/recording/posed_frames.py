@@ -1,6 +1,7 @@
 """Frames with poses: their pictures and lenses, and the captures that they become."""
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -280,7 +281,8 @@ def pictures_in(path: Path) -> list[Path]:
 def mode_of(file: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     """Return what a picture shows, by the words of its name and folders, and the other words."""
     name = file.relative_to(folder) if file != folder else Path(file.name)
-    words = [word for word in re.split(r"[^a-z0-9+-]+", str(name.with_suffix("")).lower()) if word]
+    stem = unicodedata.normalize("NFC", str(name.with_suffix(""))).lower()
+    words = [word for word in re.split(r"(?:[^\w+-]|_)+", stem) if word]
     mode = next((mode for mode, known in MODE_WORDS.items() if known & {*words}), "lit")
     return mode, tuple(word for word in words if not any(word in known for known in MODE_WORDS.values()))
 
