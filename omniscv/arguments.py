@@ -90,10 +90,11 @@ def numbers(name: str, value: object, shape: Sequence[int | None]) -> NDArray[np
         array.flags.writeable = False
         return array
     leaves = _leaves(value, tuple(shape))
-    if not all(map(math.isfinite, leaves)):
+    sizes = _sizes(value, shape) if all(map(math.isfinite, leaves)) else []
+    if not sizes or math.prod(sizes) != len(leaves):  # also rows of different lengths
         count = "" if shape == (None,) else f"{shape[0]} " if len(shape) == 1 else f"{tuple(shape)} "
         raise ArgumentError(f"{name}: expected {count}finite numbers, got {shown(value)}")
-    array = np.array(leaves).reshape([-1 if size is None else size for size in shape]) + 0.0
+    array = np.array(leaves).reshape(sizes) + 0.0
     array.flags.writeable = False
     return array
 
@@ -226,6 +227,15 @@ def _fits(value: object, shape: Sequence[int | None]) -> bool:
         for size, wanted in zip(value.shape, shape, strict=True)
     )
     return sizes and bool(np.isfinite(value).all())
+
+
+def _sizes(value: Any, shape: Sequence[int | None]) -> list[int]:
+    """Return the sizes of a nested sequence that has as many levels as a shape, by its first entries."""
+    sizes = []
+    for _ in shape:
+        sizes.append(len(value))
+        value = value[0]
+    return sizes
 
 
 def _leaves(value: Any, shape: tuple[int | None, ...]) -> list[float]:

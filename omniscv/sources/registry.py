@@ -201,7 +201,8 @@ def split_address(
     """Return the part of an address behind its scheme, and the options behind its question mark.
 
     ``readers`` parse the text of each option, and raise ValueError for a wrong one; the values of
-    ``repeatable`` ones are lists. Raises ArgumentError for an unknown option, or a value of another form.
+    ``repeatable`` ones are lists. Raises ArgumentError for an unknown option, one that is given twice, or a
+    value of another form.
     """
     path, _, query = address.partition("?")
     path = path.partition(":")[2].removeprefix("//")
@@ -218,6 +219,8 @@ def split_address(
             raise ArgumentError(f"source: {shown(address)}: {expected}") from wrong
         if key in repeatable:
             options.setdefault(key, []).append(value)
+        elif key in options:
+            raise ArgumentError(f"source: {shown(address)}: expected {key} once, got it twice")
         else:
             options[key] = value
     return path, options

@@ -1,7 +1,8 @@
 """A MuJoCo model at an instant: what is placed, hidden and drawn; its objects, their boxes, and rays."""
 
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,7 +15,16 @@ from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
 from omniscv.sources.base import Traced
-from omniscv.sources.mujoco.renderer import Renderer
+from omniscv.sources.mujoco.drawn import (
+    HIDDEN,
+    SOFT,
+    Planes,
+    check_finite,
+    met_opacity,
+    opacity,
+    soft_objects,
+)
+from omniscv.sources.mujoco.renderer import FAR_M, Renderer
 from omniscv.sources.mujoco.settings import Settings, read_qpos
 
 LIGHT = {"diffuse": 3, "ambient": 3, "specular": 3, "pos": 3, "dir": 3, "active": 1}
@@ -25,17 +35,22 @@ _CHANGED = (
     *("body_pos", "body_quat", "bvh_aabb"),
     *(f"light_{key}" for key in LIGHT),
     *(f"mat_{key}" for key in MATERIAL),
+    *(f"{kind}_group" for kind in SOFT),
 )
 """Arrays of the model that instants change."""
 _GROUPS = 6
 _MOST_OBJECTS = 0xFFFF
-_FAR_M = 1e10
+_ENDLESS_M = 1e10
+_FAR_EXTENTS = 200
+"""Farther than as many sizes of the model nothing is drawn or met, if that is more than :data:`FAR_M`."""
+_DIVERGING = "POS", "VEL", "ACC"
 _CORNERS = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 _ANYWHERE = np.array([0, 0, 0, 1e6, 1e6, 1e6])  # centre and half size of a box that holds every scene
 
 
 class Handle(NamedTuple):
-    """What an object is: ``kind`` is ``body`` or ``geom``, ``number`` its index in the model."""
+    """What an object is: ``kind`` is ``body``, ``geom`` or one of :data:`SOFT`, ``number`` its index in the
+    model."""
 
     kind: str
     number: int
@@ -56,20 +71,42 @@ class Model:
         self.lock, self.closed = threading.RLock(), threading.Event()
         self._track: Array | None = None
         self._start()
+        check_finite(mujoco, model, data)
+        self.far_m = max(FAR_M, _FAR_EXTENTS * float(model.stat.extent))
+        self.planes = Planes.of(mujoco, model)
+        visible = opacity(model) > 0
+        model.geom_matid[~visible], model.geom_rgba[~visible, 3] = -1, 0  # rays pass them, too
+        self._passed = np.flatnonzero(visible & (met_opacity(model) == 0))
         self.handles, object_of = _objects(mujoco, model, settings.by)
         self.groups = np.array([str(group) in settings.groups for group in range(_GROUPS)], np.uint8)
         names = list(self.handles)
-        drawn = (self.groups[model.geom_group] > 0) & (_alpha(model) > 0)
-        self.ids = {name: 1 + i for i, name in enumerate(sorted({names[i] for i in object_of[drawn]}))}
+        drawn = (self.groups[model.geom_group] > 0) & visible
+        shown = {names[i] for i in object_of[drawn]}
+        self.soft = self._soft_handles(shown) if settings.data == "raster" else {}
+        self.ids = {name: 1 + i for i, name in enumerate(sorted({*shown, *self.soft}))}
         if len(self.ids) > _MOST_OBJECTS:
             got = f"{len(self.ids)}; use body"
             raise ArgumentError(f"by: expected at most {_MOST_OBJECTS} objects, got {got}")
         labels = [self.ids.get(names[i], 0) for i in object_of]
-        self.label_of_geom = np.array([*labels, 0], np.uint16)  # the last one of no geom
+        soft = {(handle.kind, handle.number): name for name, handle in self.soft.items()}
+        counts = {kind: getattr(model, f"n{kind}") for kind in SOFT}
+        self.first_of = {"geom": 0}  # index of the first of a kind among all that is drawn
+        for kind, count in counts.items():
+            self.first_of[kind] = len(labels)
+            labels += [self.ids.get(soft.get((kind, i), ""), 0) for i in range(count)]
+        self.label_of = np.array([*labels, 0], np.uint16)  # the last one of nothing
         self._object_of = object_of
         self._unchanged = {name: getattr(model, name).copy() for name in _CHANGED}
         self._shown: tuple[Any, ...] | None = None
         self._walked = 0, self.begin
+
+    def _soft_handles(self, taken: Collection[str]) -> dict[str, Handle]:
+        """Return by name what only the renderer shows; names of other objects get the kind behind them."""
+        found = {}
+        for kind, number, name in soft_objects(self.mujoco, self.m):
+            unique = name if name not in taken and name not in found else f"{name} ({kind} {number})"
+            found[unique] = Handle(kind, number)
+        return found
 
     def _start(self) -> None:
         """Bring the data to the keyframe and ``qpos`` of the settings."""
@@ -124,7 +161,10 @@ class Model:
         self._shown = None  # until all is done
         for name, values in self._unchanged.items():
             getattr(self.m, name)[...] = values
-        self._advance(begin, self.settings.time if instant.time is None else instant.time)
+        time = instant.time
+        if time is None and begin is self.begin:  # a state that was given is shown as it is
+            time = self.settings.time
+        self._advance(begin, time)
         # MuJoCo looks for what many rays meet only in boxes around the geoms of each body that collide.
         self.m.bvh_aabb[self.m.body_bvhadr[self.m.body_bvhadr >= 0]] = _ANYWHERE
         for name in sorted(poses, key=self._depth):
@@ -133,6 +173,8 @@ class Model:
         names = list(self.handles)
         gone = np.array([names[i] in hidden for i in self._object_of], np.bool_)
         self.m.geom_matid[gone], self.m.geom_rgba[gone, 3] = -1, 0  # rays and the renderer pass through
+        for kind, number in (self.soft[name] for name in hidden if name in self.soft):
+            getattr(self.m, f"{kind}_group")[number] = HIDDEN
         for name, values in instant.varied.get("lights", {}).items():
             self._set("light", self.lights()[name], values, LIGHT)
         for name, values in instant.varied.get("materials", {}).items():
@@ -166,7 +208,12 @@ class Model:
         """Bring the data to a time: by steps of physics, or along a trajectory of ``qpos``."""
         seconds = 0.0 if time is None else time
         kind = self.mujoco.mjtState.mjSTATE_INTEGRATION
-        if self._track is not None:
+        if self._track is not None and begin is not self.begin:
+            if time is not None:
+                expected = "expected none in a state that was given, of a source with a trajectory of qpos"
+                raise ArgumentError(f"time: {expected}, got {time:g}")
+            self.mujoco.mj_setState(self.m, self.d, begin, kind)
+        elif self._track is not None:
             self.mujoco.mj_setState(self.m, self.d, begin, kind)
             self.d.qpos[:] = self._on_track(self._track, seconds)
         else:
@@ -176,12 +223,23 @@ class Model:
             same = self._walked[0] <= step and self._walked_from is begin
             done, state = self._walked if same else (0, begin)
             self.mujoco.mj_setState(self.m, self.d, state, kind)
-            for _ in range(step - done):
-                self.mujoco.mj_step(self.m, self.d)
+            self._walk(step - done)
             self._walked, self._walked_from = (step, self.state_of(self.d)), begin
         self._compute()
 
     _walked_from: Array | None = None
+
+    def _walk(self, steps: int) -> None:
+        """Simulate steps of physics; ArgumentError where they diverge: MuJoCo begins anew then."""
+        bad = [self.d.warning[getattr(self.mujoco.mjtWarning, f"mjWARN_BADQ{key}")] for key in _DIVERGING]
+        for warning in bad:
+            warning.number = 0
+        for _ in range(steps):
+            time = self.d.time
+            self.mujoco.mj_step(self.m, self.d)
+            if any(warning.number for warning in bad):
+                expected = "expected a model whose physics stay finite, got none after"
+                raise ArgumentError(f"time: {expected} {time:.6g} s; give it a smaller timestep")
 
     def _on_track(self, track: Array, time: float) -> Array:
         """Return ``qpos`` at a time: turned and moved at constant rates from one row to the next."""
@@ -279,16 +337,48 @@ class Model:
             points, of = np.unique(points[used], axis=0, return_inverse=True)
         order = np.argsort(of.ravel(), kind="stable")
         ends = np.cumsum(np.bincount(of.ravel(), minlength=len(points)))[:-1]
-        for point, rows in zip(points, np.split(used[order], ends), strict=False):
-            meet, at, n = np.full(len(rows), -1, np.int32), np.full(len(rows), -1.0), np.zeros(3 * len(rows))
-            aimed, count = rays[rows].ravel(), len(rows)
-            groups = self.groups
-            self.mujoco.mj_multiRay(self.m, self.d, point, aimed, groups, 1, -1, meet, at, n, count, _FAR_M)
-            geom[rows], distance[rows], normal[rows] = meet, at, n.reshape(-1, 3)
-        distance[(geom < 0) | (distance < 0)] = np.inf
-        label = self.label_of_geom[geom]
+        with self._without(self._passed, met=True):
+            for point, rows in zip(points, np.split(used[order], ends), strict=False):
+                geom[rows], distance[rows], normal[rows] = self._meet(point, rays[rows])
+        geom[distance > self.far_m] = -1
+        nothing = (geom < 0) | (distance < 0)
+        distance[nothing], normal[nothing] = np.inf, 0
+        label = self.label_of[np.where(geom < 0, -1, geom)]
         normal[np.einsum("ij,ij->i", normal, rays) > 0] *= -1  # towards the ray, also from inside
         return Traced(distance.reshape(shape), label.reshape(shape), normal.reshape(*shape, 3))
+
+    def _meet(self, point: Array, rays: Array) -> tuple[NDArray[np.int32], Array, Array]:
+        """Return the geoms, -1 for none, distances and normals that rays (N, 3) from one point meet."""
+        count = len(rays)
+        geom, distance, normal = np.full(count, -1, np.int32), np.full(count, -1.0), np.zeros(3 * count)
+        aimed = np.ascontiguousarray(rays).ravel()
+        found = geom, distance, normal, count, _ENDLESS_M
+        self.mujoco.mj_multiRay(self.m, self.d, point, aimed, self.groups, 1, -1, *found)
+        normals = normal.reshape(-1, 3)
+        for plane in self.planes.endless:
+            met = np.flatnonzero(geom == self.planes.geoms[plane])
+            ends_w = point + distance[met, None] * rays[met]
+            beyond = met[self.planes.beyond(self.d, plane, point, ends_w)]
+            if len(beyond):  # they go on behind it
+                with self._without(self.planes.geoms[plane : plane + 1]):
+                    geom[beyond], distance[beyond], normals[beyond] = self._meet(point, rays[beyond])
+        return geom, distance, normals
+
+    @contextmanager
+    def _without(self, geoms: NDArray[np.int64], met: bool = False) -> Iterator[None]:
+        """Hide geoms from rays and the renderer; or let rays meet what they pass for its material."""
+        materials, opacities = self.m.geom_matid[geoms].copy(), self.m.geom_rgba[geoms, 3].copy()
+        self.m.geom_matid[geoms] = -1
+        if not met:
+            self.m.geom_rgba[geoms, 3] = 0
+        try:
+            yield
+        finally:
+            self.m.geom_matid[geoms], self.m.geom_rgba[geoms, 3] = materials, opacities
+
+    def seen_from(self, center_w: Array) -> AbstractContextManager[None]:
+        """Return a context in which planes that an optical centre sees from behind are hidden."""
+        return self._without(self.planes.seen_from_behind(self.d, center_w))
 
 
 def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[np.int64]]:
@@ -310,12 +400,6 @@ def _objects(mujoco: Any, m: Any, by: str) -> tuple[dict[str, Handle], NDArray[n
             handles[name] = handle
         object_of.append(index_of[handle])
     return handles, np.array(object_of, np.int64)
-
-
-def _alpha(m: Any) -> Array:
-    """(ngeom,) opacity: what is invisible, rays and the renderer pass through."""
-    own = m.geom_rgba[:, 3]
-    return np.asarray(np.where(m.geom_matid >= 0, m.mat_rgba[m.geom_matid, 3], own) if m.nmat else own)
 
 
 def _matrix(position: Any, rotation: Any) -> Array:

@@ -9,16 +9,20 @@ from numpy.typing import NDArray
 from omniscv.errors import SourceError
 from omniscv.geometry import Array
 from omniscv.sources.base import View
+from omniscv.sources.mujoco.drawn import GRID, SOFT, choose
 
 NEAR_M, FAR_M = 0.001, 10_000.0
-"""Of what is rendered: the renderer's depth is a float of 32 bits that is 0 at the far end, so that a near
-plane this near costs no digits."""
+"""Of what is rendered, at least: the renderer's depth is a float of 32 bits that is 0 at the far end, so that
+a near plane this near costs no digits."""
 DEPTH_ERROR = 1.2e-6
 """Of the renderer's depth, relative: its buffer and its matrices are float32."""
 POSITION_ERROR = 2.0**-23
 """Of vertices and cameras, relative to the coordinates: likewise."""
+_OF_A_GRID = 8.0
+"""How much more the corners of the cells of an infinite plane may be off, by measurement."""
 _STEEPEST = 1e-3  # cosine of the angle between a ray and the normal below which it is not told from 0
 _FIRST_PX = 256
+_PER_WRAP = 64  # pieces in which a slack tendon is drawn, at most
 _LIT, _DATA = "lit", "data"
 _no_opengl: list[str] = []
 """Why no context could be made in this process: MuJoCo hangs where it is tried once more."""
@@ -42,20 +46,26 @@ class Renderer:
         return np.ascontiguousarray(rgb[::-1])
 
     def geoms_and_depth(self, view: View) -> tuple[NDArray[np.int32], Array]:
-        """Return (H, W) the geom that each pixel shows, -1 for none; and its planar depth, metres, +inf."""
+        """Return (H, W) what each pixel shows, and its planar depth, metres, +inf for nothing.
+
+        It is the index of a geom, or of what else is drawn behind all geoms, as ``Model.label_of`` has them;
+        -1 for nothing.
+        """
         rgb, z = self._thread.submit(self._render, view, _DATA).result()
-        geom_of = np.full(self._scene.ngeom + 1, -1, np.int32)
+        shown_by = np.full(self._scene.ngeom + 1, -1, np.int32)
+        first_of = self._model.first_of
         for item in self._scene.geoms[: self._scene.ngeom]:
-            if item.segid >= 0 and item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM:
-                geom_of[item.segid + 1] = item.objid
+            kind = self._kinds.get(item.objtype)
+            if item.segid >= 0 and kind is not None:
+                shown_by[item.segid + 1] = first_of[kind] + item.objid
         codes = rgb[::-1] @ np.array([1, 1 << 8, 1 << 16])
-        near, far = np.float32(NEAR_M), np.float32(FAR_M)
+        near, far = np.float32(NEAR_M), np.float32(self._model.far_m)
         # The renderer's own matrix, in its float32: with exact numbers depth is off by 0.4 mm.
         shift = np.float32(-0.5) * (-(far + near) / (far - near)) - np.float32(0.5)
         scale = np.float32(-0.5) * (-(np.float32(2) * far * near) / (far - near))
         z = z[::-1].astype(np.float64)
         with np.errstate(divide="ignore"):
-            return geom_of[codes], np.where(z > 0, scale / (z + shift), np.inf)
+            return shown_by[codes], np.where(z > 0, scale / (z + shift), np.inf)
 
     def close(self) -> None:
         """Free the contexts, in their thread."""
@@ -85,10 +95,11 @@ class Renderer:
             self._contexts[kind] = mujoco.MjrContext(m, mujoco.mjtFontScale.mjFONTSCALE_50.value)
             self._contexts[kind].readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         m.vis.quality.offsamples = samples
-        self._scene = mujoco.MjvScene(m, maxgeom=2 * m.ngeom + 1000)
+        self._scene = mujoco.MjvScene(m, maxgeom=m.ngeom + m.nflex + m.nskin + _PER_WRAP * m.nwrap + 1000)
         self._option = mujoco.MjvOption()
-        self._option.geomgroup[:] = self._model.groups
-        self._option.sitegroup[:] = 0
+        choose(mujoco, self._option, self._model.groups, self._model.settings.data)
+        names = "geom", *SOFT
+        self._kinds = {int(getattr(mujoco.mjtObj, f"mjOBJ_{name.upper()}")): name for name in names}
 
     def _free(self) -> None:
         for context in self._contexts.values():
@@ -105,8 +116,10 @@ class Renderer:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         m, d = self._model.m, self._model.d
-        mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
+        with self._model.seen_from(view.pose.position):
+            mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
         self._aim(view)
+        self._place_planes(view)
         for light in self._scene.lights[: self._scene.nlight]:
             if light.headlight:
                 self._set_headlight(light, view)
@@ -121,11 +134,19 @@ class Renderer:
         R_w_c, p = view.pose.R_w_c, view.projection
         for camera in (self._scene.camera[0], self._scene.camera[1]):  # the renderer takes their mean
             camera.pos, camera.forward, camera.up = view.pose.position, R_w_c[:, 2], -R_w_c[:, 1]
-            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+            camera.frustum_near, camera.frustum_far = NEAR_M, self._model.far_m
             camera.frustum_center = NEAR_M * (view.width / 2 - p.cx) / p.fx
             camera.frustum_width = NEAR_M * view.width / 2 / p.fx
             camera.frustum_top = NEAR_M * p.cy / p.fy
             camera.frustum_bottom = -NEAR_M * (view.height - p.cy) / p.fy
+
+    def _place_planes(self, view: View) -> None:
+        """Draw infinite planes where rays meet them; MuJoCo places them by the view that was drawn before."""
+        planes = self._model.planes
+        left = {int(planes.geoms[plane]): int(plane) for plane in planes.endless}
+        for item in self._scene.geoms[: self._scene.ngeom] if left else ():
+            if item.objtype == self._mujoco.mjtObj.mjOBJ_GEOM and item.objid in left:
+                item.pos = planes.position_w(self._model.d, left[item.objid], view.pose.position)
 
     def _set_effects(self, is_lit: bool) -> None:
         flags, names = self._scene.flags, self._mujoco.mjtRndFlag
@@ -162,14 +183,22 @@ def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) 
     distance = np.where(seen, depth, 0.0) * lengths
     cos = np.maximum(_cosines(depth, lengths, view), _STEEPEST)
     size = np.abs(view.pose.position).max() + distance
+    planes = model.planes
+    cell_m = np.zeros(len(model.label_of))  # of the grid in which an infinite plane is drawn
+    half_m = np.where(np.isfinite(planes.half_m), planes.half_m, 0.0)
+    cell_m[planes.geoms] = half_m.max(axis=1, initial=0) / (GRID / 4)
+    size = np.where(cell_m[geom] > 0, _OF_A_GRID * (size + cell_m[geom]), size)
     error = DEPTH_ERROR * distance + POSITION_ERROR * size / cos
     slices = model.settings.numslices
-    kinds, radius_of = model.mujoco.mjtGeom, np.zeros(model.m.ngeom + 1)
+    kinds, radius_of = model.mujoco.mjtGeom, np.zeros(len(model.label_of))
     round_ = {
         int(kinds.mjGEOM_ELLIPSOID): 3,
         **dict.fromkeys(map(int, (kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER)), 1),
     }
-    for index in np.unique(geom[geom >= 0]):
+    for kind, radii in (("tendon", model.m.tendon_width), ("flex", model.m.flex_radius)):
+        first = model.first_of[kind]
+        radius_of[first : first + len(radii)] = radii
+    for index in np.unique(geom[(geom >= 0) & (geom < model.m.ngeom)]):
         radii = round_.get(int(model.m.geom_type[index]), 0)
         radius_of[index] = model.m.geom_size[index, :radii].max(initial=0)
     sag_of = radius_of * (1 - np.cos(np.pi / slices) * np.cos(np.pi / (2 * (slices // 2))))

@@ -24,6 +24,7 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.records import read
 from omniscv.sources import codecs
 from omniscv.sources.base import (
+    STATIC_SETTINGS,
     Capabilities,
     Capture,
     ObjectTable,
@@ -37,6 +38,7 @@ from omniscv.sources.base import (
     closed_error,
     copy_with,
 )
+from omniscv.sources.mujoco.drawn import check_state
 from omniscv.sources.mujoco.model import LIGHT, MATERIAL, Model
 from omniscv.sources.mujoco.renderer import raster_error
 from omniscv.sources.mujoco.settings import Settings
@@ -99,9 +101,10 @@ class MujocoSource(Rendered):
     def _by_rays(self, model: Model, view: View) -> dict[str, Any]:
         directions_w = view.directions_w()
         hits = model.trace(view.pose.position, directions_w)
+        depth = hits.distance / view.ray_lengths()
         return {
             "object_mask": _fixed(hits.label),
-            "depth": _fixed((hits.distance / view.ray_lengths()).astype(np.float32)),
+            "depth": _fixed(depth.astype(np.float32)),
             "normals": _fixed(hits.normal.astype(np.float32)),
         }
 
@@ -110,7 +113,7 @@ class MujocoSource(Rendered):
         error = raster_error(model, geom, depth, view)
         file = io.BytesIO()
         np.save(file, np.stack([depth, error], axis=-1).astype(np.float32))
-        mask, metres = model.label_of_geom[geom], depth.astype(np.float32)
+        mask, metres = model.label_of[geom], depth.astype(np.float32)
         return {"object_mask": _fixed(mask), "depth": _fixed(metres), "bounded": file.getvalue()}
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
@@ -122,7 +125,7 @@ class MujocoSource(Rendered):
     def geometry(self) -> SceneGeometry:
         """The boxes of all objects but planes, in their own axes."""
         with self._shown() as model:
-            boxes = {name: model.box(name) for name in model.ids}
+            boxes = {name: model.box(name) for name in model.ids if name in model.handles}
         return SceneGeometry({name: box for name, box in boxes.items() if box is not None})
 
     def poses(self, objects: Collection[str] | None = None) -> Mapping[str, Pose]:
@@ -137,13 +140,28 @@ class MujocoSource(Rendered):
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         model = self._model
         known = {"lights": (model.lights(), LIGHT), "materials": (model.materials(), MATERIAL)}
-        return dict.fromkeys(*known[kind]) if kind in known else super().variable(kind)
+        if kind in known:
+            return dict.fromkeys(*known[kind])
+        settings = super().variable(kind)
+        return {name: STATIC_SETTINGS if name in model.soft else settings[name] for name in settings}
+
+    def at(self, instant: Instant) -> Source:
+        soft = self._model.soft
+        if fixed := sorted(soft.keys() & {*instant.poses, *instant.varied.get("objects", {})}):
+            drawn = instant.varied.get("objects", {}).get(fixed[0], {})
+            if fixed[0] in instant.poses or drawn.keys() - STATIC_SETTINGS.keys():
+                expected = "expected bodies and geoms, which can be moved"
+                raise ArgumentError(f"{self._name}: {expected}, got {soft[fixed[0]].kind} {shown(fixed[0])}")
+        return super().at(instant)
 
     def with_state(self, data: MjData) -> Source:
         """Return a source of the same model in the state of another ``MjData``, which is copied.
 
-        Both may be used at the same time, as long as this source is open; the renderer is shared.
+        The state is shown as it is, whatever the source's ``time`` and ``qpos``; :meth:`at` a time, physics
+        goes on from it. Both may be used at the same time, as long as this source is open; the renderer is
+        shared.
         """
+        check_state(data)
         begin = self._model.state_of(data)
         name = f"state {hashlib.sha256(begin.tobytes()).hexdigest()[:16]}"
         return SourceView(copy_with(self, _begin=begin, _instant=Instant(name=name), _moved={}))
@@ -184,6 +202,10 @@ def from_model(
     """
     mujoco = _mujoco(name)
     settings = read(Settings, options, "options")
+    for key in ("keyframe", "qpos"):
+        if data is not None and getattr(settings, key) is not None:
+            given = shown(getattr(settings, key))
+            raise ArgumentError(f"{key}: expected none beside data, whose state is shown, got {given}")
     model = copy.copy(model)
     data = mujoco.MjData(model) if data is None else copy.copy(data)
     size = np.empty(mujoco.mj_sizeModel(model), np.uint8)
@@ -210,7 +232,14 @@ def open_mujoco(address: str, **options: Any) -> Source:
         raise ArgumentError(
             f"source: expected a model of MuJoCo in {shown(path)}, got: {why[:300]}"
         ) from wrong
-    return ProcessBound(from_model(model, None, Path(path).stem, **{**options, **written}), address)
+    if twice := sorted(options.keys() & written.keys()):
+        expected = f"expected it once, in the address or beside it, got {shown(written[twice[0]])} and"
+        raise ArgumentError(f"{twice[0]}: {expected} {shown(options[twice[0]])}")
+    try:
+        source = from_model(model, None, Path(path).stem, **options, **written)
+    except ArgumentError as wrong:
+        raise ArgumentError(f"{path}: {wrong.message}") from wrong
+    return ProcessBound(source, address)
 
 
 _TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
