@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,11 @@ SUFFIXES = tuple(f".{suffix}" for suffix in FORMS if suffix != ARRAY)
 _MOST_PARTS = 64
 _JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
+_IDS = ("indexob",)
+_FINAL = ("composite.combined", "combined", "beauty", "rgba", "image")
+"""Layers of colours, by the ends of their names, which others only lead to; the first one counts."""
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
-_KEPT = ("uint8", "uint16", "half")  # types of pixels that come as they are; others as float32
+_KEPT = ("uint8", "uint16", "uint32", "half")  # types of pixels that come as they are; others as float32
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
 
 
@@ -33,6 +36,55 @@ def environment(file: Path) -> str:
         return str(_opened(file, OpenImageIO.ImageSpec()).spec().get_string_attribute("textureformat"))
     except UnicodeDecodeError:
         return ""
+
+
+class Parts(NamedTuple):
+    """What an EXR holds beside its colours: kinds that :func:`read` reads, and names of other layers."""
+
+    kinds: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+
+def parts_of(file: Path) -> Parts:
+    """Return what a file of several layers, such as Blender's, holds beside its colours."""
+    import OpenImageIO
+
+    if file.suffix.lower() != ".exr" or not file.exists():
+        return Parts()
+    open_regular(file).close()
+    with closing(_opened(file, OpenImageIO.ImageSpec())) as source:
+        parts = _parts(source)
+    channels = list[str]()
+    for spec in parts:
+        part = spec.get_string_attribute("oiio:subimagename")
+        for name in spec.channelnames:
+            channels.append(f"{part}.{name}" if len(parts) > 1 and "." not in name else name)
+    layers = dict.fromkeys(channel.rpartition(".")[0] for channel in channels)
+    if len(layers) < 2:
+        return Parts()
+    taken = {channels[i].rpartition(".")[0] for i in _colors(channels)}
+    kinds = {"depth": _named_layer(channels, _DEPTH), "object_mask": _named_layer(channels, _IDS)}
+    taken |= {channels[i].rpartition(".")[0] for i in kinds.values() if i is not None}
+    others = tuple(layer.rpartition(".")[2] for layer in layers if layer and layer not in taken)
+    return Parts(tuple(kind for kind, i in kinds.items() if i is not None), others)
+
+
+def _named_layer(channels: Sequence[str], names: Sequence[str]) -> int | None:
+    """Return the index of the only channel whose layer has one of some names; None for none or several."""
+    found = [i for i, channel in enumerate(channels) if _layer(channel).rpartition(".")[2] in names]
+    return found[0] if len(found) == 1 else None
+
+
+def _layer(channel: str) -> str:
+    return channel.lower().rpartition(".")[0]
+
+
+def _parts(source: Any) -> list[Any]:
+    """Return the descriptions of the parts of an open file; the frames of a WebP are none."""
+    parts = [source.spec()]
+    while source.format_name() != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
+        parts.append(source.spec())
+    return parts
 
 
 def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
@@ -122,11 +174,11 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
     with closing(_opened(file, config)) as source:
         if source.has_error:  # as of a progressive JPEG, which is read when it is opened
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        parts, name = [source.spec()], source.format_name()
-        while name != "webp" and len(parts) < _MOST_PARTS and source.seek_subimage(len(parts), 0):
-            parts.append(source.spec())
-        by_part = enumerate(_channels(spec.channelnames, kind) for spec in parts)
-        fitting = {i: channels for i, channels in by_part if channels}
+        parts, name = _parts(source), source.format_name()
+        special = {i: _special(spec.channelnames, kind) for i, spec in enumerate(parts)}
+        if not any(special.values()):
+            special = {i: _colors(spec.channelnames) for i, spec in enumerate(parts)}
+        fitting = {i: channels for i, channels in special.items() if channels}
         if len(fitting) != 1:
             names = "; ".join(", ".join(spec.channelnames[:12]) for spec in parts[:4])
             wanted = "depth in one channel, as Z" if kind == "depth" else "one part with channels R, G, B"
@@ -142,17 +194,38 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
         return np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
 
 
-def _channels(given: Sequence[str], kind: str) -> tuple[int, ...]:
-    """Return the channels that hold colours, grey or depth; none where there are several such, or no such."""
+def _special(names: Sequence[str], kind: str) -> tuple[int, ...]:
+    """Return the channel that holds depth or ids only; empty for none."""
+    found: int | None = None
+    if kind == "depth":
+        found = _of_depth([name.lower() for name in names])
+    elif kind == "object_mask":
+        found = 0 if len(names) == 1 else _named_layer(names, _IDS)
+    return () if found is None else (found,)
+
+
+def _colors(given: Sequence[str]) -> tuple[int, ...]:
+    """Return the channels that hold colours or grey; none where there are several such, or no such."""
     names = [name.lower() for name in given]
-    depth = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
-    if kind == "depth" and (len(depth) == 1 or len(names) == 1):
-        return (depth[0] if depth else 0,)
     layers = [name[:-1] for name in names if name == "r" or name.endswith(".r")]
-    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names}]
+    layers = [layer for layer in layers if {f"{layer}g", f"{layer}b"} <= {*names} and "crypto" not in layer]
+    final = [layer for end in _FINAL for layer in layers if f".{layer}".endswith(f".{end}.")]
+    if len(layers) > 1 and final and "" not in layers:
+        layers = final[:1]
     if len(layers) == 1 or "" in layers:
         return tuple(names.index(f"{'' if '' in layers else layers[0]}{color}") for color in "rgb")
     return (0,) if not layers and len({*names} - {"a"}) == 1 and names[0] in _GREY else ()
+
+
+def _of_depth(names: Sequence[str]) -> int | None:
+    """Return the index of the channel of depth: that of a layer of this name, else the only one of such a
+    name, or that there is; None for several."""
+    found = [i for i, name in enumerate(names) if name.rpartition(".")[2] in _DEPTH]
+    if (named := _named_layer(names, _DEPTH)) is not None:
+        return named
+    if len(found) == 1:
+        return found[0]
+    return 0 if len(names) == 1 else None
 
 
 def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
@@ -161,7 +234,8 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     display = spec.full_x, spec.full_y, spec.full_width, spec.full_height
     is_cropped = name == "openexr" and window != display and not spec.get_string_attribute("textureformat")
     bits = spec.get_int_attribute("oiio:BitsPerSample", 8)
-    is_odd = str(spec.format) not in _FORMATS or bits not in (8, 16, 32, 64)
+    is_ids = kind == "object_mask" and str(spec.format) == "uint32"
+    is_odd = (str(spec.format) not in _FORMATS and not is_ids) or bits not in (8, 16, 32, 64)
     lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
     cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
     for is_wrong, expected, got in (

@@ -185,6 +185,8 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
             return _depth(pixels, payload, form)
         if kind == "lit":
             return _colors(pixels, payload, clip)
+        if pixels.dtype.kind == "f" and file.suffix.lower() == ".exr":
+            pixels = _whole(pixels)  # which has no whole numbers of 8 or 16 bits
         if pixels.shape[2] == 1:
             ids = _fitting(pixels[..., 0], np.uint16, "whole numbers")
             return Picture(ids, payload, "png ids" if payload else "")
@@ -245,6 +247,15 @@ def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
     known = np.where(none, np.float32(np.inf), metres)
     encoding = received if as_received else ""
     return Picture(known, payload, encoding, whole / per_m, int(clipped), half_m=half_m)
+
+
+def _whole(pixels: Pixels) -> Pixels:
+    """Return floats that are whole numbers as such; ArgumentError for others."""
+    wrong = ~(pixels == np.round(pixels))
+    if wrong.any():
+        got = f"{np.count_nonzero(wrong)} of {pixels.size} others such as {pixels[wrong][0]:g}"
+        raise ArgumentError(f"expected ids that are whole numbers, without anti-aliasing, got {got}")
+    return np.clip(pixels.astype(np.float64), -1, 2.0**31 - 1).astype(np.int64)
 
 
 def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pixels:

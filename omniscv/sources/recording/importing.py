@@ -25,6 +25,7 @@ from omniscv.sources.recording.posed_frames import (
     NO_ID,
     Options,
     capture_of,
+    layer_lines,
     mode_of,
     objects_of,
     pictures_in,
@@ -175,6 +176,11 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
     files: dict[str, list[Path]] = defaultdict(list)
     for file in pictures_in(folder):
         files[mode_of(file, folder)[0]].append(file)
+    lit = files.get("lit", [])
+    layers = [foreign.parts_of(file) for file in lit]
+    for kind in set[str]().union(*(parts.kinds for parts in layers)):
+        if not files[kind]:
+            files[kind] = [file for file, parts in zip(lit, layers, strict=True) if kind in parts.kinds]
     faces, lines, choice = list[Any](), list[str](), None
     for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
         stems = [file.stem for file in files[mode]]
@@ -195,7 +201,7 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
         order = next(order for layout, order in orders if layout is choice.layout)
         lines = lines or choice.lines([stems[i] for i in order])
         faces += _views(mode, choice, [read[i] for i in order])
-    return faces, lines
+    return faces, [*lines, *layer_lines(layers)]
 
 
 def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
@@ -231,7 +237,13 @@ def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, l
         raise ArgumentError(f"expected a picture of six faces as in {_names(name, cells=True)}, got {got}")
     choice = choose(readings, is_given=name != "auto")
     lines = choice.lines([f"face {i}" for i in range(1, 7)])
-    return _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures]), lines
+    faces = _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures])
+    parts = foreign.parts_of(file) if mode == "lit" else foreign.Parts()
+    for kind in parts.kinds:
+        picture = read_as(file, kind, options, options.depth or DepthForm())
+        cells = cut(picture.pixels, choice.layout) or []
+        faces += _views(kind, choice, [picture.converted(pixels) for pixels in cells])
+    return faces, [*lines, *layer_lines([parts])]
 
 
 def _tried(name: str) -> list[Layout]:

@@ -22,8 +22,10 @@ from omniscv.sources.recording.posed_frames import (
     Frame,
     Options,
     Sequence,
+    layer_lines,
     mode_of,
     pictures_in,
+    with_layers,
 )
 from omniscv.storage.bounded import MOST_JSON_BYTES, named_file, read_bytes
 
@@ -134,6 +136,7 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
     poses, frames = Rows.of_entries(keys).poses("opengl"), list[Frame]()
     lenses = dict[str, Pinhole | Wide | None]()
+    layers = list[foreign.Parts]()
     for (where, _), (data, entry), *pose in zip(keys, entries, *poses, strict=True):
         with within(where):
             lit = inside(folder, text("file_path", entry.get("file_path")))
@@ -145,13 +148,17 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
                 given = options.intrinsics
                 size = (0, 0) if not given and {"w", "h"} <= values.keys() else size_of(lit)
                 lenses[known] = of_file(given, size) if given else of_values(values, "nerfstudio", size)
-            unit = "m" if str(depth).lower().endswith((".npy", ".exr")) else _depth_unit(values)
+            is_float = depth is None or str(depth).lower().endswith((".npy", ".exr"))
+            unit = "m" if is_float else _depth_unit(values)
             holds = {"depth": Files(kind="planar" if lenses[known] else "ray", unit=unit)}
             paths = {"lit": lit} | ({"depth": inside(folder, depth)} if depth else {})
             hidden = inside(folder, mask) if mask else None
+            paths, parts = with_layers(paths)
+            layers.append(parts)
             frames.append(Frame(paths, Pose(*pose), lenses[known], holds, hidden))
     masked = sum(frame.mask is not None for frame in frames)
     says = [f"{masked} frames are black, without label or surface, where masks are 0"] if masked else []
+    says += layer_lines(layers)
     says += [f"{key} stays" for key in ("applied_transform", "applied_scale") if key in documents[0]]
     return Sequence(frames, says=tuple(says), words=Words("opengl"))
 
@@ -230,7 +237,10 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         raise ArgumentError("expected --poses, or --position and --yaw; got both")
     frames = list[Frame]()
     axes, taken = frame_of_poses(options) if options.poses else ("body", "")
+    layers = list[foreign.Parts]()
     for words, files in places.items():
+        files, parts = with_layers(files)
+        layers.append(parts)
         names = [name for file in files.values() for name in (file.name, file.stem)]
         pose = options.pose or Pose.from_angles((0, 0, 0))
         if options.poses:
@@ -240,6 +250,7 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = [] if lens else ["resampled to six faces"]
     says += [taken] if taken else []
+    says += layer_lines(layers)
     columns: Collection[str] = ("m0",)
     if options.poses and options.poses.suffix.lower() != ".json":
         columns = read_rows(options.poses, keyed=True)[1].columns

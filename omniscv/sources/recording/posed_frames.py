@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -27,10 +27,13 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 NO_ID = 0xFFFF
 MODE_WORDS = {
     "depth": {"depth", "depths", "zdepth"},
-    "object_mask": {"mask", "masks", "seg", "segmentation", "semantic", "instance", "instances"},
+    "object_mask": {"mask", "masks", "seg", "segmentation", "semantic", "instance", "instances", "indexob"},
     "normals": {"normal", "normals"},
-    "lit": {"rgb", "color", "colour", "lit", "pano"},
+    "lit": {"rgb", "color", "colour", "lit", "pano", "image", "combined"},
 }
+
+_NUMBERED = re.compile(rf"({'|'.join(sorted(set().union(*MODE_WORDS.values())))})(\d+)")
+"""A word of what a picture shows with a number of its place, as Blender writes them: ``Depth0001``."""
 
 _FRONT = cube_rotations()[0][1]
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
@@ -278,13 +281,45 @@ def pictures_in(path: Path) -> list[Path]:
     return found
 
 
+def with_layers(files: dict[str, Path]) -> tuple[dict[str, Path], foreign.Parts]:
+    """Return the files of a place by mode, with the depth and ids that a file of colours has in layers, and
+    what it has."""
+    if "lit" not in files:
+        return files, foreign.Parts()
+    parts = foreign.parts_of(files["lit"])
+    return {**dict.fromkeys(parts.kinds, files["lit"]), **files}, parts
+
+
+def layer_lines(parts: Iterable[foreign.Parts]) -> list[str]:
+    """Return what was taken of files with several layers, and what was not, for people."""
+    found = Counter[str]()
+    lost = dict[str, None]()
+    for each in parts:
+        found.update(each.kinds)
+        lost |= dict.fromkeys(each.others)
+    lines = [f"{count} of {kind} are layers of the files of colours" for kind, count in found.items()]
+    if lost:
+        names = ", ".join(lost)
+        line = f"layers that are not taken: {names}"
+        if "crypto" in names.lower():
+            line += "; masks are taken of IndexOB, Blender's pass Object Index"
+        lines.append(line)
+    return lines
+
+
 def mode_of(file: Path, folder: Path) -> tuple[str, tuple[str, ...]]:
     """Return what a picture shows, by the words of its name and folders, and the other words."""
     name = file.relative_to(folder) if file != folder else Path(file.name)
     stem = unicodedata.normalize("NFC", str(name.with_suffix(""))).lower()
-    words = [word for word in re.split(r"(?:[^\w+-]|_)+", stem) if word]
+    parts = [part for part in re.split(r"(?:[^\w+-]|_)+", stem) if part]
+    words = [word for part in parts for word in _of_numbered(part)]
     mode = next((mode for mode, known in MODE_WORDS.items() if known & {*words}), "lit")
     return mode, tuple(word for word in words if not any(word in known for known in MODE_WORDS.values()))
+
+
+def _of_numbered(part: str) -> tuple[str, ...]:
+    match = _NUMBERED.fullmatch(part)
+    return (match[1], match[2]) if match else (part,)
 
 
 def objects_of(file: Path) -> ObjectTable:
