@@ -11,7 +11,7 @@ STEM.relit.png                 255 where closing seams changed a colour
 STEM.light.png                 8-bit, what light makes doubtful: see :mod:`omniscv.compose.light_checks`
 STEM.unsure.png                255 where no capture verified a pixel
 STEM.occluded.png              255 where the optical centre is not visible from the camera position
-STEM.json                      camera, pose, options, source, versions, the blank layers
+STEM.json                      camera, pose, options, source, versions, the blank layers, the files
 objects.json                   label to object name and mask colour, of all images in the folder
 
 A modality that was registered is written as its row of :mod:`omniscv.modalities` has it. A mark that no pixel
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from omniscv import modalities, plugins
 from omniscv.arguments import one_of, shown, within
 from omniscv.arguments import stem as start_of_name
+from omniscv.compose import saved
 from omniscv.compose.layers import as_halves
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.modalities import Modality
@@ -113,18 +114,24 @@ def write(
         The files.
 
     Raises:
-        ArgumentError: an unknown format or store, a stem that is no file name, or a folder whose
-            ``objects.json`` gives a label another object or mask colour.
+        ArgumentError: an unknown format or store, a stem that is no file name, files of others that have
+            names of the image's, or a folder whose ``objects.json`` gives a label another object or mask
+            colour.
         OmniscvError: a file cannot be written.
     """
     start_of_name("stem", stem, dots=True)
     check_format(**written_as)
+    if f"{stem}.json" == OBJECTS:
+        raise ArgumentError(f"stem: expected another than that of {OBJECTS}, got {stem!r}")
     if objects is not None:
         _objects_with(out / OBJECTS, objects)  # refused before anything is written
     transfer = description.get("transfer", "unknown")
-    written = list(write_layers(layers, out, stem, transfer, **written_as).values())
-    facts = {**description, "blank": blank(layers), "versions": versions()}
-    written.append(write_json(out / f"{stem}.json", facts))
+    names = [f"{stem}.{name}" for name in _endings(layers, **written_as).values()]
+    out.mkdir(parents=True, exist_ok=True)
+    with saved.replacing(out, stem, [*names, f"{stem}.json"]):
+        written = list(write_layers(layers, out, stem, transfer, **written_as).values())
+        facts = {**description, "blank": blank(layers), "versions": versions(), "files": names}
+        written.append(write_json(out / f"{stem}.json", facts))
     if objects is not None:
         with locked(out):  # others may save images into this folder at the same time
             existing, merged = _objects_with(out / OBJECTS, objects)
@@ -152,17 +159,22 @@ def write_layers(
         OmniscvError: a file cannot be written.
     """
     out.mkdir(parents=True, exist_ok=True)
+    is_srgb = transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8
+    pictures = []
+    for name, ending in _endings(layers, **written_as).items():
+        row = modalities.get(name)
+        if name == "lit" and is_srgb:
+            row = replace(row, attributes=modalities.SRGB)
+        pictures.append((out / f"{stem}.{ending}", layers[name], row))
+    written = side_by_side(lambda picture: write_picture(*picture), pictures)
+    return {row.name: path for (_, _, row), path in zip(pictures, written, strict=True)}
+
+
+def _endings(layers: Mapping[str, NDArray[Any]], **written_as: Unpack[Forms]) -> dict[str, str]:
+    """Return, by the layers that have a file, how its name goes on after the stem and a dot."""
     omitted = blank(layers)
     rows = [row for row in modalities.layers() if row.name in layers and row.name not in omitted]
-    if transfer in ("srgb", "film") and "lit" in layers and layers["lit"].dtype == np.uint8:
-        rows = [replace(row, attributes=modalities.SRGB) if row.name == "lit" else row for row in rows]
-    suffixes = [_suffix(row, layers[row.name], **written_as) for row in rows]
-    pictures = [
-        (out / f"{stem}.{row.name}.{suffix}", layers[row.name], row)
-        for row, suffix in zip(rows, suffixes, strict=True)
-    ]
-    written = side_by_side(lambda picture: write_picture(*picture), pictures)
-    return {row.name: path for row, path in zip(rows, written, strict=True)}
+    return {row.name: f"{row.name}.{_suffix(row, layers[row.name], **written_as)}" for row in rows}
 
 
 def blank(layers: Mapping[str, NDArray[Any]]) -> list[str]:

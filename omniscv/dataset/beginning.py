@@ -1,22 +1,20 @@
 """The folder of a dataset that is written: how it is locked, begun, resumed, replaced and tidied."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 from omniscv.arguments import shown
 from omniscv.compose.files import OBJECTS
-from omniscv.dataset.manifest import DATASET, FAILED, FRAMES, Manifest, find, read, with_names, write
+from omniscv.dataset import exporting
+from omniscv.dataset.belongings import SCRATCH, Belongings, is_listing, roll_back
+from omniscv.dataset.manifest import DATASET, FRAMES, Manifest, find, is_dataset, read, with_names, write
 from omniscv.errors import ArgumentError
-from omniscv.storage import Folder
+from omniscv.frame import Frame
+from omniscv.storage import Folder, in_the_way
 from omniscv.storage.local import locked, remove_parts, remove_scratch
-
-SCRATCH = ".omniscv-"
-"""Start of the names of folders in which frames are written."""
-
-_OWN = (DATASET, FRAMES, FAILED, "exports", "parts")
 
 
 def lock(folder: Folder) -> AbstractContextManager[None]:
@@ -40,25 +38,46 @@ def check_new(folder: Folder, resume: bool = False) -> None:
 
 def make_room(folder: Folder, overwrite: bool = False) -> None:
     """Remove a dataset that has no frames yet, as a job leaves it that failed at once; ``overwrite``: any.
-    Then refuse the folder as :func:`check_new`."""
-    frames = _frame_names(folder) if _has_dataset(folder) else None
-    if frames is not None and (overwrite or not frames):
-        stems = {name.partition(".")[0] for name in frames}
-        for name in sorted(folder.names(), key=lambda name: name == DATASET):  # the manifest last
-            top = name.partition("/")[0]
-            if top in _OWN or (top == name and name.partition(".")[0] in stems):
-                folder.remove(name)
+    Then refuse the folder as :func:`check_new`.
+
+    Only files that the record of the dataset lists are removed; a ``dataset.json`` of another program is
+    refused.
+    """
+    whole = find_own(folder)
+    if whole is not None:
+        with lock(folder):
+            roll_back(folder)
+            belongings = Belongings(folder, whole)
+            if overwrite or not belongings.frames:
+                exporting.remove_exports(folder, belongings.exported())
+                folder.remove_files(belongings.files())
+                folder.remove(DATASET)  # the last: until then the next run knows the others by it
     check_new(folder)
 
 
-def _frame_names(folder: Folder) -> list[str]:
-    """Return the names of the files that are the last of a frame."""
-    names = (name for name in folder.names() if name.endswith(".json") and "/" not in name)
-    return [name for name in names if name not in (DATASET, OBJECTS)]
+def find_own(folder: Folder) -> Manifest | None:
+    """Return the manifest of the dataset in a folder; None where there is none.
+
+    ArgumentError: a file of another program has its name. DatasetError: it is damaged, or lost beside frames.
+    """
+    if folder.exists(DATASET) and not is_dataset(folder):
+        wanted = f"expected no {DATASET}, or that of a dataset, got one of another program"
+        raise ArgumentError(f"{folder}: {wanted}; move it away, or write elsewhere")
+    whole = find(folder)
+    return read(folder) if whole is None and folder.exists(FRAMES) else whole
 
 
-def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
-    """Write the manifest of a new dataset, or extend that of a resumed one, under :func:`lock`; return it.
+def begin(
+    folder: Folder, wanted: Manifest, resume: bool, keys: Collection[str] = ()
+) -> tuple[Manifest, Mapping[str, Frame]]:
+    """Write the manifest of a new dataset, or extend that of a resumed one, under :func:`lock`; return it,
+    and the frames that are there by key.
+
+    Args:
+        folder: of the dataset.
+        wanted: its manifest, as far as it is known.
+        resume: whether a dataset that is there is continued.
+        keys: of the frames that are to be written.
 
     Raises:
         ArgumentError: a dataset exists and ``resume`` is not set, or it has other cameras, classes or
@@ -66,16 +85,27 @@ def begin(folder: Folder, wanted: Manifest, resume: bool) -> Manifest:
         DatasetError: its manifest is damaged.
         UnmatchedNamesError: no rule of the classes matches some names.
     """
-    current = find(folder) if resume else None
+    current = find_own(folder) if resume else None
+    roll_back(folder)
+    exports = [exporting.Export(**export) for export in wanted.settings.get("exports", ())]
+    exporting.check_free(folder, current, exports)
+    if DATASET.removesuffix(".json") in keys:
+        raise ArgumentError(f"key: expected another than that of {DATASET}, got a frame of this name")
+    there = Belongings(folder, current or wanted)
+    strange = there.strange(keys)
     if current is None:
         check_new(folder, resume)
+        strange += [name for name in folder.names() if is_listing(name)]
+    if strange:
+        raise in_the_way(folder, strange, "this dataset")
+    if current is None:
         if not _has_dataset(folder) and write(folder, wanted, first=True):
-            return wanted
+            return wanted, {}
         current = read(folder)
     extended = _extended(current, wanted, folder)
     if current.to_dict() != extended.to_dict():
         write(folder, extended)
-    return extended
+    return extended, there.frames
 
 
 def _extended(current: Manifest, wanted: Manifest, folder: Folder) -> Manifest:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from omniscv import modalities, storage
 from omniscv.arguments import shown
 from omniscv.dataset import exporting, manifest
+from omniscv.dataset.belongings import Belongings
 from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
 from omniscv.dataset.manifest import Manifest
 from omniscv.errors import DatasetError, MissingFileError, OmniscvError
@@ -41,7 +42,7 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
     try:
         whole = manifest.read(folder)
         frames = manifest.read_frames(folder, whole)
-        faults = [*_manifest_faults(folder, whole), *_list_faults(folder, frames)]
+        faults = [*_manifest_faults(folder, whole), *_list_faults(folder, whole, frames)]
     except DatasetError as damaged:
         return [str(damaged)]
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
@@ -69,7 +70,7 @@ def _manifest_faults(folder: Folder, whole: Manifest) -> Iterator[str]:
             yield f"{manifest.DATASET}: {key}: expected what its rules and names give, got {got}"
 
 
-def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
+def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterator[str]:
     """Yield faults of ``frames.jsonl`` as a whole."""
     split_of: dict[str, str] = {}
     for frame in frames:
@@ -80,10 +81,8 @@ def _list_faults(folder: Folder, frames: list[Frame]) -> Iterator[str]:
     failed = {line["key"] for line in manifest.read_failed(folder)}
     for key in sorted(failed & known):
         yield f"{manifest.FAILED}: expected frames that are not in {manifest.FRAMES}, got {key}"
-    expected = {manifest.DATASET, *(f"{key}.json" for key in known | failed)}
-    for name in folder.names():
-        if "/" not in name and name.partition(".")[2] == "json" and name not in expected:
-            yield f"{name}: expected a frame that {manifest.FRAMES} lists; make it with --resume"
+    for key in sorted(Belongings(folder, whole).frames.keys() - known - failed):
+        yield f"{key}.json: expected a frame that {manifest.FRAMES} lists; make it with --resume"
 
 
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
@@ -219,7 +218,8 @@ def _local(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
 def _differences(expected: Path, got: Path) -> Iterator[str]:
     """Yield how files below a folder differ from the expected ones."""
     files = {path.relative_to(expected) for path in expected.rglob("*") if path.is_file()}
-    for name in sorted(files | {path.relative_to(got) for path in got.rglob("*") if path.is_file()}):
+    there = {path.relative_to(got) for path in got.rglob("*") if path.is_file()}
+    for name in sorted(files | there - {Path(exporting.LISTS)}):
         if name not in files:
             yield f"{name}: expected no such file"
         elif not (got / name).is_file():

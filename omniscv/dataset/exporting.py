@@ -1,24 +1,26 @@
 """The formats that datasets are exported to, by name, and exports: what other programs read."""
 
+import json
 import os
-import shutil
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omniscv import plugins, storage
-from omniscv.arguments import one_of, optional_number, shown, text, within
+from omniscv.arguments import one_of, optional_number, shown, text, texts, within
 from omniscv.cameras import Camera
-from omniscv.dataset.manifest import DATASET, open
-from omniscv.errors import ArgumentError
+from omniscv.dataset.manifest import DATASET, Manifest, open, read
+from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, OmniscvError
 from omniscv.frame import Frame, FrameFiles
 from omniscv.records import NoOptions, WithOptions, checked, record
-from omniscv.storage import Folder
-from omniscv.storage.local import folder_beside, replace_folder
+from omniscv.storage import Folder, in_the_way
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+from omniscv.storage.local import folder_beside, locked
 
 T = TypeVar("T")
 
@@ -221,6 +223,7 @@ def export(
     common = set.intersection(*kinds) if kinds else set(get(to).needs)
     wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
     if out is None:
+        check_free(source, read(source), [wanted])
         return replace_export(wanted, frames, source)
     target = storage.folder(out)
     if target.exists(DATASET):  # whose files would be taken for frames, or replaced
@@ -229,41 +232,169 @@ def export(
 
 
 def replace_export(wanted: Export, frames: Sequence[Frame], out: Folder) -> list[str | Path]:
-    """Write an export into its folder of a dataset; the complete new one replaces an existing one.
+    """Write an export into its folder of a dataset, in place of an existing one.
 
     In a store, files are put one by one, those that list others last; then those of an earlier one are gone.
+
+    Raises:
+        ArgumentError: files that no export has written have names of the new ones; or as a format.
     """
-    target = out.below(f"{EXPORTS}/{wanted.out}")
-    written = _place(wanted, frames, target, within_dataset=True)
-    if target.local is None:
-        target.each(target.remove, [name for name in target.names() if f"{target}/{name}" not in written])
-    return written
+    return _place(wanted, frames, out.below(f"{EXPORTS}/{wanted.out}"), within_dataset=True)
 
 
 def _place(wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool) -> list[str | Path]:
     """Write an export beside a local folder, or for a store into a temporary one, and move it when it is
-    complete; return its files, as paths or URLs. Within a dataset a local folder is replaced, and files of
-    frames in a store are named as seen from there; else other local files stay."""
-    if target.local is not None:
-        place = Path(os.path.abspath(target.local))
-        with folder_beside(place) as part:  # relative paths out of it stay true
+    complete; return its files, as paths or URLs.
+
+    The files that an earlier export listed are replaced or removed; those of others stay, and are refused
+    where they have names of the new ones. Within a dataset, files of frames in a store are named as seen from
+    there.
+    """
+    with ExitStack() as stack:
+        if target.local is not None:  # relative paths out of it stay true
+            part = stack.enter_context(folder_beside(Path(os.path.abspath(target.local))))
             paths = wanted.write_into(frames, part)
-            if within_dataset:
-                replace_folder(part, place)
-            else:  # file by file
-                shutil.copytree(part, place, copy_function=os.replace, dirs_exist_ok=True)
-        return [target.local / path.relative_to(part) for path in paths]
+        else:
+            root = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="omniscv-")))
+            part = root / EXPORTS / wanted.out
+            part.mkdir(parents=True)
+            paths = wanted.write_into(with_stand_in(frames, root) if within_dataset else frames, part)
+        last = [path.relative_to(part).as_posix() for path in paths]  # these list others
+        names = {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+        if target.local is not None:
+            stack.enter_context(_locked(target.local))
+        _move(wanted, part, sorted(names.difference(last)), last, target, within_dataset)
+    return [f"{target}/{name}" if target.local is None else target.local / name for name in last]
 
-    def put(path: Path) -> str:
-        target.put(name := path.relative_to(part).as_posix(), path)
-        return f"{target}/{name}"
 
-    with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
-        part = Path(root) / EXPORTS / wanted.out
-        part.mkdir(parents=True)
-        paths = wanted.write_into(with_stand_in(frames, Path(root)) if within_dataset else frames, part)
-        others = sorted({path for path in part.rglob("*") if path.is_file()} - set(paths))
-        return [*target.each(put, others), *map(put, paths)]
+@contextmanager
+def _locked(target: Path) -> Iterator[None]:
+    target.mkdir(parents=True, exist_ok=True)
+    with locked(target):
+        yield
+
+
+def _move(
+    wanted: Export,
+    part: Path,
+    others: Sequence[str],
+    last: Sequence[str],
+    target: Folder,
+    within_dataset: bool,
+) -> None:
+    """Move the files of a new export to their place, and remove the others of the one that it replaces.
+
+    Args:
+        wanted: the export.
+        part: the local folder that holds the new files.
+        others: the names of its files, but for those that list others.
+        last: the names of these.
+        target: their place.
+        within_dataset: whether the place is a folder of a dataset, which is that of one export.
+    """
+    names = {*others, *last}
+    there = set(target.names())
+    lists = _read_lists(target)
+    if lists is None:  # in a dataset of version 0.2, which kept no list, names of the new one are its own
+        lists = {wanted.format: [*there.intersection(names)]} if within_dataset else {}
+    replaced = set(lists) if within_dataset else {wanted.format}
+    mine = {name for format in replaced & lists.keys() for name in lists[format]}
+    if strange := sorted(there & names - mine):
+        raise in_the_way(target, strange, f"the export to {wanted.format}")
+    kept = {format: files for format, files in lists.items() if format not in replaced}
+    # Listed before they are there: whatever kills the process, the next export knows them.
+    _write_lists(target, {**kept, wanted.format: sorted(mine | names)})
+
+    def put(name: str) -> None:
+        if target.local is None:
+            target.put(name, part / name)
+        else:
+            (target.local / name).parent.mkdir(parents=True, exist_ok=True)
+            (part / name).replace(target.local / name)
+
+    target.each(put, others)
+    for name in last:
+        put(name)
+    target.remove_files(sorted(mine & there - names))
+    _write_lists(target, {**kept, wanted.format: sorted(names)})
+
+
+# -- lists of files --------------------------------------------------------------------------------------
+
+LISTS = ".exported.json"
+"""The file in the folder of exports that lists the files of each, by its format."""
+
+
+def _read_lists(target: Folder) -> dict[str, list[str]] | None:
+    """Return the files of the exports in a folder, by format; None if no list is there."""
+    try:
+        content = parse_json(target.read(LISTS, MOST_JSON_BYTES))
+        return {text("format", name): list(texts("files", files)) for name, files in content.items()}
+    except MissingFileError:
+        return None
+    except (ArgumentError, DamagedFileError, AttributeError) as cause:
+        wanted = f"expected the list of an export in {LISTS}"
+        raise ArgumentError(
+            f"{target}: {wanted}, got: {cause}; remove the file, or write elsewhere"
+        ) from cause
+
+
+def _write_lists(target: Folder, lists: Mapping[str, Sequence[str]]) -> None:
+    target.put(LISTS, f"{json.dumps(lists, indent=1)}\n".encode())
+
+
+def check_free(folder: Folder, whole: Manifest | None, exports: Iterable[Export]) -> None:
+    """Raise ArgumentError for files in the folder of an export that no export has written.
+
+    Args:
+        folder: of the dataset.
+        whole: its manifest, as the exports that are there were made with it; None for a new dataset.
+        exports: that are to be written into it.
+    """
+    earlier = set() if whole is None else {export["out"] for export in whole.settings.get("exports", ())}
+    for export in exports:
+        target = folder.below(f"{EXPORTS}/{export.out}")
+        if export.out not in earlier and _read_lists(target) is None and (names := target.names()):
+            raise in_the_way(target, names, f"the export to {export.format}")
+
+
+def remove_exports(folder: Folder, files: Sequence[str]) -> None:
+    """Remove files of exports; a folder that holds others, too, gets the list of no files: they are known
+    then, and stay."""
+    folder.remove_files(files)
+    for out in {name.split("/")[1] for name in files}:
+        target = folder.below(f"{EXPORTS}/{out}")
+        if target.names():
+            _write_lists(target, {})
+
+
+def _names_of(export: Export, frames: Sequence[Frame]) -> set[str]:
+    """Return the names of the files that an export of frames has; none if they do not give it."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
+            part = Path(root) / EXPORTS / export.out
+            export.write_into(with_stand_in(frames, Path(root)), part)
+            return {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+    except OmniscvError:
+        return set()
+
+
+def files_of_exports(folder: Folder, whole: Manifest, frames: Sequence[Frame]) -> list[str]:
+    """Return the files of all exports in a dataset's folder, with their lists, as seen from there."""
+    earlier = {export["out"]: Export(**export) for export in whole.settings.get("exports", ())}
+    outs = {path.split("/")[1] for path in folder.names(f"{EXPORTS}/") if path.count("/") > 1}
+    files = []
+    for out in sorted(outs):
+        target = folder.below(f"{EXPORTS}/{out}")
+        lists = _read_lists(target)
+        if lists is not None:
+            names = {LISTS, *(name for listed in lists.values() for name in listed)}
+        elif out in earlier:  # version 0.2 kept no list
+            names = _names_of(earlier[out], frames).intersection(target.names())
+        else:
+            continue
+        files += [f"{EXPORTS}/{out}/{name}" for name in sorted(names)]
+    return files
 
 
 def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:

@@ -20,7 +20,7 @@ from omniscv.arguments import one_of, shown, stem, texts, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rolling_shutter import with_path
 from omniscv.compose.files import versions
-from omniscv.errors import ArgumentError, DatasetError, MissingFileError, StorageError
+from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles, file_endings
 from omniscv.frame.classes import ClassRules, ClassTable, class_rules
 from omniscv.frame.files import read_entries
@@ -34,6 +34,8 @@ from omniscv.truth import registry as truths
 DATASET, FRAMES = "dataset.json", "frames.jsonl"
 FAILED = "failed.jsonl"
 """The frames that failed and were left out: key, world, what was drawn, and the error, a line each."""
+PLANNED = "planned.jsonl"
+"""The frames that a job makes, without files, a line each; there until the dataset is complete."""
 FORMAT = 2
 _MOST_NS = 1 << 62
 CONVENTIONS = {
@@ -216,6 +218,15 @@ def find(folder: Folder) -> Manifest | None:
         return Manifest.from_dict(parse_json(content))
 
 
+def is_dataset(folder: Folder) -> bool:
+    """Return whether a folder holds a dataset, of whatever version."""
+    try:
+        content = parse_json(folder.read(DATASET, MOST_JSON_BYTES))
+    except (MissingFileError, DamagedFileError, ArgumentError):
+        return False
+    return isinstance(content, Mapping) and content.keys() >= {"format", "conventions", "cameras"}
+
+
 def read(out: str | Path | Folder) -> Manifest:
     """Return what ``dataset.json`` holds.
 
@@ -283,6 +294,21 @@ def write_failed(folder: Folder, lines: Iterable[Mapping[str, Any]]) -> None:
         _put_lines(folder, FAILED, failed)
     else:
         folder.remove(FAILED)
+
+
+def read_planned(folder: Folder, whole: Manifest) -> list[Frame]:
+    """Return the frames of ``planned.jsonl``, without files; none without the file, or if it is damaged:
+    nothing was made of its lines then that has no file of its own."""
+    try:
+        content = folder.read(PLANNED, _MOST_FRAMES_BYTES)
+        return [whole.frame(parse_json(line), folder) for line in content.splitlines()]
+    except (MissingFileError, DamagedFileError, ArgumentError):
+        return []
+
+
+def write_planned(folder: Folder, frames: Iterable[Frame]) -> None:
+    """Write ``planned.jsonl`` in the order of keys."""
+    _put_lines(folder, PLANNED, [frame.to_dict() for frame in frames])
 
 
 def open(out: str | Path | Folder) -> tuple[Frame, ...]:

@@ -19,16 +19,16 @@ from omniscv.cameras import Camera
 from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest
-from omniscv.dataset.beginning import SCRATCH, begin, lock, tidy
+from omniscv.dataset.beginning import begin, lock, tidy
+from omniscv.dataset.belongings import SCRATCH, frame_of, roll_back
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
-from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError
+from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory import nanoseconds
-from omniscv.storage import Folder
-from omniscv.storage.bounded import MOST_JSON_BYTES
+from omniscv.storage import in_the_way
 from omniscv.storage.local import scratch_folder
 
 _AHEAD = 8
@@ -50,6 +50,8 @@ class Writer:
         closed: refuse objects that the manifest does not have, as when several processes write one dataset.
         media: ``xmp``, whether pictures of equirectangular cameras get Photo Sphere metadata, and ``north``,
             the compass heading of the world's X axis in degrees.
+        keys: of frames that will be written, as far as they are known: files of others that have their names
+            are refused before anything is written.
         written_as: the image format, the store and the depth format: :class:`omniscv.compose.files.Forms`.
 
     Raises:
@@ -67,6 +69,7 @@ class Writer:
         begun: Manifest | None = None,
         closed: bool = False,
         media: Mapping[str, Any] | None = None,
+        keys: Collection[str] = (),
         **written_as: Unpack[Forms],
     ) -> None:
         check_format(**written_as)
@@ -78,6 +81,7 @@ class Writer:
         self._folder, self._closed = storage.folder(out), closed
         self._written_as = written_as
         self._lock = Lock()
+        self._keys = frozenset(keys)
         wanted = begun or Manifest()
         if classes is not None:
             wanted = replace(wanted, rules=class_rules(classes))
@@ -88,7 +92,7 @@ class Writer:
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
         with lock(self._folder):
-            self.manifest = begin(self._folder, wanted, resume)
+            self.manifest, self._there = begin(self._folder, wanted, resume, keys)
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
@@ -105,7 +109,7 @@ class Writer:
         written = self._frames.get(frame.key)
         if written is None:
             return False
-        return written.to_dict() == replace(frame, files=written.files, blank=written.blank).to_dict()
+        return is_same(written, frame)
 
     def add(
         self,
@@ -213,10 +217,30 @@ class Writer:
                 self._folder.each(lambda path: self._folder.put(path.name, path), others)
                 self._folder.put(last.name, last)
             else:
-                for path in paths:
-                    path.replace(self._folder.local / path.name)
+                self._move(frame, paths, self._folder.local)
         with self._lock:
             self._frames[frame.key] = frame
+
+    def _move(self, frame: Frame, paths: Sequence[Path], local: Path) -> None:
+        """Move the files of a frame into a local dataset, in place of those of the same frame that is damaged
+        there; ArgumentError for files of others that have their names."""
+        names = [path.name for path in paths]
+        with lock(self._folder):
+            there = [name for name in names if (local / name).exists()]
+            if there and frame.key not in self._keys:
+                roll_back(self._folder)  # what a killed writer has left
+                there = [name for name in names if (local / name).exists()]
+            before = frame_of(self._folder, self.manifest, frame.key) if there else None
+            mine = set() if before is None else {entry.path for entry in before.entries.values()}
+            if before is not None and not is_same(before, frame):
+                wanted = "expected a key that no other frame of the dataset has"
+                raise ArgumentError(f"key: {wanted}, got {shown(frame.key)} again, with other values")
+            if strange := sorted({*there} - mine if frame.key not in self._keys else ()):
+                raise in_the_way(self._folder, strange, f"the frame {frame.key}")
+            for path in paths:
+                path.replace(local / path.name)
+            for name in mine.difference(names):
+                (local / name).unlink(missing_ok=True)
 
     def _settle(self, ahead: int = 0) -> None:
         """Wait until at most ``ahead`` frames are on their way into a store, then raise what stopped one."""
@@ -264,9 +288,16 @@ class Writer:
     def keep(self, keys: Iterable[str]) -> None:
         """Read the frames of these keys that the dataset has; damaged ones are left out."""
         missing = [key for key in keys if key not in self._frames]
-        for frame in self._folder.each(partial(_read_frame, self._folder, self.manifest), missing):
+        for frame in self._folder.each(self._read, missing):
             if frame is not None:
                 self._frames[frame.key] = frame
+
+    def _read(self, key: str) -> Frame | None:
+        """Return a frame of the dataset; None if it is missing or damaged, of a store if its last file is."""
+        frame = self._there.get(key) or frame_of(self._folder, self.manifest, key)
+        if frame is None or _damaged(frame, deep=True):
+            return None
+        return replace(frame, instances=self.manifest.names, classes=self.manifest.classes)
 
     def keep_marked(self, marked: Iterable[Frame]) -> None:
         """Take frames from the marker of a finished part, except those whose files are gone."""
@@ -311,14 +342,11 @@ class Writer:
 # -- files of frames -------------------------------------------------------------------------------------
 
 
-def _read_frame(folder: Folder, whole: Manifest, key: str) -> Frame | None:
-    """Return a frame of a dataset; None if it is missing or damaged, of a store if its last file is."""
-    name = f"{key}.json"
-    try:
-        frame = whole.frame_of_file(name, folder.read(name, MOST_JSON_BYTES), folder)
-    except (DatasetError, DamagedFileError, MissingFileError):
-        return None
-    return None if _damaged(frame, deep=True) else frame
+def is_same(written: Frame, frame: Frame) -> bool:
+    """Return whether a frame of a dataset is one that is to be made: all is the same but its files, and what
+    was found while it was made."""
+    found = replace(frame, files=written.files, blank=written.blank, watch=written.watch)
+    return written.to_dict() == found.to_dict()
 
 
 def _damaged(frame: Frame, deep: bool) -> bool:

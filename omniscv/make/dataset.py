@@ -8,7 +8,6 @@ however it was made.
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
@@ -20,7 +19,8 @@ from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset import exporting, manifest
-from omniscv.dataset.beginning import lock, make_room, tidy
+from omniscv.dataset.beginning import find_own, lock, make_room, tidy
+from omniscv.dataset.belongings import is_marker
 from omniscv.dataset.manifest import Manifest
 from omniscv.dataset.writer import Writer
 from omniscv.errors import (
@@ -159,6 +159,7 @@ def make(
         raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
     if existing == "refuse" and not shard:
         make_room(folder)
+    find_own(folder)  # before anything is captured
     if job.worlds:  # one world is checked where it is opened, before the first capture
         job = check_worlds(job, dataset=True, opens=part.of)
     chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
@@ -168,7 +169,7 @@ def make(
     if shard and complete and not made.written:
         keys = {frame.key for frame in _listed(folder)}
         if all(frame.key in keys for frame in frames):
-            _remove_markers(folder, [part.marker])
+            folder.remove_files([part.marker])
             return Made(0, made.kept)
     unfinished = _unfinished(folder, part.count)
     if part in unfinished:  # another process has finished the dataset, and removed the markers
@@ -248,6 +249,7 @@ def _run(
                 writer = Writer(
                     job.out,
                     resume=True,
+                    keys=[frame.key for frame in frames],
                     image_format=job.image_format,
                     store=job.store,
                     depth_format=job.depth_format,
@@ -329,7 +331,7 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
                 if shown:  # truths may have been left out
                     export.check(job.cameras, set.intersection(*shown))
                 exporting.replace_export(export, written, folder)
-        _remove_markers(folder, _markers(folder))
+        folder.remove_files(_markers(folder))
         tidy(folder)
 
 
@@ -358,20 +360,13 @@ def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> Marked | Non
 
 def _markers(folder: Folder) -> list[str]:
     """Return the names of all markers, of any number of parts."""
-    return folder.names(f"{_PARTS}/")
+    return [name for name in folder.names(f"{_PARTS}/") if is_marker(name)]
 
 
 def _unfinished(folder: Folder, count: int) -> list[Part]:
     """Return the parts, of so many, that have no marker."""
     names = set(_markers(folder))
     return [part for index in range(count) if (part := Part(index, count)).marker not in names]
-
-
-def _remove_markers(folder: Folder, names: Sequence[str]) -> None:
-    """Remove markers by name, and their local folder if it is empty then."""
-    folder.each(folder.remove, names)
-    if folder.local is not None and not _markers(folder):
-        shutil.rmtree(folder.local / _PARTS, ignore_errors=True)
 
 
 def _checksum(lines: list[Any]) -> str:

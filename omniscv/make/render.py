@@ -13,17 +13,19 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from omniscv import planning
+from omniscv import planning, storage
 from omniscv.arguments import wrong
 from omniscv.cameras import Camera
 from omniscv.compose.cache import HeldCaptures
 from omniscv.compose.image import OmniImage
 from omniscv.compose.renderer import Renderer
+from omniscv.compose.saved import check_free, is_image
+from omniscv.dataset.manifest import is_dataset
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check, check_faults, check_source
-from omniscv.make.instants import frames_by_instant, images_of, renderer_at
+from omniscv.make.instants import frames_by_instant, images_of, keys_of, renderer_at
 from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
@@ -63,15 +65,21 @@ def run(
         The files written.
 
     Raises:
-        ArgumentError: the job's ``out`` is a URL, which only datasets have.
+        ArgumentError: the job's ``out`` is a URL, which only datasets have, a dataset, or a folder with files
+            of others that have names of the job's images.
         OmniscvError: as :func:`omniscv.render`; images before it are written.
     """
     if is_url(job.out) or was_url(job.out):
         raise wrong("out", "a folder for images; 'omniscv dataset make' writes to a URL", str(job.out))
+    out = Path(job.out)
+    if is_dataset(storage.folder(out)):
+        raise ArgumentError(f"{out}: expected a folder for images, got a dataset; write elsewhere")
     check(job)
     warn = warn or (lambda line: None)
     with opened(job) as (job, source):
         planned = list(frames_by_instant(job))
+        for key in keys_of(job):
+            check_free(out, key)
         renderer, meter = Renderer(source), Meter(len(job), progress)
         check_source(job, Contents(), renderer, planned)
         check_faults(job, planned)
@@ -90,10 +98,11 @@ def run(
 
         def save(named: tuple[str, OmniImage]) -> list[Path]:
             key, image = named
-            return image.save(job.out, key, job.image_format, job.store, job.depth_format)
+            return image.save(out, key, job.image_format, job.store, job.depth_format)
 
         files = list(chain.from_iterable(ahead(save, images(), 1)))
-    if others := len({*Path(job.out).glob("*.json")} - {*map(Path, files)}):
+    beside = {*out.glob("*.json")} - set(files)
+    if others := sum(map(is_image, beside)):
         warn(f"{job.out}: {others} older images, which this job did not write, are beside the new ones")
     return files
 

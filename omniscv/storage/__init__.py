@@ -9,13 +9,13 @@ from urllib.parse import unquote
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError
-from omniscv.storage.base import Folder
+from omniscv.storage.base import Folder, in_the_way
 from omniscv.storage.local import LocalFolder
 from omniscv.storage.remote import SCHEMES, RemoteFolder, is_url, scheme_of, was_url, without_secrets
 
 __all__ = [
-    "SCHEMES", "Folder", "StoredFile", "fetch_file", "file_at", "folder", "is_url", "was_url",
-    "without_secrets"
+    "SCHEMES", "Folder", "StoredFile", "fetch_file", "file_at", "folder", "in_the_way", "is_url",
+    "was_url", "without_secrets"
 ]  # fmt: skip
 
 

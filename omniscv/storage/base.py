@@ -4,7 +4,8 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from omniscv.arguments import shown
@@ -13,6 +14,8 @@ from omniscv.parallel import side_by_side
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+_NAMED = 3  # files of others that a message names
 
 MOST_BYTES = 1 << 30
 """The largest file that is read into memory."""
@@ -87,6 +90,15 @@ class Folder(ABC):
         with ThreadPoolExecutor(min(len(items), _REQUESTS)) as threads:
             return list(threads.map(function, items))
 
+    def remove_files(self, names: Sequence[str]) -> None:
+        """Remove files, and the local inner folders that are empty then."""
+        self.each(self.remove, names)
+        inner = {str(parent) for name in names for parent in PurePosixPath(name).parents} - {"."}
+        if self.local is not None:
+            for name in sorted(inner, reverse=True):  # folders before those that they are in
+                with suppress(OSError):  # it holds something else
+                    (self.local / name).rmdir()
+
 
 def is_name(name: object) -> bool:
     """Return whether a text names a file or folder below another."""
@@ -100,3 +112,17 @@ def checked_name(name: str) -> str:
     if is_name(name):
         return name
     raise ArgumentError(f"name: expected the name of a file below a folder, got {shown(name)}")
+
+
+def in_the_way(folder: Folder, names: Sequence[str], what: str) -> ArgumentError:
+    """Return the error of files of somebody else where files are to be written.
+
+    Args:
+        folder: where they are.
+        names: of the files.
+        what: would be written there, in a few words.
+    """
+    shown = ", ".join(names[:_NAMED])
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    wanted = f"expected free names for {what}, got files that it has not written: {shown}{more}"
+    return ArgumentError(f"{folder}: {wanted}; move them away, or write elsewhere")

@@ -184,10 +184,26 @@ def remove_scratch(parent: Path, prefix: str) -> None:
 
     Where a file system has no locks, nobody knows whether one is in use, and all stay.
     """
+    for folder in dead_scratch(parent, prefix):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def dead_scratch(parent: Path, prefix: str) -> Iterator[Path]:
+    """Yield the scratch folders of a prefix that killed processes left in ``parent``, each locked."""
     for folder in parent.glob(f"{escape(prefix)}{_TOKEN_PATTERN}"):
         with suppress(OSError), _try_lock(folder) as lock:  # another user's, or one on its way out
             if lock == "locked":
-                shutil.rmtree(folder, ignore_errors=True)
+                yield folder
+
+
+def is_written(parent: Path, prefix: str) -> bool:
+    """Return whether a living process or thread has a scratch folder of a prefix in ``parent``; False where
+    a file system has no locks, as nobody knows."""
+    for folder in parent.glob(f"{escape(prefix)}{_TOKEN_PATTERN}"):
+        with suppress(OSError), _try_lock(folder) as lock:
+            if lock == "busy":
+                return True
+    return False
 
 
 @contextmanager

@@ -9,9 +9,10 @@ from support.killed import moments
 from omniscv import dataset, make
 from omniscv.cli import run
 from omniscv.dataset import manifest
-from omniscv.errors import DatasetError
+from omniscv.errors import DatasetError, SourceError
 from omniscv.frame import FileEntry
 from omniscv.job import load
+from omniscv.make.frames import FrameMaker
 from omniscv.truth import registry as truths
 
 CAMERAS = """
@@ -50,6 +51,10 @@ def stderr(capsys):
     return line
 
 
+def fails(*_):
+    raise SourceError("expected a calm sea")
+
+
 def fitted(modes):
     return f"modes: [{modes}]\ntruth: {{layout: {{source: fitted}}}}"
 
@@ -66,11 +71,12 @@ def test_jobs_are_checked_before_the_first_capture(made, tmp_path, capsys):
         assert not (tmp_path / "made").exists()
 
 
-def test_a_folder_without_frames_is_taken_up(made, tmp_path, capsys):
+def test_a_folder_without_frames_is_taken_up(made, tmp_path, monkeypatch):
     """As it is left where the first frame fails."""
-    assert made("modes: [lit]", source="mock://four-wall?fault=zero-size@1.0") == 1
-    (tmp_path / "made").mkdir(exist_ok=True)
-    (tmp_path / "made" / "dataset.json").write_text("{}")
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameMaker, "run", fails)
+        assert made("modes: [lit]") == 1
+    assert (tmp_path / "made" / "dataset.json").exists()
     assert made("modes: [lit, depth]") == 0
     assert {frame.key for frame in dataset.open("made")} == {"pano", "ahead"}
 

@@ -13,7 +13,6 @@ from support.datasets import CLASSES, first_of, image, job_file, tree
 import mock_server
 import omniscv
 from omniscv import dataset
-from omniscv.dataset import manifest
 from omniscv.errors import ArgumentError
 from omniscv.job import load
 from omniscv.make import dataset as maker
@@ -90,16 +89,17 @@ def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
     assert dataset.check(copied) == []
 
 
-def test_another_scene_s_frames_are_made_again(copied):
-    """A frame is kept only where the scene, the pose, the time and the place are the same."""
+def test_another_scene_s_frames_are_refused(copied):
+    """A frame that is there has scene, pose, time and place of the job, else nothing is made."""
     job = load(copied.with_name("dataset.yaml"))
-    done = make(replace(job, source="scene://six-wall"), existing="resume")
-    assert (done.written, done.kept) == (6, 0)
-    assert {entry.scene.split("/")[0] for entry in manifest.read_frames(copied)} == {"six-wall"}
-    moved = replace(job, source="scene://six-wall", times_ns=(0, 500_000_000, 2 * 10**9))
-    done = make(moved, existing="resume")
-    assert (done.written, done.kept) == (2, 4)
-    assert dataset.check(copied, deep=True) == []
+    before = tree(copied)
+    times_ns = (0, 500_000_000, 2 * 10**9)
+    for other in (replace(job, source="scene://six-wall"), replace(job, times_ns=times_ns)):
+        with pytest.raises(ArgumentError, match="expected"):
+            make(other, existing="resume")
+    assert {key: tree(copied)[key] for key in before if key != "dataset.json"} == {
+        key: before[key] for key in before if key != "dataset.json"
+    }
 
 
 def test_a_set_that_another_process_has_just_finished_is_complete(tmp_path, monkeypatch):
