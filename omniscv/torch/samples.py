@@ -7,7 +7,7 @@ from any position in them.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from torch.utils.data import Dataset, IterableDataset, get_worker_info
 from torch.utils.data._utils.collate import default_collate_fn_map
 
-from omniscv import dataset, parallel
+from omniscv import dataset, parallel, storage
 from omniscv.arguments import flag, one_of, texts, whole_number
 from omniscv.cameras import Camera
 from omniscv.dataset.formats.webdataset import Shard, read_list
+from omniscv.dataset.shares import Share, samples_of, shuffled
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
-from omniscv.storage import is_url, without_secrets
+from omniscv.storage import is_url
 
 LAYERS = ("lit", "labels", "classes", "depth", "normals")
 """Layers of a sample, as far as its frame has them, unless others are named."""
@@ -169,19 +170,24 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
     """The samples of WebDataset shards, as ``omniscv dataset pack --as webdataset`` writes them.
 
     Each sample comes once an epoch, in one rank and one of its workers. Their shares differ by at most one
-    sample. Every file that is read is compared with its checksum.
+    sample, unless ``batch_size`` is given. Every file that is read is compared with its checksum.
 
     Args:
-        folder: with ``shards.json`` and the shards that it lists. Batches need images of one size: pack one
-            camera a folder.
+        folder: with ``shards.json`` and the shards that it lists, by path or URL; a store's shards are
+            fetched into the local cache when they are read. Batches need images of one size: pack one camera
+            a folder.
         layers: of the samples; those of :data:`LAYERS` that are there, if not given.
         split: only shards of this split; of all if empty.
         shuffle: draw the order from seed and epoch; else it is that of the shards.
         seed: of the order; the same in all ranks.
         rank, world_size: of this process; those of ``torch.distributed`` or ``torchrun`` if not given.
+        batch_size: that of the loader. All ranks then have the same number of whole batches, whatever their
+            workers, as collective operations need it. What is left of an epoch is left out; with ``shuffle``
+            other samples in each epoch.
 
     Raises:
-        ArgumentError: the folder has no shards, or an argument is wrong.
+        ArgumentError: the folder has no shards, too few samples for a batch in each rank, or an argument is
+            wrong.
         DatasetError: ``shards.json`` is damaged; while samples are read: a shard is damaged.
     """
 
@@ -195,25 +201,28 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
         seed: int = 0,
         rank: int | None = None,
         world_size: int | None = None,
+        batch_size: int | None = None,
     ) -> None:
         super().__init__()
+        self.batch_size = None if batch_size is None else whole_number("batch_size", batch_size)
         self.shuffle, self.seed = flag("shuffle", shuffle), whole_number("seed", seed, least=0)
         self.layers = None if layers is None else texts("layers", layers)
         self._rank = rank_share(rank, world_size)
-        if is_url(folder):
-            got = f"got {without_secrets(folder)}; copy it"
-            raise ArgumentError(f"folder: expected one on this machine, {got}")
-        self._folder = Path(folder).absolute()
+        # A worker may have another working folder.
+        self._folder = storage.folder(folder if is_url(folder) else Path(folder).absolute())
         self._manifest, shards = read_list(self._folder)
         split_of = {file: file.path.rpartition("-")[0] for file in shards}
         if split:
             one_of("split", split, sorted(set(split_of.values())))
         self._shards = [(file, keys) for file, keys in shards.items() if split in ("", split_of[file])]
+        self._count = sum(len(keys) for _, keys in self._shards)
+        if self.batch_size is not None and self._count < self.batch_size * self._rank.count:
+            wanted = f"expected samples for a batch of {self.batch_size} in each of {self._rank.count} ranks"
+            raise ArgumentError(f"batch_size: {wanted}, got {self._count}")
 
     def __len__(self) -> int:
         """How many samples this rank reads in an epoch."""
-        samples = range(sum(len(keys) for _, keys in self._shards))
-        return len(samples[self._rank.of(len(samples))])
+        return len(range(self._count)[samples_of(self._count, self._rank, Share(), self.batch_size)])
 
     def __iter__(self) -> Iterator[Sample]:
         bound_threads()
@@ -222,7 +231,7 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
             groups = shuffled(keys, _GROUP_SHARDS, np.random.default_rng((self.seed, self.epoch)))
         else:
             groups = [[(shard, key) for key in of_shard] for shard, of_shard in enumerate(keys)]
-        part = worker_share(self._rank).of(sum(map(len, groups)))
+        part = samples_of(self._count, self._rank, worker_share(), self.batch_size)
         first = 0
         for group in groups:
             yield from self._read(group[max(part.start - first, 0) : max(part.stop - first, 0)])
@@ -243,18 +252,6 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
                 yield sample
 
 
-@dataclass(frozen=True)
-class Share:
-    """One of several equal parts of a sequence."""
-
-    index: int
-    count: int
-
-    def of(self, length: int) -> slice:
-        """Return the part of a sequence of some length; lengths of parts differ by at most one."""
-        return slice(length * self.index // self.count, length * (self.index + 1) // self.count)
-
-
 def rank_share(rank: int | None, world_size: int | None) -> Share:
     """Return the part of a rank: as given, else of ``torch.distributed``, else of ``torchrun``'s ``RANK`` and
     ``WORLD_SIZE``, else all."""
@@ -268,22 +265,7 @@ def rank_share(rank: int | None, world_size: int | None) -> Share:
     return Share(whole_number("rank", rank, least=0, most=count - 1), count)
 
 
-def worker_share(rank: Share) -> Share:
-    """Return the part of this worker of a rank's loader; outside of workers that of the rank."""
+def worker_share() -> Share:
+    """Return the part of this worker of its rank's loader; outside of workers all."""
     info = get_worker_info()
-    if info is None:
-        return rank
-    return Share(rank.index * info.num_workers + info.id, rank.count * info.num_workers)
-
-
-def shuffled(
-    shards: Sequence[Sequence[str]], group: int, random: np.random.Generator
-) -> list[list[tuple[int, str]]]:
-    """Return the keys of shards in a random order, (shard, key), in groups that are read one after the other,
-    of so many shards."""
-    order = random.permutation(len(shards)).tolist()
-    groups = []
-    for first in range(0, len(order), group):
-        keys = [(shard, key) for shard in order[first : first + group] for key in shards[shard]]
-        groups.append([keys[i] for i in random.permutation(len(keys))])
-    return groups
+    return Share() if info is None else Share(info.id, info.num_workers)

@@ -19,7 +19,7 @@ from support.datasets import enter, first_of, image, job_file
 from attack.commands import clear, nothing_left, ran, require
 from attack.spoiling import bytes_changed, head, regular_files, spoil_file, strange, text_changed, write
 from attack.words import YAML
-from omniscv import dataset
+from omniscv import dataset, storage
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import OmniscvError
 from omniscv.job import load
@@ -177,9 +177,9 @@ def shards(rng, folder):
             listing.write_text(json.dumps(said), encoding="utf-8")
         (scratch := work / "scratch").mkdir()
         try:
-            manifest, of_shard = read_list(work / "shards")
+            manifest, of_shard = read_list(storage.folder(work / "shards"))
             for file, keys in of_shard.items():
-                with closing(Shard(work / "shards", file, manifest)) as shard:
+                with closing(Shard(storage.folder(work / "shards"), file, manifest)) as shard:
                     for key in keys:
                         dict(contents([shard.extract(key, ("lit", "depth", "labels", "truth"), scratch)]))
         except OmniscvError as error:

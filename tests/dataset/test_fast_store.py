@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.datasets import enter, image, job_file, made, tree
 
-from omniscv import dataset
+from omniscv import dataset, storage
 from omniscv.compose.files import check_header, read
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
@@ -69,10 +69,10 @@ def test_exports_are_those_of_files(stores, tmp_path, name):
 
 def test_packed_samples_are_the_frames(stores, tmp_path):
     dataset.export(stores[1], "webdataset", tmp_path / "shards", cameras=["pano"])
-    manifest, shards = read_list(tmp_path / "shards")
+    manifest, shards = read_list(storage.folder(tmp_path / "shards"))
     by_key = {frame.key: frame for frame in dataset.open(stores[1])}
     for file, keys in shards.items():
-        shard = Shard(tmp_path / "shards", file, manifest)
+        shard = Shard(storage.folder(tmp_path / "shards"), file, manifest)
         for key in keys:
             frame = shard.extract(key, ("depth",), tmp_path)
             np.testing.assert_array_equal(frame.layer("depth"), by_key[key].layer("depth"))

@@ -13,7 +13,7 @@ import pytest
 import webdataset
 from support.datasets import tree
 
-from omniscv import dataset
+from omniscv import dataset, storage
 from omniscv.dataset.formats.webdataset import Shard, read_list
 from omniscv.errors import DatasetError
 from omniscv.frame import FileEntry
@@ -41,9 +41,9 @@ def shards(packed, tmp_path):
 def read(folder, scratch):
     """All frames of a folder of shards, each with its layers read."""
     scratch.mkdir(exist_ok=True)
-    manifest, listed = read_list(folder)
+    manifest, listed = read_list(storage.folder(folder))
     for file, keys in listed.items():
-        with closing(Shard(folder, file, manifest)) as shard:
+        with closing(Shard(storage.folder(folder), file, manifest)) as shard:
             for key in keys:
                 frame = shard.extract(key, KINDS, scratch)
                 yield frame, frame.layers(*KINDS)
@@ -190,4 +190,4 @@ def test_a_shard_is_a_regular_file_of_its_size(shards, tmp_path):
 def test_a_list_of_another_form_is_one_line(text, shards):
     (shards / "shards.json").write_text(text)
     with pytest.raises(DatasetError, match=r"shards\.json: expected a list of shards"):
-        read_list(shards)
+        read_list(storage.folder(shards))

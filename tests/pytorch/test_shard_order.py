@@ -8,11 +8,25 @@ import numpy as np
 import pytest
 import torch
 import webdataset
+from torch.utils.data import DataLoader
 
-from omniscv import dataset
+import omniscv
+from omniscv import dataset, storage
 from omniscv.errors import ArgumentError
 from omniscv.torch import FolderDataset, ShardDataset
-from omniscv.torch.samples import Share, shuffled
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory):
+    """Shards of fifteen samples."""
+    folder = tmp_path_factory.mktemp("many")
+    camera = omniscv.cameras.create("equirectangular", width=8, height=4)
+    with omniscv.open_source("scene://four-wall") as source, dataset.Writer(folder / "own") as writer:
+        image = omniscv.render(camera, omniscv.Pose.from_angles((0, 0, 1.5)), source, ("lit",), face_size=8)
+        for i in range(15):
+            writer.add(f"room-{i:02d}", image)
+    dataset.export(folder / "own", "webdataset", folder / "shards", max_count=4)
+    return folder / "shards"
 
 
 def keys(samples):
@@ -73,29 +87,6 @@ def test_each_sample_is_in_one_rank(world, folder):
     assert max(map(len, found)) - min(map(len, found)) <= 1
 
 
-def test_shares_cover_a_sequence():
-    for length in range(12):
-        for count in range(1, 8):
-            parts = [list(range(length))[Share(i, count).of(length)] for i in range(count)]
-            assert [i for part in parts for i in part] == list(range(length))
-            assert max(map(len, parts)) - min(map(len, parts)) <= 1
-
-
-def test_orders_differ_by_epoch_and_agree_by_seed():
-    shards = [[f"{s}-{k}" for k in range(5)] for s in range(7)]
-    every = {(s, key) for s, held in enumerate(shards) for key in held}
-    orders = []
-    for draw in ((0, 0), (0, 0), (0, 1), (1, 0)):
-        groups = shuffled(shards, 3, np.random.default_rng(draw))
-        assert [len({shard for shard, _ in group}) for group in groups] == [3, 3, 1]
-        orders.append([each for group in groups for each in group])
-        assert set(orders[-1]) == every
-        assert len(orders[-1]) == len(every)
-    assert orders[0] == orders[1]
-    assert orders[0] not in orders[2:]
-    assert orders[2] != orders[3]
-
-
 def test_epochs_and_seeds_of_a_dataset(folder):
     def order(seed, epoch, shuffle=True):
         samples = ShardDataset(folder.parent / "lens", ("lit",), seed=seed, shuffle=shuffle)
@@ -106,6 +97,44 @@ def test_epochs_and_seeds_of_a_dataset(folder):
     assert len({order(0, epoch) for epoch in range(6)}) > 1
     assert len({order(seed, 0) for seed in range(6)}) > 1
     assert order(0, 1, shuffle=False) == order(1, 0, shuffle=False)
+
+
+@pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+@pytest.mark.parametrize("workers", [0, 1, 3])
+@pytest.mark.parametrize("world", [1, 2, 3])
+def test_ranks_have_as_many_whole_batches(world, workers, many):
+    """As collective operations need it, whose ranks wait for each other at every step."""
+    steps, seen = [], set()
+    for rank in range(world):
+        samples = ShardDataset(many, ("lit",), rank=rank, world_size=world, batch_size=4)
+        loader = DataLoader(samples, batch_size=4, num_workers=workers)
+        batches = [[record.key for record in batch["record"]] for batch in loader]
+        assert len(batches) == len(loader)
+        assert {len(batch) for batch in batches} == {4}
+        steps.append(len(batches))
+        for batch in batches:
+            assert not seen & set(batch)
+            seen |= set(batch)
+    assert steps == [15 // (4 * world)] * world
+
+
+def test_too_few_samples_for_the_ranks_are_refused(many):
+    with pytest.raises(ArgumentError, match="for a batch of 4 in each of 4 ranks, got 15"):
+        ShardDataset(many, rank=0, world_size=4, batch_size=4)
+
+
+def test_a_url_has_the_samples_of_its_folder(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path))
+    url = f"memory://{tmp_path.name}"
+    for path in (folder.parent / "pano").iterdir():
+        storage.folder(url).put(path.name, path)
+    there = {sample["record"].key: sample["lit"] for sample in ShardDataset(url, ("lit",))}
+    here = {sample["record"].key: sample["lit"] for sample in ShardDataset(folder.parent / "pano", ("lit",))}
+    assert there.keys() == here.keys()
+    assert all(torch.equal(there[key], here[key]) for key in here)
+    with pytest.raises(ArgumentError, match=r"it has no shards\.json"):
+        ShardDataset(f"{url}/none")
 
 
 def test_the_rank_of_torchrun(folder, monkeypatch):

@@ -20,8 +20,9 @@ from omniscv.dataset.manifest import Manifest, read_cameras, read_names
 from omniscv.errors import ArgumentError, DatasetError, OmniscvError
 from omniscv.frame import FileEntry, Frame
 from omniscv.records import checked, record
+from omniscv.storage import Folder
 from omniscv.storage.base import MOST_BYTES
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 from omniscv.storage.local import whole_file
 
 SHARDS = "shards.json"
@@ -66,7 +67,7 @@ class WebDataset(Format):
     def check(self, frames: Sequence[Frame], out: Path) -> list[str]:
         """Return a line for each shard that is missing or damaged, and each frame in none."""
         try:
-            _, shards = read_list(out)
+            _, shards = read_list(storage.folder(out))
         except OmniscvError as damaged:
             return [damaged.message.removeprefix(f"{out}/")]
         faults = [f"{entry.path}: {fault}" for entry in shards if (fault := entry.fault(out))]
@@ -113,14 +114,13 @@ def _common(frames: Sequence[Frame]) -> dict[str, Any]:
     }
 
 
-def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
+def read_list(folder: Folder) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]:
     """Return the cameras and names of ``shards.json``, and by shard the keys of its samples."""
-    path = folder / SHARDS
-    if not path.is_file():
+    if not folder.exists(SHARDS):
         advice = "write it by 'omniscv dataset pack DIR --as webdataset --out FOLDER'"
         raise ArgumentError(f"{folder}: expected a folder of shards, it has no {SHARDS}; {advice}")
     try:
-        content = parse_json(read_bytes(path, MOST_BYTES), MOST_BYTES)
+        content = parse_json(folder.read(SHARDS, MOST_BYTES), MOST_BYTES)
         shards = {
             FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
             for shard in content["shards"]
@@ -128,16 +128,20 @@ def read_list(folder: Path) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]]]
         cameras, names = read_cameras(content["cameras"]), read_names(content["names"])
         return Manifest(cameras, names, versions={}), shards
     except (ValueError, TypeError, KeyError, AttributeError) as cause:
-        raise DatasetError(f"{path}: expected a list of shards, got: {cause}") from cause
+        raise DatasetError(f"{folder}/{SHARDS}: expected a list of shards, got: {cause}") from cause
 
 
 class Shard:
-    """An open shard; DatasetError if it is missing, has another size, is no tar file, or holds anything but
-    files."""
+    """An open shard; DatasetError if it has another size, is no tar file, or holds anything but files, or is
+    missing on this machine; MissingFileError if it is missing in a store."""
 
-    def __init__(self, folder: Path, file: FileEntry, manifest: Manifest) -> None:
-        self._path, self._manifest = folder / file.path, manifest
-        if fault := file.fault(folder, deep=False):
+    def __init__(self, folder: Folder, file: FileEntry, manifest: Manifest) -> None:
+        self._manifest = manifest
+        if folder.local is None:
+            self._path = folder.fetch(file.path, file.sha256, file.bytes)
+        else:
+            self._path = folder.local / file.path
+        if fault := file.fault(self._path.parent, deep=False):
             raise DatasetError(f"{self._path}: {fault}")
         try:
             with ExitStack() as opened:
