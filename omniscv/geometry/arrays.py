@@ -1,4 +1,4 @@
-"""Short names for types of arrays, kernels on blocks of rows, on all cores, and clusters of positions."""
+"""Short names for types of arrays, and kernels on blocks of rows, on all cores."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.geometry.pose import Array
 from omniscv.parallel import blocks
 
 Floats = NDArray[np.float32]
@@ -55,21 +54,3 @@ def run(
         return kernel(parts, *others) if as_one else kernel(*parts, *others)
 
     return blocks(call, len(rows[0]))
-
-
-def cluster_starts(positions_w: Array, distance_m: float) -> Array:
-    """Return, for each position of (N, 3), metres, the first one of its cluster, in which neighbours are at
-    most ``distance_m`` apart."""
-    count = len(positions_w)
-    if count < 2:
-        return positions_w
-    from scipy.sparse import coo_array  # slow to load
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(positions_w).query_pairs(distance_m, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), pairs.T), (count, count))
-    label = connected_components(graph, directed=False)[1]
-    _, first, cluster = np.unique(label, return_index=True, return_inverse=True)
-    starts: Array = positions_w[first[cluster]]
-    return starts

@@ -15,7 +15,7 @@ import numpy as np
 from omniscv.arguments import flag, number, shown, stem, texts, whole_number, within, wrong
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
-from omniscv.geometry.arrays import cluster_starts
+from omniscv.geometry.clusters import cluster_starts
 from omniscv.records import checked, listed, mapping, read, record, word
 from omniscv.render_options import Tolerance
 from omniscv.storage import bounded

@@ -146,7 +146,8 @@ class JobPath:
             if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
                 pose = job.path.at(time_ns, steps_beyond=1)
             camera = self._on_path(camera, mounted.pose, time_ns)
-            yield Frame(key, name, camera, pose @ mounted.pose, time_ns=time_ns, world=job.world)
+            camera_pose = pose @ mounted.pose if name in mounts else pose
+            yield Frame(key, name, camera, camera_pose, time_ns=time_ns, world=job.world)
             pose = job.poses[i]
 
     def _on_path(self, camera: Camera, mounted: Pose, time_ns: int | None) -> Camera:

@@ -1,5 +1,6 @@
 """Run a job: render its images, capture what they need, or count what that would cost."""
 
+import logging
 import time
 from collections import ChainMap
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -25,7 +26,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.job import Job
 from omniscv.make.contents import Contents, check, check_faults, check_source
-from omniscv.make.instants import frames_by_instant, images_of, keys_of, renderer_at
+from omniscv.make.instants import InstantViews, frames_by_instant, images_of, keys_of, renderer_at
 from omniscv.make.source import MOSTLY_NOTHING, opened
 from omniscv.parallel import ahead
 from omniscv.planning import Captures, Plan, RenderOptions, Round, drive
@@ -44,7 +45,10 @@ _PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
 _FACE_PER_OVERSCAN = 16
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
 _AIMS = (0.01, 0.003, 0.001)
+_PLANNED_CENTERS = 500  # places, and instants of a world that moves, that are planned: others cost the same
+_log = logging.getLogger("omniscv")
 _Planned = list[tuple[tuple[str, ...], list[list[Plan]]]]
+_Moments = list[InstantViews]
 
 
 def run(
@@ -269,11 +273,30 @@ def costs(job: Job) -> list[Cost]:
     found = []
     check(job)
     with opened(replace(job, record=None)) as (job, source):
-        planned = _planned(job, partial(Renderer(source).plan, options=job.options))
+        moments = [moment for shared in frames_by_instant(job) for moment in shared.captured]
+        chosen = _spread(moments)
+        planned = _planned(job, chosen, partial(Renderer(source).plan, options=job.options))
         for way, changes in ways.items():
             with suppress(ArgumentError):
-                found.append(reduce(add, (cost(way, plans, modes, **changes) for modes, plans in planned)))
+                total = reduce(add, (cost(way, plans, modes, **changes) for modes, plans in planned))
+                found.append(total.times(len(moments) / len(chosen)))
     return found
+
+
+def _spread(moments: _Moments) -> _Moments:
+    """Return the moments at some optical centres, spread evenly over all, which stand for the others."""
+    by_centers: dict[tuple[str, bytes], _Moments] = {}
+    for moment in moments:
+        instant, views, _ = moment
+        centers = b"".join(pose.position.tobytes() for _, pose in views)
+        by_centers.setdefault((instant.state, centers), []).append(moment)
+    if len(by_centers) <= _PLANNED_CENTERS:
+        return moments
+    step = -(-len(by_centers) // _PLANNED_CENTERS)
+    chosen = list(by_centers.values())[::step]
+    line = "planned at %d of %d places and instants, which stand for the others"
+    _log.info(line, len(chosen), len(by_centers))
+    return [moment for at_centers in chosen for moment in at_centers]
 
 
 def measured_price(job: Job) -> Price:
@@ -284,10 +307,10 @@ def measured_price(job: Job) -> Price:
     return Price(1e3 * small, 1e3 * max(0.0, large - small) / (_LARGE_PX**2 / 1e6))
 
 
-def _planned(job: Job, plan_of: Callable[[Camera, Pose], Plan]) -> _Planned:
+def _planned(job: Job, moments: _Moments, plan_of: Callable[[Camera, Pose], Plan]) -> _Planned:
     """Return the modes and plans of each state of the world, whose captures are shared."""
     plans_of: dict[tuple[str, tuple[str, ...]], list[list[Plan]]] = {}
-    for instant, views, modes in (each for shared in frames_by_instant(job) for each in shared.captured):
+    for instant, views, modes in moments:
         plans = [plan_of(camera, pose) for camera, pose in views]
         plans_of.setdefault((instant.state, modes), []).append(plans)
     planned = [(job.options.sampled(modes), plans) for (_, modes), plans in plans_of.items()]

@@ -134,6 +134,11 @@ class Cost:
         sums = {of: getattr(self, of) + getattr(other, of) for of in counts}
         return replace(self, **sums, marked=max(self.marked, other.marked))
 
+    def times(self, factor: float) -> Cost:
+        """Return the cost of so many times the images, alike and without shared captures."""
+        counts = {name: round(factor * getattr(self, name)) for name in ("requests", "pixels", "most")}
+        return replace(self, **counts, seconds=factor * self.seconds)
+
 
 def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **changes: Any) -> Cost:
     """Return the cost of images whose views are captured once each.

@@ -12,7 +12,7 @@ import numpy as np
 from omniscv import storage
 from omniscv.arguments import number, shown, whole_number
 from omniscv.errors import ArgumentError, OtherSceneError, RecordingError, RecordingNotWritableError
-from omniscv.geometry.arrays import cluster_starts
+from omniscv.geometry.clusters import cluster_starts
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording.files import kind_of, publish_new, target_of, written_for
