@@ -77,7 +77,8 @@ def begin(
         folder: of the dataset.
         wanted: its manifest, as far as it is known.
         resume: whether a dataset that is there is continued.
-        keys: of the frames that are to be written.
+        keys: of the frames that are to be written; only frames of these are looked for, unless there are
+            none: parts of a large dataset do not list the whole folder.
 
     Raises:
         ArgumentError: a dataset exists and ``resume`` is not set, or it has other cameras, classes or
@@ -86,13 +87,16 @@ def begin(
         UnmatchedNamesError: no rule of the classes matches some names.
     """
     current = find_own(folder) if resume else None
-    roll_back(folder)
     exports = [exporting.Export(**export) for export in wanted.settings.get("exports", ())]
     exporting.check_free(folder, current, exports)
     if DATASET.removesuffix(".json") in keys:
         raise ArgumentError(f"key: expected another than that of {DATASET}, got a frame of this name")
-    there = Belongings(folder, current or wanted)
+    there = Belongings(folder, current or wanted, keys or None)
     strange = there.strange(keys)
+    if strange:  # a killed writer may have left them
+        roll_back(folder)
+        there = Belongings(folder, current or wanted, keys or None)
+        strange = there.strange(keys)
     if current is None:
         check_new(folder, resume)
         strange += [name for name in folder.names() if is_listing(name)]

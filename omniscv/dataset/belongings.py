@@ -31,21 +31,25 @@ class Belongings:
     Args:
         folder: of the dataset, complete or not.
         whole: its manifest.
+        keys: only frames of these, for a part of a large dataset; of all if not given.
     """
 
-    def __init__(self, folder: Folder, whole: Manifest) -> None:
+    def __init__(self, folder: Folder, whole: Manifest, keys: Collection[str] | None = None) -> None:
         self._folder = folder
         self._whole = whole
+        self._keys = keys
         self._endings = _endings()
 
     @cached_property
     def frames(self) -> dict[str, Frame]:
         """The whole frames by key: those that ``frames.jsonl`` lists, and others that have their own file."""
+        keys = [name.removesuffix(".json") for name in self._names if _is_description(name)]
         frames: dict[str, Frame] = {}
-        if self._folder.exists(FRAMES):
+        lost = {self._key_of(name) for name in self._names}.difference(keys)
+        # The list is read for a part, too, if some of its frames lack their own file.
+        if (self._keys is None or lost) and self._folder.exists(FRAMES):
             with suppress(DatasetError):  # a damaged list: each frame has its own file
                 frames = {frame.key: frame for frame in manifest.read_frames(self._folder, self._whole)}
-        keys = [name.removesuffix(".json") for name in self._names if _is_description(name)]
         others = [key for key in keys if key not in frames]
         for frame in self._folder.each(partial(frame_of, self._folder, self._whole), others):
             if frame is not None:
@@ -81,7 +85,13 @@ class Belongings:
 
     @cached_property
     def _names(self) -> list[str]:
-        return self._folder.names()
+        """The names of all files, or of those of the frames in question."""
+        if self._keys is None:
+            return self._folder.names()
+        endings = [".json"] if self._folder.local is None else sorted(self._endings)
+        names = [f"{key}{ending}" for key in self._keys for ending in endings]
+        exist = self._folder.each(self._folder.exists, names)
+        return [name for name, exists in zip(names, exist, strict=True) if exists]
 
     def _is_own(self, name: str) -> bool:
         if is_listing(name):

@@ -70,7 +70,7 @@ def frames_by_instant(
     """
     path = JobPath(job)
     split = job.recipe.split or Split({"": 1.0})
-    places = split.places(Poses.of(job.poses).positions, job.places or ())
+    places = places_of(job, split)
     start = f"{job.world}/" if job.world else ""
     for i in range(len(job.poses)) if indices is None else indices:
         groups: dict[str, list[Frame]] = {}
@@ -86,6 +86,18 @@ def frames_by_instant(
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
             yield SharedFrames(tuple(frames), tuple(path.captured(i, frames)), fault)
+
+
+def places_of(job: Job, split: Split) -> Sequence[str]:
+    """Return the place of each pose; that of poses without one depends on all others."""
+    if job.places and all(job.places):
+        return job.places
+    return split.places(Poses.of(job.poses).positions, job.places or ())
+
+
+def with_places(job: Job) -> Job:
+    """Return a job of one world whose poses have their places, which its parts would each divide anew."""
+    return replace(job, places=tuple(places_of(job, job.recipe.split or Split({"": 1.0}))))
 
 
 def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
@@ -108,10 +120,14 @@ def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
 def check_keys(job: Job) -> None:
     """Raise ArgumentError if two frames of a job's worlds would have one key, in any case of letters."""
     owners: dict[str, str] = {}
+    counts = {world.world: len(world.poses) or getattr(world.sampling, "count", 1) for world in job.each}
+    # Keys whose numbers have as many digits differ if those of the first pose do.
+    alike = len({len(str(count - 1)) if count > 1 else 0 for count in counts.values()}) == 1
     for world in job.each:
-        count = len(world.poses) or getattr(world.sampling, "count", 1)
+        count = counts[world.world]
         for name in world.cameras:
-            for key in (file_key(_key(world, name, i, count)) for i in range(count)):
+            indices = range(1 if alike else count)
+            for key in (file_key(_key(world, name, i, count)) for i in indices):
                 owner = f"camera {name!r} of world {world.world!r}"
                 if owners.setdefault(key, owner) != owner:
                     got = f"that of {owners[key]} and {owner}; rename one"
