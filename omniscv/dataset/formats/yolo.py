@@ -1,10 +1,11 @@
 """YOLO: ``images/SPLIT/KEY.png``, ``labels/SPLIT/KEY.txt`` and ``data.yaml``, for three tasks.
 
-A row of labels is an object: its class, then its box (centre, width, height), or the outer contour of its
-largest part. Numbers are shares of the image's width and height. Classes are numbered from 0: those that are
-not stuff; without classes, the names of objects. Readers cut or round a contour to whole pixels and fill it
-with its border, so it goes nearly through the middles of pixels. Rows have no holes and no second part:
-``lost`` of data.yaml is the share of the objects' area that is in such parts.
+A row of labels is an object: its class, then its box (centre, width, height), or the contour of its largest
+part, which is cut open to each hole along a line without width. Numbers are shares of the image's width and
+height. Classes are numbered from 0: those that are not stuff; without classes, the names of objects. Readers
+cut or round a contour to whole pixels and fill it with its border, by the even-odd rule, so it goes nearly
+through the middles of pixels. Rows have no second part: ``lost`` of data.yaml is the share of the objects'
+area by which filled rows differ from masks.
 
 The pose of an object is its box in the image, then the corners (:meth:`ObjectBox.corners_w`) and the middle
 of its box in space: x, y, and 2 for seen, 1 for behind something nearer, or 0 0 0 for a point outside.
@@ -24,6 +25,7 @@ from omniscv.cameras import Camera
 from omniscv.compose.pictures import uint8_colors
 from omniscv.dataset.exporting import Format, register
 from omniscv.dataset.formats.coco import category_entries, object_entries
+from omniscv.dataset.formats.outlines import outline
 from omniscv.dataset.pictures import write_pixels
 from omniscv.errors import ArgumentError
 from omniscv.frame import Frame
@@ -115,12 +117,10 @@ def _numbers(frame: Frame, entry: Mapping[str, Any], options: YoloOptions, areas
         wanted = "expected an object in one part, got one across the seam; set seam: split"
         raise ArgumentError(f"{frame.key}: {entry['name']}: {wanted}")
     mask = (frame.layer("labels") == entry["instance_id"])[y : y + down, x : x + across].astype(np.uint8)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(contours, key=lambda line: cv2.contourArea(line) + len(line) / 2)  # pixels, its own in
-    filled = cv2.drawContours(np.zeros_like(mask), [contour], -1, 1, cv2.FILLED)
+    points = outline(mask)
+    filled = cv2.fillPoly(np.zeros_like(mask), [points], 1)
     areas[0] += entry["area"]
-    areas[1] += int(np.count_nonzero(mask > filled))
-    points = contour[:, 0]
+    areas[1] += int(np.count_nonzero(mask != filled))
     points = np.concatenate([points, np.repeat(points[-1:], max(0, 3 - len(points)), axis=0)])
     numbers: list[float] = ((points + np.array([x + _MIDDLE, y + _MIDDLE])) / size).ravel().tolist()
     return numbers
