@@ -32,6 +32,10 @@ _JPEG_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _JPEG_JFIF = b"\xff\xe0"
 
 _RATE_FACTOR = "18"  # of H.264: 0 is lossless, 51 worst
+_BT709 = 1
+"""Matrix, primaries and transfer in H.264: what players take for large pictures that say nothing."""
+_LIMITED, _FULL = 1, 2
+"""Ranges of codes in H.264: of luma 16 to 235, or 0 to 255."""
 _MONO = 0
 _TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
 """The boxes around the sample entry of a track, outermost first."""
@@ -133,6 +137,8 @@ def write_video(
 ) -> str | Path:
     """Write the colour of frames as an H.264 video in an MP4 file; players show panoramas as spheres.
 
+    Colours are coded by BT.709 in the limited range, and tagged so.
+
     Args:
         frames: in their order, of one camera.
         path: the file, or its URL; it appears when it is complete.
@@ -174,8 +180,18 @@ def _encoded(frames: Sequence[Frame], rate: float, progress: Steps | None) -> by
         stream.width, stream.height = frames[0].camera.width, frames[0].camera.height
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": _RATE_FACTOR, "preset": "medium"}
+        coding = stream.codec_context
+        coding.colorspace = coding.color_primaries = coding.color_trc = _BT709
+        coding.color_range = _LIMITED
         for frame in counted(frames, progress):
             colors = uint8_colors(frame.layer("lit"))
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(colors, format="rgb24")))
+            picture = av.VideoFrame.from_ndarray(colors, format="rgb24").reformat(
+                format="yuv420p",
+                src_colorspace=_BT709,
+                dst_colorspace=_BT709,
+                src_color_range=_FULL,
+                dst_color_range=_LIMITED,
+            )
+            container.mux(stream.encode(picture))
         container.mux(stream.encode())
     return file.getvalue()

@@ -120,6 +120,50 @@ def test_panoramas_alone_are_spheres_and_their_frames_the_same(tmp_path):
     assert not {"SPHERICAL", "STEREO3D"} & decoded(flat)[0][1]
 
 
+def by_filters(path):
+    """The first picture, by the filter that ffmpeg puts in by itself."""
+    with av.open(str(path)) as container:
+        graph = av.filter.Graph()
+        start = graph.add_buffer(template=container.streams.video[0])
+        rgb, end = graph.add("format", "rgb24"), graph.add("buffersink")
+        start.link_to(rgb)
+        rgb.link_to(end)
+        graph.configure()
+        graph.push(next(container.decode(video=0)))
+        return graph.pull().to_ndarray()
+
+
+def by_pyav(path):
+    return decoded(path.read_bytes())[0][0]
+
+
+def by_opencv(path):
+    return cv2.VideoCapture(str(path)).read()[1][..., ::-1]
+
+
+@pytest.mark.parametrize("reader", [by_pyav, by_filters, by_opencv])
+@pytest.mark.parametrize("size", [(280, 140), (1280, 640)], ids=["small", "large"])
+def test_a_video_says_what_its_colours_are_and_readers_get_them_back(reader, size, tmp_path):
+    """Players take BT.601 for small pictures that say nothing, BT.709 for large ones."""
+    colors = np.array(
+        [(255, 0, 0), (0, 255, 0), (0, 0, 255), (200, 30, 120), (20, 200, 180), (255,) * 3, (0,) * 3]
+    )
+    (frame,) = frames(tmp_path, count=1, width=size[0], height=size[1])
+    patch = size[0] // len(colors)
+    picture = np.zeros((size[1], size[0], 3), np.uint8)
+    for i, color in enumerate(colors):
+        picture[:, i * patch : (i + 1) * patch] = color
+    cv2.imwrite(str(frame.files["lit"]), picture[..., ::-1])
+    path = write_video([frame], tmp_path / "colors.mp4")
+    middles = reader(path)[size[1] // 2, patch // 2 + patch * np.arange(len(colors))].astype(int)
+    assert np.abs(middles - colors).max() <= 4
+    with av.open(str(path)) as container:
+        shown = next(container.decode(video=0))
+        coding = container.streams.video[0].codec_context
+        assert (int(shown.colorspace), int(shown.color_range)) == (1, 1)  # BT.709, limited
+        assert (int(coding.color_primaries), int(coding.color_trc)) == (1, 1)
+
+
 def test_wrong_videos_and_options_are_refused(tmp_path):
     for shown, rate, says in (
         ([], 10, "expected the frames of one camera, got none"),
