@@ -82,6 +82,11 @@ class TornSetError(SourceError):
     """The world moved during a set of captures, so that they do not show one instant."""
 
 
+class OtherMomentError(TornSetError):
+    """A recording holds captures of the same state that show another world than new ones: trying again does
+    not help."""
+
+
 class RecordingError(OmniscvError):
     """A recording cannot be used.
 

@@ -23,3 +23,4 @@ for i, (one, two) in enumerate(pairwise(images)):
     flow = truth.flow(one.depth, camera.unproject(), pose, camera, pose, two.depth, one.labels, moved)
     one.save("moving", stem=f"pano-{i}")
     np.save(f"moving/pano-{i}.flow.npy", flow.pixels)
+print(f"moving/: {len(images) - 1} panoramas with flow; a second run replays moving.sqlite")

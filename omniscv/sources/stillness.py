@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any, TypeVar
 
-from omniscv.errors import TornSetError
+from omniscv.errors import OtherMomentError, TornSetError
 from omniscv.sources.base import Capture, Request, Source, SourceWrapper, View
 
 T = TypeVar("T")
@@ -42,7 +42,7 @@ def verify_still(source: Source, modes: Sequence[str], make: Callable[[Source], 
                 watched.verify()
                 return result
         except TornSetError as torn:
-            if tries == TRIES:
+            if tries == TRIES or isinstance(torn, OtherMomentError):
                 raise
             _log.warning("%s; captured anew", torn)
             tries += 1

@@ -11,7 +11,7 @@ import mock_server
 import omniscv
 from omniscv.cameras import create
 from omniscv.cameras.rig import Rig, RigCamera
-from omniscv.errors import TornSetError
+from omniscv.errors import OtherMomentError, TornSetError
 from omniscv.geometry.instant import Instant
 from omniscv.job import Job
 from omniscv.make import capture as capture_job
@@ -182,6 +182,24 @@ def test_a_recorded_set_is_compared_with_the_world_as_it_is(tmp_path):
     assert held == {"depth": 6, "object_mask": 6}
     with omniscv.record(Unfrozen(lambda made: 1.5), path) as source, pytest.raises(TornSetError):
         central(source)
+    assert info(path).captures == held
+
+
+@pytest.mark.parametrize("shoot", SHOTS)
+def test_what_a_recording_holds_is_replayed_while_the_world_goes_on(shoot, tmp_path):
+    """A program that is run again beside its recording captures nothing; new captures beside held ones of
+    another moment are refused at once, in a line that says what to do."""
+    path = tmp_path / "room.sqlite"
+    with omniscv.record(Unfrozen(lambda made: 0.5), path) as source:
+        first = shoot(source)
+    held = info(path).captures
+    with Unfrozen(lambda made: 1.5) as world, omniscv.record(world, path) as source:
+        assert same(shoot(source), first)
+        assert world.made == 0
+        wanted = r"room.sqlite: expected a world that stands still, as the recording shows it.*new file"
+        with pytest.raises(OtherMomentError, match=wanted):
+            shoot(source, (*MODES, "normals"))
+        assert world.made < 3 * sum(held.values())
     assert info(path).captures == held
 
 

@@ -9,7 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-from omniscv.errors import ArgumentError, MissingCaptureError, SourceError
+import numpy as np
+
+from omniscv.errors import ArgumentError, MissingCaptureError, OtherMomentError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -62,18 +64,27 @@ class Recording(SourceWrapper):
         self._described_state = ""  # the last one that was written to the file
         self._requested: Instant | None = None
         self._owns_store = True
+        self._made: set[Request] = set()  # captured since the file was opened
+        self._new = 0  # captures of the instant that the file did not hold
         self._lock = threading.RLock()
         self.share_exposure(SharedExposure())
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
-        """As :meth:`Source.capture`; a new capture is in the file before it is yielded."""
+        """As :meth:`Source.capture`; a new capture is in the file before it is yielded.
+
+        A repeated one is read from the file, too, while all others of its instant are: nothing new has to
+        show the same.
+        """
         requested: set[Request] = set()
 
         def find(request: Request) -> Held | None:
-            anew = self._captured_anew
-            is_held = self._store.holds(request) if anew is None else request in anew
+            anew, once = self._captured_anew, replace(request, again=False)
+            is_held = self._store.holds(once) if anew is None else once in anew
+            if request.again and is_held and not self._new and once not in self._made:
+                return partial(self._read, request)
             if request.again or not (is_held or request in requested):
                 requested.add(request)
+                self._new += not request.again
                 return None
             return partial(self._read, request)
 
@@ -120,6 +131,7 @@ class Recording(SourceWrapper):
     def one_instant(self) -> Iterator[None]:
         """As :meth:`Source.one_instant`: one change of the file, which other processes wait for."""
         renewed = None if self._captured_anew is None else set(self._captured_anew)
+        self._new = 0
         with self._lock, self._source.one_instant(), self._store.transaction():
             try:
                 yield
@@ -144,15 +156,28 @@ class Recording(SourceWrapper):
         raise not_picklable(str(self._store.path))
 
     def _read(self, request: Request) -> Capture:
-        if capture := self._store.get(request):
-            return capture
+        if capture := self._store.get(replace(request, again=False)):
+            return replace(capture, request=request)
         raise MissingCaptureError("a capture was removed while recording", self._store.path)
 
     def _capture_and_write(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for capture in map(self._source.stated, self._source.capture(requests)):
-            if not capture.request.again:
+            if capture.request.again:
+                self._compare(capture)
+            else:
                 self._write(capture)
             yield capture
+
+    def _compare(self, again: Capture) -> None:
+        """Refuse new captures beside recorded ones of the same state that show another world."""
+        once = replace(again.request, again=False)
+        if once in self._made or self._captured_anew is not None:
+            return
+        held = self._store.get(once)
+        if held is not None and not np.array_equal(held.pixels, again.pixels):
+            expected = f"{self._store.path}: expected a world that stands still, as the recording shows it"
+            got = f"got another {once.mode}: what moves by itself is elsewhere now"
+            raise OtherMomentError(f"{expected}, {got}; record into a new file")
 
     def _write(self, capture: Capture) -> None:
         """Write a new capture, and before it what it depends on; RecordingError if it is of another scene."""
@@ -164,6 +189,7 @@ class Recording(SourceWrapper):
         if capture.request.state:
             self._write_state(capture.request.state)
         self._store.add(capture)
+        self._made.add(capture.request)
         if self._captured_anew is not None:
             self._captured_anew.add(capture.request)
 
