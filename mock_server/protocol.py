@@ -29,25 +29,34 @@ def frame(payload: bytes) -> bytes:
     return _HEADER.pack(MAGIC, len(payload)) + payload
 
 
-def read_frame(connection: socket.socket) -> bytes | None:
+Wait = Callable[[bool], None]
+"""Returns when bytes can be read; it is told whether a frame has begun, and may raise FrameError."""
+
+
+def read_frame(connection: socket.socket, wait: Wait = lambda begun: None) -> bytes | None:
     """Return the next payload; None at the end of the stream.
 
+    Args:
+        connection: from a client.
+        wait: called before each read.
+
     Raises:
-        FrameError: wrong magic, no payload, or one larger than ``MAX_PAYLOAD``.
+        FrameError: wrong magic, no payload, or one larger than ``MAX_PAYLOAD``; or of ``wait``.
     """
-    header = _read_exactly(connection, _HEADER.size)
+    header = _read_exactly(connection, _HEADER.size, wait, False)
     if header is None:
         return None
     magic, size = _HEADER.unpack(header)
     if magic != MAGIC or not 0 < size <= MAX_PAYLOAD:
         raise FrameError(f"header: expected {MAGIC:#x}, 1 to {MAX_PAYLOAD}; got {magic:#x}, {size}")
-    return _read_exactly(connection, size)
+    return _read_exactly(connection, size, wait, True)
 
 
-def _read_exactly(connection: socket.socket, size: int) -> bytes | None:
+def _read_exactly(connection: socket.socket, size: int, wait: Wait, begun: bool) -> bytes | None:
     """Return so many bytes; memory grows with the bytes received, not with the header's size."""
     data = bytearray()
     while len(data) < size:
+        wait(begun or bool(data))
         block = connection.recv(min(_BLOCK, size - len(data)))
         if not block:
             return None

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import queue
+import select
 import socket
 import sys
 import threading
@@ -26,6 +27,9 @@ Request = tuple[float, bytes]
 MAX_WAITING = 1 << 25
 """The most bytes of one client's waiting requests, with ``_OVERHEAD`` for each."""
 
+PATIENCE_S = 10.0
+"""How long a client may be silent within a request, and before its first one if another client waits."""
+
 _OVERHEAD = 256  # bytes of memory per request beside its text
 _MAX_TEXTS, _MAX_TEXT = 100_000, 200
 
@@ -33,7 +37,7 @@ _GRACE_S, _STOP_S = 0.5, 1.0
 """Seconds that a stopping server waits for a reply to be sent, and for an image to be traced."""
 
 _BACKLOG = 1
-_POLL_S = 0.02
+_POLL_S, _SILENT_S = 0.02, 0.2
 
 
 class Requests:
@@ -88,7 +92,8 @@ class Server:
 
     A frame of the engine ends when all received requests are answered, and at the frame rate while there are
     none: poses lag as with an engine, without its waiting times. A client that does not read its replies is
-    dropped when ``MAX_WAITING`` bytes of requests wait.
+    dropped when ``MAX_WAITING`` bytes of requests wait; one that does not end a request that it has begun, or
+    sends none at all while another client waits, after ``PATIENCE_S``. The plugin waits for ever.
 
     Attributes:
         scene, settings: of the constructor; the scene loaded.
@@ -110,6 +115,7 @@ class Server:
         self.fault = ""
         world = World(self.scene, settings, self.faults)
         self._tcp = socket.create_server((settings.host, settings.port), backlog=_BACKLOG)
+        self._listener: socket.socket = self._tcp
         self.host, self.port = self._tcp.getsockname()[:2]
         self._files = OutputFolder(settings.folder, settings.files == "anywhere")
         self._dialect = BY_NAME[settings.dialect](world, settings, self.port, self._files)
@@ -176,7 +182,7 @@ class Server:
     def _clients(self) -> Iterator[socket.socket]:
         """Yield one client after another; others wait in the system's queue without a greeting."""
         with contextlib.ExitStack() as opened:
-            listener = opened.enter_context(self._tcp)
+            listener = self._listener = opened.enter_context(self._tcp)
             while not self._stopping.is_set():
                 listener.settimeout(_POLL_S)
                 try:
@@ -189,7 +195,7 @@ class Server:
                 # Plugin 1.0 on Linux never listens on TCP again: later TCP clients wait for ever.
                 has_unix = self.settings.platform == "linux" and sys.platform != "win32"
                 if listener is self._tcp and has_unix and self._dialect.has_unix:
-                    listener = opened.enter_context(self._unix_listener())
+                    listener = self._listener = opened.enter_context(self._unix_listener())
                     opened.callback(self.unix_path.unlink, missing_ok=True)
 
     def _unix_listener(self) -> socket.socket:
@@ -221,13 +227,27 @@ class Server:
             connection.shutdown(socket.SHUT_RD)  # wakes the reader; sends nothing
         reader.join()
 
-    @staticmethod
-    def _read(connection: socket.socket, requests: Requests) -> None:
-        with contextlib.suppress(OSError, FrameError):
-            while (payload := read_frame(connection)) is not None:
+    def _read(self, connection: socket.socket, requests: Requests) -> None:
+        spoken = False
+
+        def wait(begun: bool) -> None:
+            """Wait for bytes, but not for ever for the rest of a request, nor for a client's first one."""
+            give_up = time.monotonic() + PATIENCE_S
+            while not select.select([connection], [], [], _SILENT_S)[0]:
+                late = time.monotonic() > give_up
+                if late and (begun or (not spoken and self._is_awaited())):
+                    raise FrameError(f"expected a request within {PATIENCE_S:g} s")
+
+        with contextlib.suppress(OSError, FrameError, ValueError):  # ValueError: of a closed connection
+            while (payload := read_frame(connection, wait)) is not None:
+                spoken = True
                 if not requests.put(payload):
                     connection.shutdown(socket.SHUT_RDWR)
         requests.end()
+
+    def _is_awaited(self) -> bool:
+        """Return whether another client waits."""
+        return bool(select.select([self._listener], [], [], 0)[0])
 
 
 def replies(

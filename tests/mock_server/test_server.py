@@ -54,6 +54,25 @@ def test_stopping_waits_for_no_client_that_does_not_read_and_for_no_slow_frame(s
     assert not server.running
 
 
+@pytest.mark.parametrize(
+    "sent",
+    [b"", frame(b"0:vget /unrealcv/status")[:3], frame(b"0:vget /unrealcv/status")[:20]],
+    ids=["nothing", "part of a header", "part of a request"],
+)
+def test_a_silent_client_does_not_keep_others_out_for_ever(sent, start, open_raw, monkeypatch):
+    """The limit is stated, PATIENCE_S; one that has asked something may be silent, as with the plugin."""
+    monkeypatch.setattr(mock_server.server, "PATIENCE_S", 0.3)
+    server = start()
+    silent = open_raw(server)
+    silent.socket.sendall(sent)
+    second = open_raw(server)
+    assert second.text("vget /unrealcv/status")
+    waiting = socket.create_connection((server.host, server.port), timeout=1.0)
+    with waiting, pytest.raises(TimeoutError):
+        waiting.recv(1)
+    assert second.text("vget /unrealcv/status")
+
+
 def test_a_client_that_sends_and_does_not_read_is_dropped_within_a_bound(start, open_raw):
     """The bound is stated: MAX_WAITING. The next client is served."""
     server = start()
