@@ -24,6 +24,7 @@ _FINAL = ("composite.combined", "combined", "beauty", "rgba", "image")
 """Layers of colours, by the ends of their names, which others only lead to; the first one counts."""
 _FORMATS = ("uint8", "uint16", "half", "float", "double")
 _KEPT = ("uint8", "uint16", "uint32", "half")  # types of pixels that come as they are; others as float32
+_TURNED = "an orientation in its EXIF; turn its pixels, as 'mogrify -auto-orient' does, and import it again"
 _LOSSY = ("jpeg", "dwa", "b44", "pxr24", "webp", "lerc")
 
 
@@ -241,7 +242,7 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     for is_wrong, expected, got in (
         (is_cropped, f"pixels in all of the display window {display}", window),
         (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
-        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", "an orientation in its EXIF"),
+        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", _TURNED),
         (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
         (is_odd, "8 or 16 bits, or floats", f"{bits} bits"),
         (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),

@@ -128,7 +128,8 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
         seen &= ~frame.layer("unsure")
     if max_relative is not None:
         seen &= ~inexact(frame, max_relative)
-    points = (rays.origins + depth.astype(np.float64)[..., None] * rays.directions) @ R_LEVEL.T
+    distances = np.where(seen, depth.astype(np.float64), 0)  # where nothing is seen it may be infinite
+    points = (rays.origins + distances[..., None] * rays.directions) @ R_LEVEL.T
     columns: dict[str, NDArray[Any]] = {
         axis: np.where(seen, points[..., i], np.nan).astype(np.float32) for i, axis in enumerate("xyz")
     }

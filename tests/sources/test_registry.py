@@ -1,9 +1,14 @@
 """Addresses: the schemes of this package and of others, and one clear sentence for what is none."""
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import omniscv
+from omniscv.cameras import create
+from omniscv.cli import run
 from omniscv.errors import ArgumentError, NotARecordingError, SourceError
+from omniscv.geometry import Pose
 from omniscv.sources import registry
 from omniscv.sources.registry import split_address
 
@@ -46,6 +51,24 @@ def test_what_is_no_recording_is_one_clear_sentence(tmp_path):
     for name, says in (("", "a folder"), ("none.sqlite", "nothing there"), ("notes.txt", "not a database")):
         with pytest.raises(NotARecordingError, match=f"expected a recording, got .*{says}"):
             omniscv.open_source(tmp_path / name)
+
+
+PICTURES = {"R.JPG": "JPEG", "wall.png": "PNG", "wall.tiff": "TIFF", "wall.webp": "WebP", "wall.bmp": "BMP"}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_a_picture_is_named_with_the_command_that_makes_a_recording_of_it(name, tmp_path, capsys):
+    """The command as it is printed, and then the one that was refused, of the recording."""
+    file = tmp_path / name
+    Image.new("RGB", (64, 32), (200, 90, 30)).save(file, PICTURES[name])
+    with pytest.raises(NotARecordingError, match=f"got a {PICTURES[name]} picture; write omniscv") as refused:
+        omniscv.open_source(file)
+    words = refused.value.reason.split("write omniscv ")[1].split(", and")[0].split()
+    words[words.index(f"{file.stem}.sqlite")] = str(tmp_path / "made.sqlite")
+    assert run(words) == 0
+    with omniscv.open_source(tmp_path / "made.sqlite") as source:
+        image = omniscv.render(create("pinhole", 16, 16, fov_deg=60), Pose.from_angles((0, 0, 1.5)), source)
+    assert np.abs(image.lit.astype(int) - (200, 90, 30)).max() <= 8
 
 
 def test_a_file_whose_name_looks_like_an_address_is_a_file(recorded, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ import omniscv
 from omniscv import Pose, truth
 from omniscv.errors import ArgumentError
 from omniscv.geometry import R_LEVEL
-from omniscv.truth import Points
+from omniscv.truth import Points, point_cloud
 
 CAMERAS = example_cameras()
 SCENE = mock_server.load_scene("six-wall")
@@ -60,6 +60,22 @@ def test_pixels_without_surface_or_unsure_have_no_point():
     depth[0], depth[1], depth[2], unsure[3] = 0, np.inf, np.nan, True
     found = truth.points(depth, camera.unproject(), POSE, {"row": np.indices((48, 96))[0]}, unsure)
     assert set(found.values["row"]) == set(range(4, 48))
+
+
+@pytest.mark.parametrize("intensity", [False, True])
+def test_a_lidar_under_an_open_sky_has_points_of_what_it_meets_alone(intensity, tmp_path):
+    lidar = omniscv.cameras.create("lidar", preset="vlp-16", width=90)
+    with omniscv.open_source("scene://open") as source, omniscv.dataset.Writer(tmp_path / "sky") as writer:
+        image = omniscv.render(lidar, Pose.from_angles((0, 0, 1.5)), source, ("lit", "depth", "normals"))
+        writer.add("scan", image)
+    (frame,) = omniscv.dataset.open(tmp_path / "sky")
+    scan = point_cloud.sweep(frame, intensity=intensity)
+    met = np.isfinite(image.depth) & ~image.unsure
+    assert 0.1 < met.mean() < 0.9
+    assert (np.isfinite(scan["x"]) == met).all()
+    away = np.sqrt(scan["x"] ** 2 + scan["y"] ** 2 + scan["z"] ** 2)[met]
+    origins = np.linalg.norm(lidar.unproject().origins, axis=-1).max()  # the lasers are beside the middle
+    np.testing.assert_allclose(away, image.depth[met], atol=1.01 * origins + 1e-3)
 
 
 def test_of_points_in_a_cube_the_one_seen_from_nearest_stays():

@@ -156,7 +156,9 @@ def opened(path: Path, write: bool) -> sqlite3.Connection:
                 publish_new(file, path)
         remove_scratch(path.parent, f".{path.name}-")
     elif (kind := kind_of(path)) != "a file":
-        raise NotARecordingError(f"expected a recording, got {kind or 'nothing there; record one first'}")
+        folder = f"a folder; if it has pictures, {import_advice(path)}"
+        got = {"a folder": folder, "": "nothing there; record one first"}.get(kind, kind)
+        raise NotARecordingError(f"expected a recording, got {got}")
     check_header(path)
     settle_journal(path)
     database = connect(path, "rw" if write else "ro")
@@ -211,11 +213,36 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork_in_child)
 
 
+_PICTURES = {
+    b"\xff\xd8\xff": "a JPEG picture",
+    b"\x89PNG\r\n": "a PNG picture",
+    b"\x76\x2f\x31\x01": "an EXR picture",
+    b"II*\0": "a TIFF picture",
+    b"MM\0*": "a TIFF picture",
+    b"II+\0": "a TIFF picture",
+    b"RIFF": "a WebP picture",
+    b"#?R": "a Radiance picture",
+    b"BM": "a BMP picture",
+    b"\x93NUMPY": "a NumPy array",
+    b"\0\0\0\x0cJXL ": "a JPEG XL picture",
+}
+"""By the bytes that files begin with, what is often taken for a recording."""
+
+
+def import_advice(pictures: Path) -> str:
+    """Return the command that makes a recording of pictures."""
+    target = pictures.with_suffix(".sqlite").name
+    return f"write omniscv recording import {pictures} {target} --position 0,0,1.5, and render from {target}"
+
+
 def check_header(path: Path) -> None:
     """Check the first bytes of a file; NotARecordingError, or NewerRecordingError for a later version."""
     with path.open("rb") as file:
         header = file.read(_HEADER.size)
     if len(header) < _HEADER.size or not header.startswith(_MAGIC):
+        picture = next((name for start, name in _PICTURES.items() if header.startswith(start)), "")
+        if picture:
+            raise NotARecordingError(f"expected a recording, got {picture}; {import_advice(path)}")
         got = "a file that is not a database" if header else "an empty file"
         raise NotARecordingError(f"expected a recording, got {got}")
     _, *log_versions, version, application = _HEADER.unpack(header)
