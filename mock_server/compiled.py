@@ -1,151 +1,264 @@
-"""numba's decorator, for kernels that are loaded quickly.
+"""Kernels: loops over pixels, written in Python, that run as machine code.
 
-numba prepares to compile before it looks into its cache, which takes 0.5 s of processor time in each process.
-The cache below reads a kernel's file without that. It overrides private parts of numba; where one of them is
-missing, kernels use numba's own cache: slower to load, the same results.
+A kernel declares the types of its arguments, as :mod:`mock_server.signatures` describes them::
+
+    @njit("float64[:, ::1], out float32[::1], bool -> int64", nogil=True)
+    def count(points, distances, closed): ...
+
+``scripts/kernels`` compiles each signature by numba into a library beside the package, so that neither numba
+nor a compiler is needed to run. The library's table has a digest of each kernel's source. A kernel that was
+changed since, one of a plugin, and one that is called with types that it does not declare are compiled by
+numba when they are called.
 """
 
+import ctypes
+import hashlib
+import json
+import linecache
 import logging
-import os
-import time
+import platform
+import re
+import sys
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
-from functools import cache as cached
-from functools import cached_property
-from threading import Timer
-from typing import Any
+from functools import cache, cached_property
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple
 
-import numba
+import numpy as np
 
-SILENT_S = 1.0
-"""Seconds of compiling, of a process, before it says so."""
+from mock_server.signatures import Signature, fields, fields_of, parse
+
+__all__ = ["Kernel", "Library", "fields", "library_name", "load_library", "njit", "symbol"]
 
 LOGGER = logging.getLogger("omniscv.compiled")
-
-try:
-    from llvmlite import binding  # type: ignore[import-untyped]
-    from numba.core.caching import FunctionCache, NullCache
-    from numba.core.runtime import _nrt_python
-
-    _ALLOCATORS = dict(_nrt_python.c_helpers)
-    _ = FunctionCache._load_overload, FunctionCache._guard_against_spurious_io_errors, binding.add_symbol
-    FAST = True
-except (ImportError, AttributeError):
-    FunctionCache = NullCache = object
-    FAST = False
-
-if numba.config.DISABLE_JIT:
-    # Interpreted, kernels take hundreds of times as long, and divide by zero where compiled ones get inf.
-    numba.config.DISABLE_JIT = 0
-    warnings.warn("NUMBA_DISABLE_JIT is ignored: kernels of omniscv have to be compiled", stacklevel=1)
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
-class _Files(FunctionCache):  # type: ignore[misc]
-    """The files of a kernel, read without preparing to compile."""
+def njit(*signatures: str, **options: Any) -> Callable[[Any], Any]:
+    """Return a decorator that makes a function a kernel.
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel of a signature from its file, or None.
+    Args:
+        signatures: types of the arguments and the result, for each of which machine code is built. A function
+            that only other kernels call has none.
+        options: of :func:`numba.njit`. With ``cache=False``, numba keeps nothing of what it compiles.
+    """
 
-        Processes that compile at the same time may write kernels of two signatures under one name.
-        """
-        _name_allocators()
-        with self._guard_against_spurious_io_errors():
-            kernel = self._load_overload(sig, target_context)
-            return kernel if kernel is None or kernel.signature.args == sig else None
+    def decorate(function: Any) -> Kernel:
+        return Kernel(function, signatures, options)
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a kernel for later processes; where the disk is full, it is not kept."""
-        try:
-            super().save_overload(sig, data)
-        except OSError:  # the index, written first, names a file that is missing or older
-            with suppress(OSError, AttributeError):
-                os.unlink(self._cache_file._index_path)
+    return decorate
 
 
-class _Cache(NullCache):  # type: ignore[misc]
-    """A cache that looks for its folder when its kernel is first called: most are called by kernels only."""
+class Kernel:
+    """A function that runs as machine code: from the library of its package, else compiled by numba.
 
-    spent_s = 0.0  # compiling, in this process
+    Attributes:
+        py_func: the function as it is written.
+        declared: its signatures, as text.
+    """
 
-    def __init__(self, function: Any) -> None:
-        self._function, self._timer, self._started = function, Timer(0, _say), 0.0
+    def __init__(self, function: Any, declared: tuple[str, ...], options: dict[str, Any]) -> None:
+        self.py_func = function
+        self.declared = declared
+        self._options = options
+        self.__name__ = function.__name__
+        self.__qualname__ = function.__qualname__
+        self.__module__ = function.__module__
+        self.__doc__ = function.__doc__
 
-    @cached_property
-    def _files(self) -> Any:
-        try:
-            return _Files(self._function)
-        except RuntimeError:  # no folder is writable
-            _warn()
-            return NullCache()
+    def __call__(self, *args: Any) -> Any:
+        for code in self._built:
+            words: list[Any] = []
+            copies: list[Any] = []
+            if code.signature.pack(args, words, copies):
+                return code.run(words)
+        _say_why(self)
+        return self.dispatcher(*args)
 
     @property
-    def cache_path(self) -> Any:
-        """The folder; None where there is none."""
-        return self._files.cache_path
+    def full_name(self) -> str:
+        """The kernel's name in the table of a library."""
+        return f"{self.__module__}.{self.__qualname__}"
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel of a signature from its file, or None."""
-        kernel = self._files.load_overload(sig, target_context)
-        if kernel is None:
-            self._started = time.monotonic()
-            self._timer = Timer(max(0.0, SILENT_S - _Cache.spent_s), _say)
-            self._timer.daemon = True
-            self._timer.start()
-        return kernel
+    @cached_property
+    def signatures(self) -> tuple[Signature, ...]:
+        """The declared signatures."""
+        return tuple(parse(text, self.py_func.__globals__) for text in self.declared)
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the kernel of a signature to its file."""
-        self._timer.cancel()
-        _Cache.spent_s += time.monotonic() - self._started
-        self._files.save_overload(sig, data)
+    @cached_property
+    def digest(self) -> str:
+        """A digest of the source, of the constants that it names, and of the kernels that it calls."""
+        code = self.py_func.__code__
+        parts = [_source(self.py_func)]
+        for name in sorted({*code.co_names, *_NAME.findall(" ".join(self.declared))}):
+            value = self.py_func.__globals__.get(name)
+            parts.append(f"{name} = {_meaning(value)}")
+            if isinstance(value, ModuleType):
+                for attribute in sorted(code.co_names):
+                    parts.append(f"{name}.{attribute} = {_meaning(getattr(value, attribute, None))}")
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
-    def flush(self) -> None:
-        """Forget the kernels of all signatures."""
-        self._files.flush()
+    @cached_property
+    def dispatcher(self) -> Any:
+        """The function as numba compiles it; it calls other kernels as numba compiles those."""
+        names = dict(self.py_func.__globals__)
+        for name in self.py_func.__code__.co_names:
+            called = names.get(name)
+            if isinstance(called, Kernel):
+                names[name] = called.dispatcher
+        function = FunctionType(
+            self.py_func.__code__, names, self.__name__, self.py_func.__defaults__, self.py_func.__closure__
+        )
+        # numba keeps code by this name, and would not see that a constant or another kernel has changed.
+        function.__qualname__ = f"{self.__qualname__}_{self.digest[:12]}"
+        return _compile(function, self._options)
+
+    @cached_property
+    def _built(self) -> "tuple[_Code, ...]":
+        """The code of each signature in the library; none where it is not of this source."""
+        library = load_library(_package(self))
+        if library is None or library.digests.get(self.full_name) != self.digest:
+            return ()
+        codes = []
+        for index, signature in enumerate(self.signatures):
+            function = library.code[symbol(self.full_name, index)]
+            codes.append(_Code(self.full_name, function, signature))
+        return tuple(codes)
 
 
-def njit(*, cache: bool, **options: Any) -> Callable[[Any], Any]:
-    """Return a decorator that compiles as :func:`numba.njit` does, and caches with ``cache``."""
+class _Code(NamedTuple):
+    """Machine code of a kernel for one signature."""
 
-    def compiled(function: Any) -> Any:
-        kernel = numba.njit(**options)(function)
-        if not cache:
-            return kernel
-        if FAST and hasattr(kernel, "_cache"):
-            kernel._cache = _Cache(function)
-            return kernel
-        try:
-            return numba.njit(cache=True, **options)(function)
-        except RuntimeError:  # no folder is writable
-            _warn()
-            return kernel
+    name: str
+    function: Any
+    signature: Signature
 
-    return compiled
+    def run(self, words: list[Any]) -> Any:
+        """Return the result for packed arguments.
+
+        Raises:
+            ArithmeticError: the code divided by zero, or got no memory.
+        """
+        buffer = self.signature.buffer(words)
+        status = self.function(buffer)
+        if status:
+            raise ArithmeticError(f"{self.name}: expected a result, got status {status}: 1/0, or no memory")
+        return self.signature.result(buffer)
 
 
-def inner(**options: Any) -> Callable[[Any], Any]:
-    """Return the decorator of functions that only kernels call, with the options of :func:`njit`.
+class Library(NamedTuple):
+    """The kernels of a package, as they were built.
 
-    Without wrappers for Python, compiling takes a sixth less time; called from Python, one crashes.
+    Attributes:
+        path: the file.
+        code: its functions, by :func:`symbol`.
+        digests: of each kernel when it was built, by its full name.
     """
-    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+
+    path: Path
+    code: Any
+    digests: dict[str, str]
 
 
-@cached
-def _name_allocators() -> None:
-    """Tell LLVM the addresses of the functions that allocate arrays: kernels' files refer to them by name."""
-    for name, address in _ALLOCATORS.items():
-        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+@cache
+def load_library(package: str) -> Library | None:
+    """Return the library of a package; None where the package has none, or none that runs here."""
+    file = getattr(sys.modules.get(package), "__file__", None)
+    table = Path(file or "").parent / "kernels" / "table.json"
+    if not file or not table.exists():
+        return None
+    path = table.with_name(library_name())
+    try:
+        code = ctypes.CDLL(str(path))
+    except OSError:
+        LOGGER.info(
+            "no kernels are built for this machine (%s): numba compiles them, once, for 15 s", path.name
+        )
+        return None
+    kernels = json.loads(table.read_text(encoding="utf-8"))["kernels"]
+    return Library(path, code, {name: kernel["digest"] for name, kernel in kernels.items()})
 
 
-@cached
-def _say() -> None:
-    """Tell, once, why the process is silent for a while."""
-    LOGGER.info("compiling kernels (once, about 15 s for a first image)")
+def library_name() -> str:
+    """Return the name of the library for this machine."""
+    return f"{sys.platform}-{platform.machine().lower()}.so"
 
 
-@cached
-def _warn() -> None:
-    advice = "set NUMBA_CACHE_DIR to a folder that can be written to"
-    warnings.warn(f"compiled code cannot be kept, so each process compiles anew: {advice}", stacklevel=2)
+def symbol(full_name: str, index: int) -> str:
+    """Return the name, in a library, of a kernel's code for its signature of an index."""
+    return f"{full_name.replace('.', '_')}_{index}"
+
+
+def _package(kernel: Kernel) -> str:
+    return kernel.__module__.partition(".")[0]
+
+
+def _source(function: Any) -> str:
+    """Return the lines of a function with its decorators: up to the next line that is not indented more."""
+    code = function.__code__
+    lines = linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :]
+    taken: list[str] = []
+    begun = False
+    for line in lines:
+        text = line.strip()
+        indent = len(line) - len(line.lstrip())
+        if not taken:
+            first_indent = indent
+        elif begun and text and indent <= first_indent and not text.startswith(")"):
+            break
+        begun = begun or text.startswith("def ")
+        taken.append(line.rstrip())
+    return "\n".join(taken).rstrip()
+
+
+def _meaning(value: Any) -> str:
+    """Return what code depends on of a value that a kernel names; nothing of a module or a function."""
+    if isinstance(value, Kernel):
+        return value.digest
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tolist()}"
+    if isinstance(value, (bool, int, float, tuple, np.generic, np.dtype)):
+        return repr(value)
+    if isinstance(value, type) and issubclass(value, tuple):
+        return f"{getattr(value, '_fields', ())} {fields_of(value)}"
+    return ""
+
+
+@cache
+def _say_why(kernel: Kernel) -> None:
+    """Tell, once, why numba compiles a kernel, which takes seconds."""
+    library = load_library(_package(kernel))
+    if kernel._built:
+        LOGGER.info(
+            "%s: numba compiles it, for types of arguments that it does not declare", kernel.full_name
+        )
+    elif library is not None:
+        LOGGER.info(
+            "%s: numba compiles it, since %s has none of its source", kernel.full_name, library.path.name
+        )
+
+
+def _compile(function: Any, options: dict[str, Any]) -> Any:
+    """Return a function as numba compiles it, and keeps it where it can.
+
+    Raises:
+        ImportError: numba is not installed.
+    """
+    try:
+        import numba
+    except ImportError as cause:
+        wanted = f"{function.__module__}.{function.__name__}: expected numba, which compiles it here"
+        raise ImportError(f"{wanted}; pip install 'omniscv[compile]'") from cause
+    if numba.config.DISABLE_JIT:
+        # Interpreted, kernels take hundreds of times as long, and divide by zero where compiled ones get inf.
+        numba.config.DISABLE_JIT = 0
+        warnings.warn("NUMBA_DISABLE_JIT is ignored: kernels of omniscv have to be compiled", stacklevel=2)
+    options = {"cache": True, **options}
+    try:
+        return numba.njit(**options)(function)
+    except RuntimeError:  # no folder can be written to
+        advice = "set NUMBA_CACHE_DIR to a folder that can be written to"
+        warnings.warn(f"compiled code cannot be kept, so each process compiles anew: {advice}", stacklevel=2)
+        return numba.njit(**{**options, "cache": False})(function)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mock_server.compiled import inner, njit
+from mock_server.compiled import njit
 
 RECTANGLE, BOX, SPHERE, CYLINDER = range(4)
 COLUMNS = 20
@@ -50,7 +50,7 @@ _GLOBE = np.array([(np.cos(t) * x, np.cos(t) * y, np.sin(t)) for t in _TILTS for
 _MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _rectangle(p: Vector, d: Vector, half_x: float, half_y: float) -> Hit:
     if d[2] == 0.0:
         return _MISS
@@ -60,7 +60,7 @@ def _rectangle(p: Vector, d: Vector, half_x: float, half_y: float) -> Hit:
     return _MISS
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _box(p: Vector, d: Vector, half: Vector) -> Hit:
     """First hit from outside, or the wall hit from inside; the normal faces the ray."""
     near, far = -math.inf, math.inf
@@ -84,7 +84,7 @@ def _box(p: Vector, d: Vector, half: Vector) -> Hit:
     return t, m if axis == 0 else 0.0, m if axis == 1 else 0.0, m if axis == 2 else 0.0
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
     """Return the ordered roots of a t^2 + 2 half_b t + c, without cancellation; infinite if none."""
     square = half_b * half_b - a * c
@@ -96,7 +96,7 @@ def _roots(a: float, half_b: float, c: float) -> tuple[float, float]:
     return (t0, t1) if t0 < t1 else (t1, t0)
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _sphere(p: Vector, d: Vector, r: float) -> Hit:
     x, y, z = p
     t0, t1 = _roots(1.0, x * d[0] + y * d[1] + z * d[2], x * x + y * y + z * z - r * r)
@@ -107,7 +107,7 @@ def _sphere(p: Vector, d: Vector, r: float) -> Hit:
     return t, side * (x + t * d[0]) / r, side * (y + t * d[1]) / r, side * (z + t * d[2]) / r
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _cylinder(p: Vector, d: Vector, r: float, h: float) -> Hit:
     best = _MISS
     t0, t1 = _roots(d[0] * d[0] + d[1] * d[1], p[0] * d[0] + p[1] * d[1], p[0] * p[0] + p[1] * p[1] - r * r)
@@ -167,7 +167,12 @@ def _divided(part: Ints, low: Floats, high: Floats) -> tuple[Ints, int, int]:
     return part[ranks], int(count[cost.argmin()]), axis
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(
+    "float64[:, ::1], out float64[:, ::1], float64[:, ::1], (float64[:, ::1], int64[:, ::1], "
+    "int64[::1]), bool[::1], out float64[::1], out int64[::1], out float64[:, ::1]",
+    nogil=True,
+    error_model="numpy",
+)
 def nearest_hits(
     origins: Floats,
     directions: Floats,
@@ -196,7 +201,7 @@ def nearest_hits(
         normal[i, 0], normal[i, 1], normal[i, 2] = n
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def _first(
     o: Vector, d: Vector, solids: Floats, boxes: Floats, links: Ints, order: Ints, shown: Any, stack: Ints
 ) -> tuple[float, int, Vector]:
@@ -241,7 +246,7 @@ def _first(
     return best, which, normal
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     """First hit of a ray in the frame of a solid."""
     kind = int(solids[s, 0])
@@ -257,7 +262,7 @@ def _hit(solids: Floats, s: int, p: Vector, d: Vector) -> Hit:
     return hit
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _local(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector in the frame of a solid."""
     x, y, z = v
@@ -268,7 +273,7 @@ def _local(solids: Floats, s: int, v: Vector) -> Vector:
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _world(solids: Floats, s: int, v: Vector) -> Vector:
     """Return a vector of the frame of a solid in the world's."""
     x, y, z = v

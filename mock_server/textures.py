@@ -76,7 +76,9 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
         color = _between(colors, 0.5 + 0.5 * np.sin(2 * np.pi * ring))
     elif isinstance(texture, Noise):
-        color = _between(colors, _noise(p / scale, texture.seed, texture.octaves))
+        shares = np.empty(len(p))
+        _noise(p / scale, texture.seed, texture.octaves, shares)
+        color = _between(colors, shares)
     elif isinstance(texture, Picture):
         color = _pictured(texture.pixels, p / scale, normals)
     elif texture.kind == "gradient":
@@ -87,10 +89,9 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
     return color
 
 
-@njit(cache=True, nogil=True)
-def _noise(points, seed, octaves):  # type: ignore[no-untyped-def]
-    """Return (N,) 0..1: values at the corners of a grid, drawn by a hash, and smoothly between them."""
-    result = np.empty(len(points))
+@njit("float64[:, ::1], int64, int64, out float64[::1]", nogil=True)
+def _noise(points, seed, octaves, shares):  # type: ignore[no-untyped-def]
+    """Write (N,) 0..1: values at the corners of a grid, drawn by a hash, and smoothly between them."""
     for n in range(len(points)):
         total, most, size = 0.0, 0.0, 1.0
         for octave in range(octaves):
@@ -114,8 +115,7 @@ def _noise(points, seed, octaves):  # type: ignore[no-untyped-def]
             strength = 0.7**octave
             total, most, size = total + strength * value, most + strength, 2 * size
         # Sums of octaves lie near their middle: stretched, the colours are used up.
-        result[n] = min(max(0.5 + 2.0 * (total / most - 0.5), 0.0), 1.0)
-    return result
+        shares[n] = min(max(0.5 + 2.0 * (total / most - 0.5), 0.0), 1.0)
 
 
 def _pictured(pixels: NDArray[np.uint8], p: Array, normals: Array) -> Array:

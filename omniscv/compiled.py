@@ -1,5 +1,5 @@
-"""numba's decorator with a cache that loads quickly: the mock server's, which imports nothing of omniscv."""
+"""Kernels (:mod:`mock_server.compiled`): the mock server has some, too, and imports nothing of omniscv."""
 
-from mock_server.compiled import inner, njit
+from mock_server.compiled import Kernel, fields, load_library, njit
 
-__all__ = ["inner", "njit"]
+__all__ = ["Kernel", "fields", "load_library", "njit"]

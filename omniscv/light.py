@@ -184,7 +184,7 @@ def _tables(transfer: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], np
     return light, thresholds, np.maximum(starts - 1, 0).astype(np.uint8), scale
 
 
-@njit(cache=True, nogil=True)
+@njit("float32[::1], out uint8[::1], float32[::1], uint8[::1], float32", nogil=True)
 def _encode(light: Any, codes: Any, thresholds: Any, starts: Any, scale: Any) -> None:
     last = starts.shape[0] - 1
     for i in range(light.shape[0]):

@@ -1,146 +1,211 @@
-"""Kernels from the cache: what a process loads to run them."""
+"""Kernels: libraries have the code of the sources, and what they lack is compiled by numba."""
 
+import copy
+import json
+import logging
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from support.full_disk import largest_file
+from support.kernel_calls import recorded_calls
 
+import mock_server
 import omniscv
+from mock_server import compiled, signatures
 
-KERNEL = """
+ROOT = Path(omniscv.__file__).parents[1]
+PACKAGES = {"omniscv": omniscv, "mock_server": mock_server}
+
+
+def declared(package):
+    """Return the kernels of a package that declare signatures, by their full names."""
+    kernels = {}
+    for path in sorted(Path(PACKAGES[package].__file__).parent.rglob("*.py")):
+        if "\n@njit(" in path.read_text():
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            __import__(module)
+            found = (
+                value for value in vars(sys.modules[module]).values() if isinstance(value, compiled.Kernel)
+            )
+            kernels |= {kernel.full_name: kernel for kernel in found if kernel.declared}
+    return kernels
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_libraries_have_the_code_of_the_sources(package):
+    """If this fails, run scripts/kernels. Kernels under change may be listed meanwhile."""
+    table = json.loads((ROOT / package / "kernels" / "table.json").read_text())
+    of_sources = {
+        name: {"digest": kernel.digest, "signatures": list(kernel.declared)}
+        for name, kernel in declared(package).items()
+        if name not in table["changing"]
+    }
+    assert of_sources == {
+        name: row for name, row in table["kernels"].items() if name not in table["changing"]
+    }
+
+
+def run(source, folder, **environment):
+    """Run a script beside a module ``kernels``, and return what it prints, and what it logs."""
+    (folder / "script.py").write_text(source)
+    command = [sys.executable, folder / "script.py"]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        **environment,
+    }
+    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True)
+
+
+WITHOUT_NUMBA = """
 import sys
+sys.modules["numba"] = None
+"""
+PLUGIN = """
+import logging
 import numpy as np
 from omniscv.compiled import njit
+from omniscv.geometry.surfaces import nearest_pixel
+logging.basicConfig(level=logging.INFO, format="%(message)s")
 
-@njit(cache=True, nogil=True)
-def doubled(values):
-    found = np.empty(len(values))
+@njit("int64, out float64[::1]", nogil=True)
+def fill(row, values):
     for i in range(len(values)):
-        found[i] = 2 * values[i]
-    return found
+        values[i] = 2 * nearest_pixel((3, 3), float(i), float(row))[1]
 
-assert doubled(np.arange(3.0)).tolist() == [0, 2, 4]
-print(sum(doubled.stats.cache_hits.values()), "scipy.linalg" in sys.modules)
-"""
-
-OF_THE_PROCESS = """
-@njit(cache=False)
-def quadrupled(values):
-    return doubled(doubled(values))
-
-assert quadrupled(np.arange(3.0)).tolist() == [0, 4, 8]
+values = np.zeros(5)
+fill(1, values)
+print(values.tolist())
 """
 
 
-def run(tmp_path, source=KERNEL, **environment):
-    path = tmp_path / "kernels.py"
-    if not path.exists() or path.read_text() != source:  # older versions of numba compare the time of change
-        path.write_text(source)
-    return subprocess.run(
-        [sys.executable, path], env={**os.environ, **environment}, capture_output=True, text=True, check=True
-    )
+def test_a_kernel_of_a_plugin_is_compiled_by_numba_with_ours(tmp_path):
+    done = run(PLUGIN, tmp_path)
+    assert done.stdout == "[0.0, 2.0, 4.0, 4.0, 4.0]\n", done.stderr
 
 
-COMMAND = """
-import sys
-import mock_server.compiled
-from omniscv import cli
-mock_server.compiled.SILENT_S = 0
-from omniscv.cli import servers
-servers._list_scenes = lambda as_json: __import__("kernel")
-sys.argv[1:] = ["scenes"]
-cli.main()
-"""
+def test_a_kernel_that_must_be_compiled_without_numba_names_the_extra(tmp_path):
+    done = run(WITHOUT_NUMBA + PLUGIN, tmp_path)
+    assert "expected numba, which compiles it here; pip install 'omniscv[compile]'" in done.stderr
 
 
-def test_a_kernel_of_the_cache_runs_without_what_compiles(tmp_path):
-    """That costs half a second, most of it SciPy's linear algebra. A full disk keeps neither a kernel, nor an
-    older one of its name; the next process compiles again. A command says that it compiles, once."""
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    module = tmp_path / "kernel.py"
-    module.write_text(KERNEL.replace("2 *", "3 *").replace("2, 4", "3, 6"))
-    assert run(tmp_path, COMMAND, **cache).stdout == "0 True\n"
-    module.write_text(KERNEL)
-    with largest_file(2000):  # enough for the index, not for the kernel
-        assert run(tmp_path, COMMAND, **cache).stdout == "0 True\n"
-    module.write_text(f"{KERNEL}{SMALL_KERNEL}tripled(2)\n")
-    first, second = (run(tmp_path, COMMAND, **cache) for _ in "12")
-    assert (first.stdout, first.stderr) == ("0 True\n", SAID)
-    assert (second.stdout, second.stderr) == ("1 False\n", "")
+def test_images_need_no_numba(tmp_path):
+    arguments = ["render", "--source", "mock://four-wall", "--size", "32x16", "--out", str(tmp_path / "out")]
+    done = run(f"{WITHOUT_NUMBA}\nfrom omniscv.cli import run\nassert run({arguments}) == 0\n", tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
-SAID = "omniscv: compiling kernels (once, about 15 s for a first image)\n"
+@pytest.fixture
+def changed(monkeypatch):
+    """A kernel whose source is not that of its library."""
+    from omniscv.cameras.camera_kernels import blank
+
+    kernel = compiled.Kernel(blank.py_func, blank.declared, {"nogil": True})
+    library = compiled.load_library("omniscv")
+    if library is None:
+        pytest.skip("no library is built for this machine")
+    other = library._replace(digests={**library.digests, kernel.full_name: "of other source"})
+    monkeypatch.setattr(compiled, "load_library", lambda package: other)
+    return kernel
 
 
-SMALL_KERNEL = """
-from omniscv.compiled import njit
-
-@njit(cache=True)
-def tripled(value):
-    return 3 * value
-"""
-TWO_SIGNATURES = f"""{SMALL_KERNEL}
-assert tripled(2.0) == tripled(2) == 6
-print(sum(tripled.stats.cache_hits.values()))
-"""
+def test_a_changed_kernel_is_compiled_by_numba_and_says_so(changed, caplog):
+    vectors = np.ones((2, 3))
+    with caplog.at_level(logging.INFO, "omniscv.compiled"):
+        changed(vectors, np.array([True, False]))
+    assert np.isnan(vectors).tolist() == [[False] * 3, [True] * 3]
+    assert "camera_kernels.blank: numba compiles it, since" in caplog.text
 
 
-@pytest.mark.soak
-def test_a_kernel_of_another_signature_is_not_taken(tmp_path):
-    """Processes that compile at the same time may write two kernels under one name: numba numbers files."""
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    assert run(tmp_path, TWO_SIGNATURES, **cache).stdout == "0\n"
-    first, second = sorted((tmp_path / "cache").rglob("*.nbc"))
-    second.write_bytes(first.read_bytes())
-    assert [run(tmp_path, TWO_SIGNATURES, **cache).stdout for _ in "12"] == ["1\n", "2\n"]
+def test_a_signature_that_is_not_declared_is_compiled_by_numba_and_says_so(caplog):
+    from omniscv.cameras.camera_kernels import blank
+
+    vectors = np.ones((2, 3), np.float32)
+    with caplog.at_level(logging.INFO, "omniscv.compiled"):
+        blank(vectors, np.array([True, False]))
+    assert np.isnan(vectors).tolist() == [[False] * 3, [True] * 3]
+    assert "for types of arguments that it does not declare" in caplog.text
 
 
-def test_kernels_are_compiled_where_compiling_is_switched_off_and_no_folder_keeps_them(tmp_path):
-    """As of a package that cannot be written to, for a user without a home."""
-    nowhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "NUMBA_CACHE_DIR": "/dev/null/x"}
-    done = run(tmp_path, KERNEL + OF_THE_PROCESS, **nowhere, NUMBA_DISABLE_JIT="1")
-    assert done.stdout == "0 True\n"
-    assert done.stderr.count("set NUMBA_CACHE_DIR to a folder that can be written to") == 1
-    assert "NUMBA_DISABLE_JIT is ignored: kernels of omniscv have to be compiled" in done.stderr
+def test_an_input_of_another_layout_is_copied():
+    from omniscv.cameras.camera_kernels import blank
+
+    keep = np.array([True, False, False, True])[::2]
+    vectors = np.ones((2, 3))
+    blank(vectors, keep)
+    assert np.isnan(vectors[:, 0]).tolist() == [False, True]
 
 
-def test_kernels_take_that_decorator():
-    """numba's own would load slowly, and raise an error where there is no folder."""
-    root = Path(omniscv.__file__).parents[1]
-    files = [*(root / "omniscv").rglob("*.py"), *(root / "mock_server").rglob("*.py")]
-    importing = {
-        str(path.relative_to(root))
-        for path in files
-        if re.search(r"^(import|from) numba\b", path.read_text(), re.MULTILINE)
-    }
+def test_an_output_of_another_layout_is_refused():
+    from omniscv.cameras.camera_kernels import blank
+
+    with pytest.raises(ValueError, match="expected an array in C order to write to"):
+        blank(np.ones((3, 2)).T, np.array([True, False]))
+
+
+def test_an_output_that_cannot_be_written_to_is_refused():
+    from omniscv.cameras.camera_kernels import blank
+
+    vectors = np.ones((2, 3))
+    vectors.flags.writeable = False
+    with pytest.raises(ValueError, match="expected an array that can be written to"):
+        blank(vectors, np.array([True, False]))
+
+
+NO_SIGNATURES = ["float65", "float64[:", "float64[:] float64", "(int64", "int64 -> float64[:]", "Nothing"]
+
+
+@pytest.mark.parametrize("text", NO_SIGNATURES)
+def test_a_text_that_is_no_signature_is_refused(text):
+    with pytest.raises(ValueError, match="signature"):
+        signatures.parse(text, {})
+
+
+def test_numba_is_imported_by_nothing_but_the_dispatcher():
+    importing = set()
+    for package in PACKAGES.values():
+        for path in Path(package.__file__).parent.rglob("*.py"):
+            if re.search(r"^\s*(import|from) numba\b", path.read_text(), re.MULTILINE):
+                importing.add(str(path.relative_to(ROOT)))
     assert importing == {"mock_server/compiled.py"}
 
 
-WITHOUT_PRIVATE_PARTS = """
-import importlib
-from numba.core import caching, runtime
-import mock_server.compiled
+@pytest.fixture(scope="module")
+def calls():
+    return recorded_calls()
 
-assert mock_server.compiled.FAST
-for owner, name in [
-    (caching, "NullCache"),
-    (caching.Cache, "_load_overload"),
-    (runtime._nrt_python, "c_helpers"),
-]:
-    part = getattr(owner, name)
-    delattr(owner, name)
-    importlib.reload(mock_server.compiled)
-    setattr(owner, name, part)
-    assert not mock_server.compiled.FAST
-"""
+
+def test_every_signature_is_called(calls):
+    called = {(kernel.full_name, index) for kernel, index, _ in calls}
+    kernels = {**declared("omniscv"), **declared("mock_server")}
+    due = {(name, index) for name, kernel in kernels.items() for index in range(len(kernel.declared))}
+    assert called == due
 
 
 @pytest.mark.soak
-def test_where_a_private_part_of_numba_is_missing_kernels_use_its_own_cache(tmp_path):
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
-    printed = [run(tmp_path, WITHOUT_PRIVATE_PARTS + KERNEL, **cache).stdout for _ in "12"]
-    assert printed == ["0 True\n", "1 True\n"]
+def test_libraries_and_numba_give_equal_bytes(calls):
+    """numba compiles all for a minute."""
+    differing = []
+    for kernel, index, args in calls:
+        from_library = copy.deepcopy(args)
+        by_numba = copy.deepcopy(args)
+        signature = kernel.signatures[index]
+        words = []
+        assert signature.pack(from_library, words, [])
+        result = kernel._built[index].run(words)
+        expected = kernel.dispatcher(*by_numba)
+        if content(from_library) != content(by_numba) or content(result) != content(expected):
+            differing.append(f"{kernel.full_name} {index}")
+    assert not differing
+
+
+def content(value):
+    """Return the bytes of numbers and arrays."""
+    if isinstance(value, tuple):
+        return [content(item) for item in value]
+    return None if value is None else (np.asarray(value).dtype.kind, np.asarray(value).tobytes())

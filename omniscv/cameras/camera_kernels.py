@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry.arrays import ROUNDING
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ Plane = tuple[float, float, float, float, float, float]
 Polar = tuple[NDArray[np.int64], Array, Array, Array]  # indices of pixels, their r, cos a, sin a
 
 
-@njit(cache=True, nogil=True)
+@njit("out float64[:, ::1], bool[::1]", nogil=True)
 def blank(vectors: Array, keep: NDArray[np.bool_]) -> None:
     """Put NaN into the rows of ``vectors`` (N, 3) where ``keep`` (N,) is False."""
     for i in range(len(keep)):
@@ -26,14 +26,14 @@ def blank(vectors: Array, keep: NDArray[np.bool_]) -> None:
             vectors[i, 0] = vectors[i, 1] = vectors[i, 2] = np.nan
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def in_plane(pixels: Array, i: int, center: tuple[float, float], plane: Plane) -> tuple[float, float]:
     """Return pixel i in the plane, whose unit is the focal length."""
     du, dv = pixels[i, 0] - center[0], pixels[i, 1] - center[1]
     return (plane[0] * du + plane[1] * dv) / plane[4], (plane[2] * du + plane[3] * dv) / plane[5]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def store(polar: Polar, n: int, i: int, x: float, y: float, r: float) -> int:
     """Write pixel i with the coordinates (x, y) in the plane as the n-th entry; return n + 1."""
     index, radius, cos_a, sin_a = polar
@@ -45,13 +45,18 @@ def store(polar: Polar, n: int, i: int, x: float, y: float, r: float) -> int:
     return n + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def length(x: float, y: float) -> float:
     """Return the length of (x, y)."""
     return math.sqrt(x * x + y * y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(
+    "(float64, float64), (6 * float64), float64, float64[:, ::1], (out int64[::1], out float64[::1], "
+    "out float64[::1], out float64[::1]) -> int64",
+    nogil=True,
+    error_model="numpy",
+)
 def polar_within(center: tuple[float, float], plane: Plane, end: float, pixels: Array, polar: Polar) -> int:
     """Write the pixels (N, 2) whose radius in the plane is at most ``end``; return their number."""
     n = 0
@@ -63,7 +68,10 @@ def polar_within(center: tuple[float, float], plane: Plane, end: float, pixels: 
     return n
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "int64[::1], float64[::1], float64[::1], float64[::1], float64[::1], out float64[:, ::1], out bool[::1]",
+    nogil=True,
+)
 def turn(
     index: NDArray[np.int64],
     across: Array,
@@ -85,14 +93,14 @@ def turn(
 # -- polynomials --------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def invert(values: Array, coefficients: Array, table: Array, last: float) -> Array:
-    """Return x with ``p(x) = y`` for values y (N,) in [0, last], where p increases from 0.
+@njit("float64[::1], float64[::1], float64[::1], float64, out float64[::1]", nogil=True, error_model="numpy")
+def invert(values: Array, coefficients: Array, table: Array, last: float, out: Array) -> None:
+    """Write x (N,) with ``p(x) = y`` for values y (N,) in [0, last], where p increases from 0.
 
     Halley's steps, mostly one, from a table of x at equal steps of y, within an interval that holds the root.
     A step that would leave the interval, as where p turns back, is replaced by a bisection.
     """
-    out, cells = np.empty(len(values)), len(table) - 1
+    cells = len(table) - 1
     for n in range(len(values)):
         y = values[n]
         position = min(max(y / last * cells, 0.0), float(cells))
@@ -118,10 +126,9 @@ def invert(values: Array, coefficients: Array, table: Array, last: float) -> Arr
             if (turned * turned * x * x + step * step) * abs(step) <= 1e-18 * x * x * x:
                 break
         out[n] = x
-    return out
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _value_slope_bend(coefficients: Array, x: float) -> tuple[float, float, float]:
     """Return p, p' and p'' / 2 at x."""
     value, slope, bend = coefficients[-1], 0.0, 0.0
@@ -146,7 +153,7 @@ _STEPS = 3  # of Newton's: mostly enough
 _RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _distort(k: Coefficients, x: float, y: float) -> Distorted:
     """Return the distorted (x, y), and the derivative there; see :class:`distortion.Distortion`."""
     r2 = x * x + y * y
@@ -169,17 +176,18 @@ def _distort(k: Coefficients, x: float, y: float) -> Distorted:
     )
 
 
-@njit(cache=True, nogil=True)
-def distort_all(plane: Array, k: Coefficients) -> Array:
-    """Return the distorted coordinates of (N, 2)."""
-    out = np.empty_like(plane)
+@njit(
+    "float64[:, ::1], (12 * float64), out float64[:, ::1]",
+    nogil=True,
+)
+def distort_all(plane: Array, k: Coefficients, out: Array) -> None:
+    """Write the distorted coordinates of (N, 2)."""
     for i in range(len(plane)):
         result = _distort(k, plane[i, 0], plane[i, 1])
         out[i, 0], out[i, 1] = result[0], result[1]
-    return out
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _stretches_everywhere(k: Coefficients, r: float, azimuths: int) -> bool:
     """Return whether the derivative is positive definite on the circle of radius r."""
     for j in range(azimuths):
@@ -190,7 +198,10 @@ def _stretches_everywhere(k: Coefficients, r: float, azimuths: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "(12 * float64), float64 -> float64",
+    nogil=True,
+)
 def first_turn(k: Coefficients, end: float) -> float:
     """Return the radius, at most ``end``, up to which the derivative is positive definite."""
     for i in range(1, _RADII + 1):
@@ -207,7 +218,10 @@ def first_turn(k: Coefficients, end: float) -> float:
     return end
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "(12 * float64), float64 -> float64",
+    nogil=True,
+)
 def farthest_of_rim(k: Coefficients, end: float) -> float:
     """Return the largest distorted radius of the circle of radius ``end``, times 1.001."""
     most = 0.0
@@ -218,7 +232,12 @@ def farthest_of_rim(k: Coefficients, end: float) -> float:
     return 1.001 * most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(
+    "(float64, float64), (6 * float64), ((12 * float64), 4 * float64, float64[::1]), float64[:, ::1], "
+    "(out int64[::1], out float64[::1], out float64[::1], out float64[::1]) -> int64",
+    nogil=True,
+    error_model="numpy",
+)
 def undistorted_within(
     center: tuple[float, float], plane: Plane, solver: Solver, pixels: Array, polar: Polar
 ) -> int:
@@ -250,7 +269,7 @@ def undistorted_within(
     return n
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _initial_guess(target_x: float, target_y: float, last: float, table: Array) -> tuple[float, float]:
     """Return the coordinates that the radial terms alone distort to the target."""
     reached, cells = length(target_x, target_y), len(table) - 1
@@ -260,7 +279,7 @@ def _initial_guess(target_x: float, target_y: float, last: float, table: Array) 
     return target_x * scale, target_y * scale
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y: Array) -> None:
     """Make one of Newton's steps for all coordinates: without branches, so that it is vectorised."""
     for m in range(len(x)):
@@ -270,7 +289,7 @@ def _newton_steps(k: Coefficients, target_x: Array, target_y: Array, x: Array, y
         y[m] -= (xx * off_y - yx * off_x) * scale
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _undistort(target_x: float, target_y: float, solver: Solver) -> tuple[float, float, bool]:
     """Return the undistorted coordinates of a target, and whether it has them: Newton's steps in the disc."""
     k, end, last, _, slack, table = solver
@@ -304,7 +323,11 @@ def _undistort(target_x: float, target_y: float, solver: Solver) -> tuple[float,
 _INSIDE = 2e-15  # distance of rays from a face's edge, so that they project to their own slot; half faces
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "float64[:, ::1], (int64[::1], float64[::1], float64, bool, int64[::1], float64[:, :, ::1]), "
+    "out float64[:, ::1], out bool[::1]",
+    nogil=True,
+)
 def cast(pixels: Any, slots: Any, rays: Any, valid: Any) -> None:
     """Write the unit rays (N, 3) of pixels (N, 2), and which pixels lie in a slot with a face.
 

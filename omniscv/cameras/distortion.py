@@ -46,9 +46,9 @@ class Increasing:
         """Return the x of values 0 <= y <= ``last``."""
         from omniscv.cameras import camera_kernels  # slow to load
 
-        flat = np.require(np.asarray(y).reshape(-1), requirements=("C", "W"))
-        x = camera_kernels.invert(flat, self._coefficients, self._table, self.last)
-        return np.asarray(x.reshape(np.shape(y)))
+        x = np.empty(np.shape(y))
+        camera_kernels.invert(np.ravel(y), self._coefficients, self._table, self.last, x.reshape(-1))
+        return x
 
 
 def first_positive_root(coefficients: ArrayLike) -> float:
@@ -137,8 +137,9 @@ class Distortion:
         """Return the distorted coordinates (..., 2) of undistorted ones (..., 2)."""
         from omniscv.cameras import camera_kernels  # slow to load
 
-        flat = np.ascontiguousarray(plane.reshape(-1, 2))
-        return np.asarray(camera_kernels.distort_all(flat, self.coefficients).reshape(plane.shape))
+        distorted = np.empty(plane.shape)
+        camera_kernels.distort_all(plane.reshape(-1, 2), self.coefficients, distorted.reshape(-1, 2))
+        return distorted
 
     def set_domain(self, end: float, beyond: float, rounding: float) -> float:
         """Return the radius of the disc in which the distortion can be inverted, and prepare the solver.

@@ -98,7 +98,11 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
     return RayLookup(view, x, y, min(lookup.margin, inside.margin), lookup.used | inside.used)
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "(int16[::1], float32[::1], float32[::1], float32[:, :, ::1], out uint8[::1], out uint8[:, ::1], "
+    "out float32[:, :, ::1]), float64[:, :, ::1], float64[:, ::1], (int64, int64, int64) -> int64",
+    nogil=True,
+)
 def _place(rays: Rows, R_c_d: Array, projections: Array, sizes: tuple[int, int, int]) -> int:
     """Write how rays are averaged: the mip level of each, the counts of its grid of samples and the steps
     between them, px of that level. Return how far samples reach beyond their view, px."""
@@ -142,7 +146,13 @@ def _place(rays: Rows, R_c_d: Array, projections: Array, sizes: tuple[int, int, 
     return support
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "(float32[::1], float32[::1], uint8[:, ::1], float32[:, :, ::1], out uint8[:, ::1]), uint8[:, :, ::1], "
+    "int64, int64, int64, float32",
+    "(float32[::1], float32[::1], uint8[:, ::1], float32[:, :, ::1], out float32[:, ::1]), "
+    "float32[:, :, ::1], int64, int64, int64, float32",
+    nogil=True,
+)
 def _sample(rows: Rows, picture: Pixels, k0: int, k1: int, k2: int, half: np.float32) -> None:
     """Write means of three channels."""
     x, y, counts, spacing, out = rows

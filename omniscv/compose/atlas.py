@@ -189,7 +189,11 @@ def _halved(face: Pixels) -> Pixels:
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "(int16[::1], float32[::1], float32[::1], uint8[::1], out float32[::1], out float32[::1]), "
+    "float64[:, :, ::1], float64[::1], int64",
+    nogil=True,
+)
 def _to_atlas(rays: Rows, corners: Array, scales: Array, first: int) -> None:
     view, x, y, level, out_x, out_y = rays
     for i in range(view.shape[0]):

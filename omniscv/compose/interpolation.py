@@ -8,7 +8,7 @@ digital image processing, 1981, with a = -0.5.
 import cv2
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats, Pixels, run
 
 LARGEST_PX = 32766
@@ -58,7 +58,7 @@ def sample_bicubic(picture: Pixels, x: Floats, y: Floats) -> Pixels:
     return out
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _weights(t: float, w: Floats) -> None:
     w[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
     w[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
@@ -66,7 +66,11 @@ def _weights(t: float, w: Floats) -> None:
     w[3] = t * t * (-0.5 + 0.5 * t)
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "float32[::1], float32[::1], out uint8[:, ::1], uint8[:, :, ::1], bool, float64",
+    "float32[::1], float32[::1], out float32[:, ::1], float32[:, :, ::1], bool, float64",
+    nogil=True,
+)
 def _bicubic(x: Floats, y: Floats, out: Pixels, picture: Pixels, whole: bool, top: float) -> None:
     height, width, channels = picture.shape
     across, down = np.empty(4, np.float32), np.empty(4, np.float32)

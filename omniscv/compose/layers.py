@@ -200,7 +200,7 @@ def as_halves(bounds: Floats) -> NDArray[np.float16]:
     return halves.view(np.float16).reshape(bounds.shape)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit("float32[::1], uint32[::1], out uint16[::1]", nogil=True, error_model="numpy")
 def _half_bits(bounds: Floats, bits: NDArray[np.uint32], halves: NDArray[np.uint16]) -> None:
     """A half float has 13 binary digits less than float32, and an exponent that is 112 less; small
     ones count in steps of 2^-24."""
@@ -211,7 +211,7 @@ def _half_bits(bounds: Floats, bits: NDArray[np.uint32], halves: NDArray[np.uint
         halves[i] = small if bounds[i] < _HALF_NORMAL else min(large, u32(0x7C00))  # the bits of +inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit("float32[::1], float32[::1], out float32[::1], out float32[::1]", nogil=True, error_model="numpy")
 def _round_depth(depth: Floats, error: Floats, rounded: Floats, bound: Floats) -> None:
     """Without branches, so that the loop is vectorized. A power of two is a number without its mantissa."""
     for i in range(depth.shape[0]):

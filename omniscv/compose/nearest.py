@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.compose.ray_lookup import RayLookup
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
@@ -39,7 +39,7 @@ def sample_nearest(faces: Faces, lookup: RayLookup) -> Pixels:
     return out.view(stack.dtype).reshape(-1, *stack.shape[3:])
 
 
-@njit(cache=True, nogil=True)
+@njit("int32[::1], out uint8[:, ::1], uint8[::1]", "int64[::1], out uint8[:, ::1], uint8[::1]", nogil=True)
 def _take(pixels: Ints, out: Pixels, values: Pixels) -> None:
     """Write the bytes of pixels, 0 for pixel -1; one and three bytes, of marks and masks, without a loop."""
     count = out.shape[1]
@@ -101,7 +101,11 @@ def label_edges(
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "int32[::1], float32[::1], float32[::1], out bool[::1], uint8[::1]",
+    "int64[::1], float32[::1], float32[::1], out bool[::1], uint8[::1]",
+    nogil=True,
+)
 def _at_edge(pixels: Ints, x: Floats, y: Floats, out: Mask, marks: Pixels) -> None:
     """Write whether rays are at an edge, in place of whether they are in relief."""
     for i in range(pixels.shape[0]):
@@ -135,7 +139,11 @@ def _boundary(face: Pixels, lone: bool) -> Pixels:
     return marks if relief is None else marks | relief
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "int16[::1], float32[::1], float32[::1], float32[::1], out bool[::1], float32[:, :, ::1], "
+    "float64[:, ::1]",
+    nogil=True,
+)
 def _near(
     view: Ints, x: Floats, y: Floats, parallax: Floats, out: Mask, edge_px: Floats, projections: Array
 ) -> None:
@@ -168,7 +176,7 @@ def sample_directions(faces: Faces, lookup: RayLookup, nearest: bool) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit("int16[::1], float32[::1], float32[::1], out float32[:, ::1], float32[:, :, :, ::1], bool", nogil=True)
 def _blend(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, nearest: bool) -> None:
     height, width = stack.shape[1], stack.shape[2]
     for i in range(view.shape[0]):
@@ -195,7 +203,7 @@ def _blend(view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, nearest
             out[i, j] /= np.sqrt(square)
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _one_surface(face: Floats, r: int, c: int, own_r: int, own_c: int) -> bool:
     for j in range(r, r + 2):
         for k in range(c, c + 2):
@@ -226,7 +234,11 @@ def normals_from_depth(faces: Faces, lookup: RayLookup, views: Sequence[View]) -
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "int16[::1], float32[::1], float32[::1], out float32[:, ::1], float32[:, :, ::1], float64[:, ::1], "
+    "float64[:, :, ::1]",
+    nogil=True,
+)
 def _fit(
     view: Ints, x: Floats, y: Floats, out: Floats, stack: Floats, projections: Array, R_w_c: Array
 ) -> None:

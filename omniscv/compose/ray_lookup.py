@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, Rows, run
 from omniscv.sources.base import View
@@ -95,14 +95,23 @@ def _sure_px(views: Sequence[View], R_c_d: Array) -> Array:
     return np.asarray(np.minimum(first.focal_px * m, first.width / 2) * (1 - 10 * _ALIGNED))
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "int16[::1], float32[::1], float32[::1], out int32[::1], int64, int64",
+    "int16[::1], float32[::1], float32[::1], out int64[::1], int64, int64",
+    nogil=True,
+)
 def _nearest(view: Ints, x: Floats, y: Floats, pixels: Ints, height: int, width: int) -> None:
     for i in range(view.shape[0]):
         c, r = min(max(int(x[i]), 0), width - 1), min(max(int(y[i]), 0), height - 1)
         pixels[i] = (view[i] * height + r) * width + c if view[i] >= 0 else -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(
+    "float64[:, ::1], out int16[::1], out float32[::1], out float32[::1], (float64[:, :, ::1], "
+    "float64[:, ::1], (float64, float64), float64[::1], out bool[::1]) -> float64",
+    nogil=True,
+    error_model="numpy",
+)
 def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -> float:
     """Look up rays block by block; most blocks lie in the view of the last ray: that loop is vectorized."""
     R_c_d, projections, (half_width, half_height), sure, used = views
@@ -150,7 +159,7 @@ def _look_up(directions: Array, view: Ints, x: Floats, y: Floats, views: Rows) -
     return float(min(half_width - most_u, half_height - most_v))
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _in_view(
     rays: Array, R: Array, scale: tuple[float, float, float], sure: float, x: Floats, y: Floats
 ) -> tuple[int, float, float]:

@@ -18,13 +18,25 @@ from typing import Any, Literal
 from omniscv.diagnostics import Finding
 from omniscv.errors import OmniscvError
 
-LIBRARIES = ("cv2", "OpenImageIO", "numba", "scipy.spatial", "PIL.Image", "unrealcv")
+LIBRARIES = ("cv2", "OpenImageIO", "scipy.spatial", "PIL.Image", "unrealcv")
 """Modules with compiled parts, or with system libraries behind them."""
 
 LEAST_BYTES, ENOUGH_BYTES = 100 << 20, 2 << 30
 """Free space of a disk: below the first nothing useful can be captured, below the second little."""
 
-_EXTRAS = ("charts", "evaluate", "video", "fast", "torch", "mujoco", "ros", "rerun", "cloud", "cluster")
+_EXTRAS = (
+    "compile",
+    "charts",
+    "evaluate",
+    "video",
+    "fast",
+    "torch",
+    "mujoco",
+    "ros",
+    "rerun",
+    "cloud",
+    "cluster",
+)
 _SLIM = "slim images lack it: apt-get install libgl1 libglib2.0-0, or pip install opencv-python-headless"
 _OF_SYSTEM = ("libGL", "libgthread", "libglib")
 _AGAIN = "pip install --upgrade omniscv, in an environment of its own"
@@ -45,8 +57,7 @@ def examine_installation(folder: Path | None = None, port: int = 9000) -> list[F
         *map(_library, LIBRARIES),
         _writable("working folder", folder),
         _writable("temporary folder", temporary),
-        _attempt("numba cache", _numba_cache, "set NUMBA_CACHE_DIR to a folder that can be written to"),
-        _attempt("kernels", _kernels, _AGAIN),
+        _attempt("kernels", _kernels, "pip install 'omniscv[compile]'"),
         *_ports(port),
         *map(_space, dict.fromkeys((folder, temporary))),
     ]
@@ -116,29 +127,22 @@ def _writable(name: str, folder: Path) -> Finding:
     return _attempt(name, check, "choose another folder, or give yourself the right to write there")
 
 
-def _numba_cache() -> str:
-    """Compile a function whose code is kept on disk; RuntimeError where no folder can hold it."""
-    from numba import njit
-
-    @njit(cache=True)
-    def probe(value: float) -> float:
-        return value
-
-    probe(1.0)
-    return f"{probe.stats.cache_path} can be written to"
-
-
 def _kernels() -> str:
-    """Compile what first images need, if it is not kept yet."""
+    """Return which libraries have the kernels, after a first image has run with them."""
     from omniscv import cameras, open_source, render
+    from omniscv.compiled import load_library
     from omniscv.geometry import Pose
 
-    started, pose = time.monotonic(), Pose.from_angles((0, 0, 1.5))
+    started = time.monotonic()
+    pose = Pose.from_angles((0, 0, 1.5))
     modes = ("lit", "object_mask", "depth", "normals")
     with open_source("mock://four-wall") as source:
         for name in ("fisheye-equidistant", "noncentral-panorama"):
             render(cameras.model(name).example(32), pose, source, modes, face_size=16)
-    return f"compiled, or found compiled, in {time.monotonic() - started:.0f} s"
+    seconds = time.monotonic() - started
+    libraries = [load_library(package) for package in ("omniscv", "mock_server")]
+    paths = [str(library.path) for library in libraries if library is not None]
+    return f"{' and '.join(paths) or 'compiled by numba'}; two images in {seconds:.1f} s"
 
 
 def _ports(port: int) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import fields, njit
 
 FLOAT32 = 2.0**-24  # relative rounding error
 COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
@@ -14,6 +14,7 @@ LEAST_M = 1e-9  # a server may send a depth of 0
 _ONE, _LEAST = np.float32(1), np.float32(LEAST_M)
 
 
+@fields("float64, int64, bool, float64, float64, float64, float64")
 class Precision(NamedTuple):
     """How exactly a picture of depth was stored.
 
@@ -36,7 +37,7 @@ class Precision(NamedTuple):
     share: float = 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precision: Precision) -> float:
     """Return the stored value of a planar depth of 1 m at pixel (r, c), metres."""
     if not precision.along_ray:
@@ -45,7 +46,7 @@ def stored_length(r: int, c: int, shape: tuple[int, int], focal: float, precisio
     return float(np.sqrt(1.0 + u * u + v * v))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def rounding(z: float, length: float, precision: Precision) -> float:
     """Return the largest error of a stored planar depth z, metres; ``length`` is its
     :func:`stored_length`."""
@@ -57,13 +58,13 @@ def rounding(z: float, length: float, precision: Precision) -> float:
     return float(step / length + (COMPUTED * FLOAT32 + precision.share) * z + precision.off_m)
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def inverse_depth(z: float) -> float:
     """Return 1 / z, 0 where there is no surface."""
     return float(1.0 / max(z, LEAST_M))
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def inverse_depth32(z: Any) -> Any:
     """Return 1 / z, 0 where there is no surface, of a float32."""
     return _ONE / max(z, _LEAST)

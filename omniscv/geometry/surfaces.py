@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats
 from omniscv.geometry.precision import (
     FLOAT32,
@@ -67,7 +67,7 @@ Corners = tuple[float, float, float, float]
 """Values of four pixels: of 2 x 2, row by row, or of four in line."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def surface_point(
     depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
 ) -> Point:
@@ -99,7 +99,7 @@ def surface_point(
     return continued(depth, first, shape, x, y, focal, precision)  # type: ignore[no-any-return]
 
 
-@inner(cache=True, nogil=True, forceinline=True)
+@njit(nogil=True, forceinline=True)
 def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]:
     """Return row and column of the pixel that holds (x, y), or of the nearest one at the border."""
     c = min(max(int(np.floor(x)), 0), shape[1] - 1)
@@ -107,7 +107,7 @@ def nearest_pixel(shape: tuple[int, int], x: float, y: float) -> tuple[int, int]
     return r, c
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def plane_of(
     inverse: float, across: float, down: float, dx: float, dy: float, fx: float, fy: float
 ) -> tuple[float, float, float]:
@@ -121,7 +121,7 @@ def plane_of(
     return across * fx, down * fy, inverse - across * dx - down * dy
 
 
-@inner(nogil=True, error_model="numpy", cache=True, forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def interpolated(
     corners: Corners, a: float, b: float, length: float, size: int, precision: Precision
 ) -> tuple[float, float, float, float, float]:
@@ -151,11 +151,16 @@ def interpolated(
     return inverse, across, down, stored + placed, 2.0 * stored
 
 
-@njit(cache=True, nogil=True)
 def discontinuities(face: Floats) -> NDArray[np.uint8]:
     """Return (h, w) uint8: 0 at pixels beside another surface than their own, 255 elsewhere."""
+    out = np.full(face.shape, 255, np.uint8)
+    _mark_discontinuities(face, out)
+    return out
+
+
+@njit("float32[:, ::1], out uint8[:, ::1]", nogil=True)
+def _mark_discontinuities(face: Floats, out: NDArray[np.uint8]) -> None:
     height, width = face.shape
-    out = np.full((height, width), 255, np.uint8)
     for r in range(height):
         for c in range(width):
             if c + 1 < width:
@@ -166,16 +171,15 @@ def discontinuities(face: Floats) -> NDArray[np.uint8]:
                 before, after = face[max(r - 1, 0), c], face[min(r + 2, height - 1), c]
                 if not _same(before, face[r, c], face[r + 1, c], after):
                     out[r, c] = out[r + 1, c] = 0
-    return out
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _same(before: float, a: float, b: float, after: float) -> bool:
     """Return whether neighbouring depths a and b are both no surface, or one."""
     return bool((a == np.inf and b == np.inf) or _bend((before, a, b, after), 0.0, 0.0) < np.inf)
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _bend(line: Corners, at: float, noise: float) -> float:
     """Return how far 1/z of a curve or a crease may lie off the chord between the second and the third of
     four pixels, ``at`` the way along it, 1/m; +inf where these two are not one surface.
@@ -198,7 +202,7 @@ def _bend(line: Corners, at: float, noise: float) -> float:
     return float(CONTINUED * max(inverses[1], inverses[2]))
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, Any]:
     """Return how 1/z bends between the second and the third of four pixels, 1/m; its second differences on
     both sides; and whether the two show one surface: on one line with the neighbours on both sides, or nearly
@@ -235,7 +239,7 @@ def turns(line: Corners, inverses: Corners, noise: Any) -> tuple[Any, Any, Any, 
     return bend if bounded else _NOWHERE, left, right, one_surface
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def continued(
     depth: Floats, first: int, shape: Shape, x: float, y: float, focal: float, precision: Precision
 ) -> Point:
@@ -266,13 +270,13 @@ def continued(
     return Point(limited, across, along, error, jump)
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _at(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return planar depth at a pixel; +inf beyond the picture."""
     return float(depth[first + r * shape[1] + c]) if 0 <= r < shape[0] and 0 <= c < shape[1] else np.inf
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     """Return the largest difference in depth to the surfaces of the neighbours, metres, each continued to
     this pixel by its slope on the far side: a wall at a grazing angle recedes by metres within a pixel."""
@@ -291,7 +295,7 @@ def _jump(depth: Floats, first: int, shape: Shape, r: int, c: int) -> float:
     return float(most)
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _slope(line: tuple[float, float, float, float, float], toward: float) -> tuple[float, bool]:
     """Return the slope of 1/z at the middle of five pixels, from a side where the surface continues, that of
     ``toward`` if both sides differ; and whether it is known."""
@@ -308,7 +312,7 @@ def _slope(line: tuple[float, float, float, float, float], toward: float) -> tup
     return 0.0, False
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tuple[float, bool]:
     """Return 1/z of the next pixel less that of this one, and whether both lie on one surface."""
     if not next_ < np.inf:
@@ -319,13 +323,13 @@ def _one_sided(here: float, next_: float, beyond: float, allowed: float) -> tupl
     return step, on
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def allowed_step(z: float) -> float:
     """Return how far 1/z may be off a line through neighbours on the same surface."""
     return float(STEP * inverse_depth(z))
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float, float, bool]:
     """Return 1/z at a pixel, its change across and down, and whether these are known.
 
@@ -358,7 +362,7 @@ def fitted_plane(face: Floats, r: int, c: int, reach: int) -> tuple[float, float
     )
 
 
-@inner(cache=True, nogil=True)
+@njit(nogil=True)
 def _smaller_step(face: Floats, r: int, c: int, down: int, across: int) -> float:
     """Return the smaller change of 1/z to a neighbour along an axis, which is on the pixel's own surface."""
     least, slope = np.inf, 0.0

@@ -134,7 +134,7 @@ def _colored(indices: Pixels, palette: bytes) -> Pixels:
     return np.asarray(colors[indices[..., 0]])
 
 
-@njit(cache=True, nogil=True)
+@njit("uint8[:, ::1], int64, out uint8[:, ::1] -> bool", nogil=True)
 def _unfilter(rows: Any, step: int, padded: Any) -> bool:
     """Undo the filters of rows, whose first byte is the filter; return whether all are known.
 

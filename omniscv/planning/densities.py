@@ -199,7 +199,7 @@ def unproject(camera: Camera, pixels: Array) -> Rays:
     return whole
 
 
-@njit(cache=True, nogil=True)
+@njit("int64[::1], out float32[:, :, ::1], float64[:, :, ::1]", nogil=True)
 def _measure(pixels: Ints, edges: Floats, directions: Array) -> None:
     """Write the edges of pixels: the mean change to both neighbours along an axis; to the nearer one where
     rays jump, at the border to the only one."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import fields, njit
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.precision import Precision
@@ -28,6 +28,11 @@ _BORDER_PX = 3.0
 _ROUNDED = 1e-6  # relative, of float32
 
 
+@fields(
+    "float64[::1], float32[:, ::1], float64[:, ::1], int64[::1], bool, float32[:, :, ::1], float64, "
+    "float64, float64,"
+    " Precision"
+)
 class DepthShell(NamedTuple):
     """The depth captured from one centre.
 
@@ -176,7 +181,7 @@ def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
     return least, most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit("DepthShell, float64[:, ::1], out float64[::1], out float64[::1]", nogil=True, error_model="numpy")
 def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
     for i in range(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -194,7 +199,7 @@ def _distances(shell: Any, directions: Any, least: Any, most: Any) -> None:
         least[i], most[i] = near / along * length, far / along * length
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _face_of(direction: Any) -> int:
     """Return which face of the world-aligned cube a direction hits."""
     x, y, z = direction
@@ -205,7 +210,7 @@ def _face_of(direction: Any) -> int:
     return 4 if z > 0 else 5
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     """Return the view that a direction is in, the pixel there, and the direction's component along its axis.
 
@@ -220,7 +225,7 @@ def look_up(shell: Any, direction: Any) -> tuple[int, float, float, float]:
     return k, a / along + shell.lenses[k, 10], b / along + shell.lenses[k, 11], along
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _seen(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
     """Return a direction in a view's frame, its x and y times the focal length."""
     x, y, z = direction
@@ -230,7 +235,7 @@ def _seen(shell: Any, k: int, direction: Any) -> tuple[float, float, float]:
     return a * shell.lenses[k, 9], b * shell.lenses[k, 9], along
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _holding(shell: Any, first: int, end: int, direction: Any) -> int:
     """Return the first of some views that a direction is in; -1 if it is in none."""
     for k in range(first, end):
@@ -240,7 +245,7 @@ def _holding(shell: Any, first: int, end: int, direction: Any) -> int:
     return -1
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
     """Return the nearest pixel of one of a view's ``pictures``, planar metres."""
     width = int(2.0 * shell.lenses[k, 10])
@@ -248,13 +253,13 @@ def pixel_depth(shell: Any, which: int, k: int, u: float, v: float) -> float:
     return float(shell.pictures[which, int(shell.lenses[k, 12]) + r * width + c])
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def error_said(shell: Any, k: int, u: float, v: float) -> float:
     """Return how far planar depth may be off as captures say, metres."""
     return float(pixel_depth(shell, OFF, k, u, v)) if shell.pictures.shape[0] > OFF else 0.0
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     """Return the surface at a continuous pixel of a view."""
     shape = int(2.0 * shell.lenses[k, 11]), int(2.0 * shell.lenses[k, 10])
@@ -265,7 +270,7 @@ def surface_at(shell: Any, k: int, u: float, v: float) -> Point:
     return Point(point.inverse, point.across, point.down, error, point.jump)
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def planar_depth(shell: Any, k: int, u: float, v: float) -> float:
     """Return planar depth between pixels; +inf where there is no surface."""
     point = surface_at(shell, k, u, v)

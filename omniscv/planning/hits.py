@@ -150,7 +150,7 @@ def _common(*pairs: tuple[Interval, Interval]) -> Interval:
     return np.where(some, starts, np.inf).min(axis=0), np.where(some, ends, -np.inf).max(axis=0)
 
 
-_UNKNOWN = np.array(
-    (np.nan, np.inf, 0.0, np.inf, -np.inf, np.inf, -np.inf, False, False),
-    [(name, np.float64 if kind == "Array" else np.bool_) for name, kind in Hits.__annotations__.items()],
+HIT = np.dtype(
+    [(name, np.float64 if kind == "Array" else np.bool_) for name, kind in Hits.__annotations__.items()]
 )
+_UNKNOWN = np.array((np.nan, np.inf, 0.0, np.inf, -np.inf, np.inf, -np.inf, False, False), HIT)

@@ -9,6 +9,7 @@ cover).
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -97,11 +98,12 @@ def patches(
     prices = modes * price.of(1, across * down)
     prices[(across > LARGEST_FACE_PX) | (down > LARGEST_FACE_PX)] = np.inf
     limits = np.sin(heights), prices, _LENGTHS
-    queue = [(-ratio, k) for k, ratio in enumerate(_best_windows(points, alive, axes, *limits)[0].tolist())]
+    ratios, _ = _windows(points, alive, axes, *limits)
+    queue = [(-ratio, k) for k, ratio in enumerate(ratios.tolist())]
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
-        (ratio,), ((step, height, span),) = _best_windows(points, alive, axes[k : k + 1], *limits)
+        (ratio,), ((step, height, span),) = _windows(points, alive, axes[k : k + 1], *limits)
         if ratio <= _NOTHING:
             continue
         heapq.heappush(queue, (-ratio, k))
@@ -154,7 +156,7 @@ def _axes(points: Array) -> Array:
     return np.stack([normals, across, np.cross(normals, across)], axis=1)
 
 
-@njit(cache=True, nogil=True, forceinline=True, error_model="numpy")
+@njit(nogil=True, forceinline=True, error_model="numpy")
 def _turns(a: float, b: float) -> float:
     """Return the azimuth of (a, b) in turns, 0 to 1, to 0.0007: half of a step."""
     steep = abs(b) > abs(a)
@@ -165,14 +167,33 @@ def _turns(a: float, b: float) -> float:
     return 0.5 + eighth if a < 0.0 else (1.0 + eighth) % 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+def _windows(points: Array, worth: Array, axes: Array, *limits: Any) -> tuple[Array, Ints]:
+    """Return what :func:`_best_windows` writes."""
+    ratios = np.zeros(len(axes))
+    windows = np.zeros((len(axes), 3), np.int64)
+    _best_windows(points, worth, axes, *limits, ratios, windows)
+    return ratios, windows
+
+
+@njit(
+    "float64[:, ::1], float64[::1], float64[:, :, ::1], float64[::1], float64[:, ::1], int64[::1], "
+    "out float64[::1], out int64[:, ::1]",
+    nogil=True,
+    error_model="numpy",
+)
 def _best_windows(
-    points: Array, worth: Array, axes: Array, heights: Array, prices: Array, lengths: Ints
-) -> tuple[Array, Array]:
-    """Return (C,) the most worth at a price on each circle, and (C, 3) where: the step of its start, height,
-    length. Rays are (N, 3), their worth (N,), axes (C, 3, 3); heights (H,) are sines of half a window's,
-    prices (H, S) and lengths (S,), in steps, those of windows."""
-    ratios, windows = np.zeros(len(axes)), np.zeros((len(axes), 3), np.int64)
+    points: Array,
+    worth: Array,
+    axes: Array,
+    heights: Array,
+    prices: Array,
+    lengths: Ints,
+    ratios: Array,
+    windows: Ints,
+) -> None:
+    """Write (C,) the most worth at a price on each circle, and (C, 3) where: the step of its start, height,
+    length. Both are 0 before. Rays are (N, 3), their worth (N,), axes (C, 3, 3); heights (H,) are sines of
+    half a window's, prices (H, S) and lengths (S,), in steps, those of windows."""
     before, by_step = np.empty(2 * _STEPS + 1), np.empty((len(heights), _STEPS))
     starts = np.empty(_STEPS, np.int64)
     for k in range(len(axes)):
@@ -218,7 +239,6 @@ def _best_windows(
             while by_step[h, (end - empty) % _STEPS] == 0.0:
                 empty += 1
             windows[k, 0] = (start - empty // 2) % _STEPS
-    return ratios, windows  # type: ignore[return-value]
 
 
 def _inside(directions: Array, axes: Array, start: float, height: float, span: float) -> Mask:
@@ -229,13 +249,18 @@ def _inside(directions: Array, axes: Array, start: float, height: float, span: f
     return np.asarray(along & (np.abs(off) <= np.sin(height) + 1e-12))
 
 
-@njit(cache=True, nogil=True)
 def held(directions: Array, R_w_c: Array, half: Array) -> Mask:
-    """Return (N,) whether a view holds rays within tangents of its axis."""
-    found, R = np.empty(len(directions), np.bool_), R_w_c
+    """Return (N,) whether a view holds rays (N, 3) within tangents (2,) of its axis."""
+    inside = np.empty(len(directions), np.bool_)
+    _hold(directions, R_w_c, half, inside)
+    return inside
+
+
+@njit("float64[:, ::1], float64[:, :], float64[::1], out bool[::1]", nogil=True)
+def _hold(directions: Array, R_w_c: Array, half: Array, inside: Mask) -> None:
+    R = R_w_c
     for i in range(len(directions)):
         a, b, c = directions[i, 0], directions[i, 1], directions[i, 2]
         x, y = a * R[0, 0] + b * R[1, 0] + c * R[2, 0], a * R[0, 1] + b * R[1, 1] + c * R[2, 1]
         z = a * R[0, 2] + b * R[1, 2] + c * R[2, 2]
-        found[i] = (z > 0.0) & (abs(x) <= half[0] * z) & (abs(y) <= half[1] * z)
-    return found
+        inside[i] = (z > 0.0) & (abs(x) <= half[0] * z) & (abs(y) <= half[1] * z)

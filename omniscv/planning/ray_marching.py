@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import run
 from omniscv.geometry.surfaces import plane_of
@@ -29,7 +29,7 @@ from omniscv.planning.depth_shell import (
     planar_depth,
     surface_at,
 )
-from omniscv.planning.hits import Hits
+from omniscv.planning.hits import HIT, Hits  # noqa: F401  # HIT stands in a signature
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture
@@ -71,7 +71,7 @@ def march(shell: DepthShell, origins_w: Array, directions_w: Array) -> Hits:
     return hits
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit("float64[:, ::1], float64[:, ::1], out HIT[::1], DepthShell", nogil=True, error_model="numpy")
 def _march_block(origins: Any, directions: Any, hits: Any, shell: Any) -> None:
     """Write hits, of rays whose origins are relative to the centre."""
     for i in range(origins.shape[0]):
@@ -89,7 +89,7 @@ def _march_block(origins: Any, directions: Any, hits: Any, shell: Any) -> None:
             _march(shell, arc, hits[i])
 
 
-@inner(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     """Return the direction from the centre to the point of the ray at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
@@ -97,7 +97,7 @@ def _toward(arc: Any, psi: float) -> tuple[float, float, float]:
     return hx * s + dx * c, hy * s + dy * c, hz * s + dz * c
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _march_from_center(shell: Any, arc: Any, hit: Any) -> None:
     """Write the hit of a ray that runs through the centre, or starts there."""
     k, u, v, along = look_up(shell, arc.direction)
@@ -108,7 +108,7 @@ def _march_from_center(shell: Any, arc: Any, hit: Any) -> None:
         hit.error = error + _MARGIN * jump
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _distance(shell: Any, direction: Any) -> float:
     """Return the captured distance of the nearest pixel; 0 in a direction that was not captured."""
     k, u, v, along = look_up(shell, direction)
@@ -116,7 +116,7 @@ def _distance(shell: Any, direction: Any) -> float:
     return pixel_depth(shell, CAPTURED, k, u, v) / along * np.sqrt(x * x + y * y + z * z) if k >= 0 else 0.0
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> float:
     """Return the angle up to which a ray is in the views without a gap, seen from its end."""
     psi = end
@@ -125,7 +125,7 @@ def _first_seen(shell: Any, arc: Any, end: float, start: float, step: float) -> 
     return psi
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _march(shell: Any, arc: Any, hit: Any) -> None:
     """Write the hit of a ray."""
     step, h, foot = _STEP_PX / shell.focal, arc.h, arc.foot
@@ -198,7 +198,7 @@ def _march(shell: Any, arc: Any, hit: Any) -> None:
         hit.error = np.inf if shell.precision.largest_m < np.inf else error_said(shell, k, u, v)
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     """Return the first angle from ``end`` down to 0, farther than all captured surfaces, at which one hides
     the ray; -1 if there is none."""
@@ -210,7 +210,7 @@ def _hidden_beyond(shell: Any, arc: Any, end: float, step: float) -> float:
     return -1.0
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _note(arc: Any, hit: Any, psi: float, last_step: float, passed: float) -> None:
     """Note that a ray may have met a surface beside it at a reach, since the step before an angle."""
     if passed < np.inf:
@@ -219,7 +219,7 @@ def _note(arc: Any, hit: Any, psi: float, last_step: float, passed: float) -> No
         hit.beside_to = max(hit.beside_to, arc.foot + arc.h / np.tan(psi))
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _passing(arc: Any, psi: float, surface_m: float) -> float:
     """Return the reach at which a ray is as far from the centre as a surface that it may have met."""
     s, c = np.sin(psi), np.cos(psi)
@@ -227,7 +227,7 @@ def _passing(arc: Any, psi: float, surface_m: float) -> float:
     return float(min(arc.foot + (away if c > 0 else -away), arc.foot + arc.h * c / s))
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     """Return the reach at which a ray before a surface may have met a nearer one beside it; +inf if none.
 
@@ -241,7 +241,7 @@ def _passed_beside(shell: Any, arc: Any, psi: float, ahead: float) -> float:
     return _passing(arc, psi, beside / along) if beside * own < _BESIDE else np.inf
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _meet(shell: Any, arc: Any, hit: Any, psi: float) -> None:
     """Write the reach and its bounds of a ray that meets a surface at angle psi."""
     s, c = np.sin(psi), np.cos(psi)
@@ -256,7 +256,7 @@ def _meet(shell: Any, arc: Any, hit: Any, psi: float) -> None:
         hit.error, hit.grazes = np.inf, True
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, float]:
     """Return where a ray meets the plane through the surface in a direction from the centre.
 
@@ -288,7 +288,7 @@ def _met_at(shell: Any, arc: Any, toward: Any) -> tuple[float, float, float, flo
     return reach, off, off * aside / distance, point.jump / along / cosine
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _touches(shell: Any, arc: Any, psi: float) -> bool:
     """Return whether a ray that met a surface is hardly behind it at an angle a little farther on."""
     k, u, v, along = look_up(shell, _toward(arc, psi))
@@ -299,7 +299,7 @@ def _touches(shell: Any, arc: Any, psi: float) -> bool:
     return bool(arc.h / np.sin(psi) * along * point.inverse < 1.0 + _TOUCHING * error)
 
 
-@inner(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _refined(shell: Any, arc: Any, behind: float, before: float) -> tuple[float, float]:
     """Return the angle between two where g changes its sign, and g there relative to the reach.
 

@@ -128,8 +128,10 @@ def planar_relief(capture: Capture) -> Floats | None:
     off = next(iter(planar_errors([capture])), np.zeros((0, 0), np.float32))
     counts = _patterns(depth, focal, precision, off, fired, alone, beats)
     if precision.digits <= _FEW_DIGITS:
-        fired |= _swings(depth, focal, precision)
-        fired |= _swings(np.ascontiguousarray(depth.T), focal, precision).T
+        _swings(depth, focal, precision, fired)
+        swinging = np.zeros(depth.shape[::-1], np.uint8)
+        _swings(np.ascontiguousarray(depth.T), focal, precision, swinging)
+        fired |= swinging.T
     least = int(_LONE_SHARE * _LONE_BOX_PX[0] * _LONE_BOX_PX[1])
     for of_axis, count, box in zip(alone, counts, (_LONE_BOX_PX, _LONE_BOX_PX[::-1]), strict=True):
         if count >= least:
@@ -177,7 +179,7 @@ def _grown(marks: Marks, px: int) -> Mask:
     return np.asarray(cv2.dilate(marks, np.ones((2 * px + 1, 2 * px + 1), np.uint8)) > 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
     """Return a second difference of 1/z as a multiple of noise; 0 if it is too small to count.
 
@@ -188,7 +190,12 @@ def _exceeded(bend: Any, change: Any, z: Any, noise: Any) -> Any:
     return bend / noise if abs(bend) > np.float32(_DOUBT) * noise else np.float32(0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(
+    "float32[:, ::1], float64, Precision, float32[:, ::1], out uint8[:, ::1], out uint8[:, :, ::1], "
+    "out uint8[:, ::1] -> (int64, int64)",
+    nogil=True,
+    error_model="numpy",
+)
 def _patterns(
     depth: Floats, focal: float, precision: Precision, off: Floats, fired: Marks, alone: Marks, beats: Marks
 ) -> tuple[int, int]:
@@ -282,11 +289,11 @@ def _patterns(
     return counts[0], counts[1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _swings(depth: Floats, focal: float, precision: Precision) -> Marks:
-    """Return (h, w) where depth rises and falls along the rows, by few rounding steps."""
+@njit("float32[:, ::1], float64, Precision, out uint8[:, ::1]", nogil=True, error_model="numpy")
+def _swings(depth: Floats, focal: float, precision: Precision, marks: Marks) -> None:
+    """Mark (h, w) where depth rises and falls along the rows, by few rounding steps."""
     height, width = depth.shape
-    marks, at = np.zeros(depth.shape, np.uint8), np.zeros(_SWINGS, np.int64)
+    at = np.zeros(_SWINGS, np.int64)
     stored, steps = np.zeros((2, width), np.float32)
     per_unit, per_step = np.float32(1.0 / precision.unit_m), np.float32(1 << (precision.digits - 1))
     for r in range(height):
@@ -313,4 +320,3 @@ def _swings(depth: Floats, focal: float, precision: Precision) -> Marks:
                 if count >= _SWINGS and c - first < _SWING_PX:
                     marks[r, first - 1 : c + 1] = 1
             way = steps[c]
-    return marks

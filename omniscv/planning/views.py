@@ -17,8 +17,7 @@ import numpy as np
 from omniscv.compiled import njit
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
-from omniscv.geometry.arrays import Mask
-from omniscv.parallel import blocks
+from omniscv.geometry.arrays import Mask, run
 from omniscv.planning.plan import Plan
 from omniscv.planning.rays import cross, looking
 from omniscv.sources.base import Capabilities, View
@@ -117,13 +116,13 @@ def faces_hit(directions: Array, R_w_d: Array) -> Mask:
     some = (along > 0) & (along * _ON_AN_EDGE >= along.max(axis=0))
     if some.any(axis=1).all():  # not by the kernel, which then need not be compiled
         return ALL_FACES
-    parts = blocks(lambda rows: _faces_hit(directions[rows], axes_d), len(directions))
-    return np.asarray(np.any(parts, axis=0))
-
-
-@njit(cache=True, nogil=True)
-def _faces_hit(directions: Array, axes_d: Array) -> Mask:
     hit = np.zeros(6, np.bool_)
+    run(_faces_hit, (directions,), axes_d, hit)
+    return hit
+
+
+@njit("float64[:, ::1], float64[:, ::1], out bool[::1]", nogil=True)
+def _faces_hit(directions: Array, axes_d: Array, hit: Mask) -> None:
     along = np.empty(6)
     for i in range(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
@@ -134,7 +133,6 @@ def _faces_hit(directions: Array, axes_d: Array) -> Mask:
         for k in range(6):
             if along[k] > 0.0 and along[k] * _ON_AN_EDGE >= most:
                 hit[k] = True
-    return hit
 
 
 def straight(rays_w: Sequence[Array], focal_px: float) -> bool:

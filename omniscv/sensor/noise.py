@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.compiled import inner, njit
+from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats
 
 PIXEL, ROW, PRNU, DSNU = 0, 1, 2, 3
@@ -68,7 +68,7 @@ def quantiles() -> NDArray[np.float64]:
     return np.asarray(ndtri(np.ldexp(1 + step / _STEPS, octave) / 2.0**33))
 
 
-@inner(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _normal(half: Any, table: Any) -> float:
     """Return the normal number of 32 random bits: the highest is its sign."""
     bits = np.float64(np.int64(2 * (half & np.uint64(0x7FFFFFFF)) + np.uint64(1))).view(np.int64)
@@ -78,7 +78,7 @@ def _normal(half: Any, table: Any) -> float:
     return float(z if half >> np.uint64(31) else -z)
 
 
-@inner(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _poisson(mean: float, half: Any, table: Any) -> float:
     """Return the Poisson number of a mean by 32 random bits."""
     if mean <= 0.0:
@@ -96,7 +96,11 @@ def _poisson(mean: float, half: Any, table: Any) -> float:
     return float(n)
 
 
-@njit(cache=True, nogil=True)
+@njit(
+    "float32[:, ::1], uint64[:, ::1], float32[:, :, ::1], float64[:, ::1], out uint16[:, ::1], "
+    "float64[::1], float64[::1]",
+    nogil=True,
+)
 def expose(light: Floats, words: Any, fixed: Any, rows: Any, codes: Any, table: Any, numbers: Any) -> None:
     """Write the codes (h, w) of some rows of a sensor.
 

@@ -61,7 +61,7 @@ def _label_of_colors(colors: tuple[Color, ...], off: int) -> Labels:
     return label_of
 
 
-@njit(cache=True, nogil=True)
+@njit("uint8[:, ::1], out uint16[::1], uint16[::1]", nogil=True)
 def _look_up(colors: Pixels, labels: Labels, label_of: Labels) -> None:
     for i in range(len(colors)):
         red, green, blue = np.uint32(colors[i, 0]), np.uint32(colors[i, 1]), np.uint32(colors[i, 2])

@@ -157,7 +157,7 @@ def _smallest(points: Array, middle: Array, turns_deg: Array, steps: int) -> Sph
     return SphericalBox(*np.degrees(best).tolist())
 
 
-@njit(cache=True, nogil=True)
+@njit("float64[:, ::1], float64[::1], float64[::1], int64, out float64[::1]", nogil=True)
 def _search(points: Array, middle: Array, turns: Array, steps: int, best: Array) -> None:
     """Write longitude, latitude, both angles and the rotation, radians, of the smallest box into ``best``."""
     least = math.inf

@@ -85,7 +85,9 @@ class PosedPictures:
         grey = self.depth if self.grey is None else self.grey
         pictures, motion = (self.lenses, self.depth, grey), np.concatenate([R, t[..., None]], axis=-1)
         told = self.panorama, *map(float, (*flags, *warp))
-        return np.asarray(agreement(self._points[count], motion, self.pairs, *pictures, told))
+        result = np.zeros((len(self.pairs), 2))
+        agreement(self._points[count], motion, self.pairs, *pictures, told, result)
+        return result
 
     def rays(self, pictures: Indices, u: NDArray[Any], v: NDArray[Any]) -> Array:
         """Return unit rays of pixels (P, n) of pictures (P,), camera frame."""
@@ -169,7 +171,7 @@ def moves(R: Array, t: Array, pairs: Indices) -> tuple[Array, Array]:
     return R[b].swapaxes(1, 2) @ R[a], np.einsum("pji,pj->pi", R[b], t[a] - t[b])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _pixel(grey: NDArray[np.float32], x: float, y: float) -> float:
     """Return the bilinear brightness at px from the first pixel's centre."""
     left, top = int(x), int(y)
@@ -179,7 +181,12 @@ def _pixel(grey: NDArray[np.float32], x: float, y: float) -> float:
     return float((1 - below) * upper + below * lower)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(
+    "float64[:, :, ::1], float64[:, :, ::1], int64[:, ::1], float64[:, ::1], float32[:, :, ::1], "
+    "float32[:, :, ::1], (bool, 6 * float64), out float64[:, ::1]",
+    nogil=True,
+    error_model="numpy",
+)
 def agreement(
     points: Array,
     motion: Array,
@@ -188,10 +195,12 @@ def agreement(
     depth: NDArray[np.float32],
     grey: NDArray[np.float32],
     how: tuple[bool, float, float, float, float, float, float],
-) -> Array:
-    """Return (P, 2) of pairs the agreement of depth beyond chance, and the correlation of grey where it does.
+    result: Array,
+) -> None:
+    """Write (P, 2) of pairs the agreement of depth beyond chance, and the correlation of grey where it does.
 
-    A point that another picture shows nearer may be hidden; one that it sees through contradicts.
+    Both are 0 before. A point that another picture shows nearer may be hidden; one that it sees through
+    contradicts.
 
     Args:
         points: (P, n, 6) of the first pictures: unit ray, depth, and pixel.
@@ -203,7 +212,7 @@ def agreement(
     """
     panorama, tolerance, along, across, down, right, below = how
     height, width = depth.shape[1:]
-    result, middle, half = np.zeros((len(points), 2)), width / 2, height / 2
+    middle, half = width / 2, height / 2
     right, below = right + middle - 0.5, below + half - 0.5
     for p in range(len(points)):
         (a, b), m = pairs[p], motion[p]
@@ -262,4 +271,3 @@ def agreement(
             if spread > 1e-18:
                 correlation = (s12 / both - s1 * s2 / both**2) / math.sqrt(spread)
                 result[p, 1] = correlation * min(1.0, agree / base)
-    return result

@@ -17,9 +17,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import TypeVar
-
-import unrealcv
+from importlib import import_module
+from types import ModuleType
+from typing import Any, TypeVar
 
 from omniscv import arguments
 from omniscv.arguments import shown
@@ -47,6 +47,31 @@ _UNREACHABLE = (ConnectionRefusedError, FileNotFoundError, socket.gaierror)
 _FIRST_IDS = 90_000_000  # ids have up to 8 digits, so a connection has at least ten million of them
 _CLICK = b"clicked"  # sent by plugin 0.3.10 at a mouse click in the game's window; belongs to no request
 
+
+def _client() -> Any:
+    """Return the module unrealcv, without its launcher, which brings docker and requests: 0.1 s.
+
+    Names of the launcher are imported when they are asked for.
+    """
+    if "unrealcv" in sys.modules:
+        return import_module("unrealcv")
+    name = "unrealcv.launcher"
+    sys.modules[name] = ModuleType(name)
+    try:
+        module = import_module("unrealcv")
+    finally:
+        del sys.modules[name]
+
+    def of_launcher(attribute: str) -> Any:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        return getattr(import_module(name), attribute)
+
+    vars(module)["__getattr__"] = of_launcher
+    return module
+
+
+unrealcv = _client()
 logging.getLogger("unrealcv").setLevel(logging.CRITICAL)  # its faults are raised as errors of omniscv
 unrealcv.print = lambda *_: None  # the module's own name, not the builtin
 
@@ -56,7 +81,7 @@ def address_of(endpoint: Endpoint) -> str:
     return endpoint if isinstance(endpoint, str) else "{}:{}".format(*endpoint)
 
 
-class Client(unrealcv.Client):  # type: ignore[misc]
+class Client(unrealcv.Client):  # type: ignore[name-defined, misc]
     """One connection to a server.
 
     After a fault, replies may belong to other requests, so the first fault breaks the client for good. Ids

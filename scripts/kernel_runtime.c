@@ -1,0 +1,41 @@
+/* What compiled kernels call of numba's runtime: memory of arrays that live within one call, and ldexp. */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#define ALIGNMENT 64
+
+/* The head of a block of memory, as code of numba reads it: its users, how it is freed, where its data begins. */
+typedef struct {
+  size_t users;
+  void *destructor, *destructor_info, *data;
+  size_t size;
+  void *allocator;
+} Block;
+
+static void *allocate(size_t size) {
+  size_t head = (sizeof(Block) + ALIGNMENT - 1) & ~(size_t)(ALIGNMENT - 1);
+  size_t data = (size + ALIGNMENT - 1) & ~(size_t)(ALIGNMENT - 1);
+  void *memory = NULL;
+  Block *block;
+  if (data < size || posix_memalign(&memory, ALIGNMENT, head + data)) return NULL;
+  block = memory;
+  *block = (Block){1, NULL, NULL, (char *)memory + head, size, NULL};
+  return block;
+}
+
+void *NRT_MemInfo_alloc_safe_aligned(size_t size, unsigned alignment) {
+  return alignment <= ALIGNMENT ? allocate(size) : NULL;
+}
+void *NRT_MemInfo_alloc_aligned(size_t size, unsigned alignment) {
+  return NRT_MemInfo_alloc_safe_aligned(size, alignment);
+}
+void *NRT_MemInfo_alloc_safe(size_t size) { return allocate(size); }
+void *NRT_MemInfo_alloc(size_t size) { return allocate(size); }
+void NRT_MemInfo_call_dtor(Block *block) { free(block); }
+double numba_ldexp(double x, int exponent) { return ldexp(x, exponent); }
+
+/* Messages of errors are made by Python; a kernel only says that it failed. */
+void *numba_unpickle(const char *data, int size, const char *hash) { abort(); }
+int numba_gil_ensure(void *state) { abort(); }

@@ -1,0 +1,34 @@
+"""Build hook of wheels: each has the built kernels of one platform, and its tag; another one has none.
+
+OMNISCV_WHEEL names the platform, as libraries are named: linux-x86_64, linux-aarch64, or any. Without it a
+wheel is for this machine. A source distribution has the libraries of all platforms.
+"""
+
+import os
+import platform
+import sys
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+TAGS = {
+    "linux-x86_64": "py3-none-manylinux_2_17_x86_64",
+    "linux-aarch64": "py3-none-manylinux_2_17_aarch64",
+    "any": "py3-none-any",
+}
+
+
+class WheelHook(BuildHookInterface[Any]):
+    """Leaves out the libraries of other platforms, and sets the wheel's tag."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Set what hatchling builds, but for editable installations, which use the folder as it is."""
+        if version == "editable":
+            return
+        here = f"{sys.platform}-{platform.machine().lower()}"
+        name = os.environ.get("OMNISCV_WHEEL") or (here if here in TAGS else "any")
+        if name not in TAGS:
+            raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(TAGS)}, got {name!r}")
+        build_data["tag"] = TAGS[name]
+        others = [other for other in TAGS if other != name]
+        self.build_config.target_config["exclude"] = [f"*/kernels/{other}.so" for other in others]
