@@ -75,6 +75,7 @@ class _Said:
     unit: Annotated[str | None, Option(help="Of --poses: m, cm, mm, or metres of one.")] = None
     mirrored: Annotated[bool, Option("--mirrored", help="Pictures show left as right.")] = False
     clip: Annotated[bool, Option("--clip", help="Take negative and NaN light as 0.")] = False
+    transfer: Annotated[str | None, Option(help="Of 8-bit colours: srgb, linear, film, unknown.")] = None
     trust_words: Annotated[bool, Option("--trust-words", help="Take poses as said in any case.")] = False
 
     def given(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError
-from omniscv.pictures import MAX_PIXELS, npy, png
+from omniscv.pictures import MAX_PIXELS, color_tags, npy, png
 from omniscv.pictures.forms import ARRAY, FORMS, Pixels
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
 
@@ -17,7 +17,7 @@ SUFFIXES = tuple(f".{suffix}" for suffix in FORMS if suffix != ARRAY)
 """Of the pictures that :func:`read` reads."""
 
 _MOST_PARTS = 64
-_JPEG, _SCAN, _END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
+_JPEG, _END = b"\xff\xd8\xff", b"\xff\xd9"
 _GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
 _IDS = ("indexob",)
 _FINAL = ("composite.combined", "combined", "beauty", "rgba", "image")
@@ -88,10 +88,18 @@ def _parts(source: Any) -> list[Any]:
     return parts
 
 
-def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
-    """Return pixels (H, W, 1 or 3), and the file's bytes where it is a PNG that holds exactly them.
+class Read(NamedTuple):
+    """Pixels of a file: (H, W, 1 or 3); its bytes where it is a PNG that holds exactly them, else empty; what
+    tags say of colours, and what was done, in lines for people."""
 
-    Floats are float32, or float16 where the file has those: they say how exactly depth is known.
+    pixels: Pixels
+    payload: bytes = b""
+    tags: color_tags.Colors = color_tags.Colors()
+    lines: tuple[str, ...] = ()
+
+
+def read(file: Path, kind: str = "lit") -> Read:
+    """Return the pixels of a file as they are; floats are float32, or float16 where the file has those.
 
     Args:
         file: see :data:`SUFFIXES`. Alpha is ignored.
@@ -104,41 +112,54 @@ def read(file: Path, kind: str = "lit") -> tuple[Pixels, bytes]:
         head = opened.read(png.HEADER_BYTES)
         known = file.suffix.lower() == ".npy" or head.startswith((png.SIGNATURE, _JPEG))
         payload = head + opened.read() if known else b""
-    if head.startswith(_JPEG):
-        _check_jpeg(payload)
+    lines: tuple[str, ...] = ()
+    if head.startswith(_JPEG) and (behind := len(payload) - _end_of_jpeg(payload)):
+        lines = (f"{behind} bytes behind the picture are ignored",)
+    tags: color_tags.Colors | None = None
     try:
         if file.suffix.lower() == ".npy":
-            return _npy(payload), b""
+            return Read(_npy(payload))
         if head.startswith(png.SIGNATURE):
-            width, height, channels, bits, interlaced = png.header(payload)
-            _check_size(width, height)
-            if bits < 8 and channels == 1 and kind != "lit":
-                raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
-            if bits >= 8 and not interlaced and b"eXIf" not in payload:
-                pixels = png.decode(payload, bits)
-                is_kept = channels != 2 or kind == "lit"  # no codec of ids or depth decodes grey with alpha
-                return pixels[..., : 3 if channels >= 3 else 1], payload if is_kept else b""
-            png.check(payload)
+            tags = color_tags.of_png(payload)
+            if (pixels := _plain_png(payload, kind)) is not None:
+                # No codec of ids or depth decodes grey with alpha.
+                is_kept = kind == "lit" or png.header(payload).channels != 2
+                return Read(pixels, payload if is_kept else b"", tags)
     except BadReplyError as cause:
         raise ArgumentError(str(cause)) from cause
     try:
-        return _by_openimageio(file, kind, b"VP8 " in head), b""
+        pixels, of_spec = _by_openimageio(file, kind, b"VP8 " in head)
     except UnicodeDecodeError as cause:  # of names, or of the library's own message
         raise ArgumentError("expected a picture, got one whose header is damaged: no UTF-8") from cause
+    return Read(pixels, b"", tags or of_spec, lines)
 
 
-def _check_jpeg(payload: bytes) -> None:
-    """Raise ArgumentError for a JPEG without its end, or a progressive one without its last scans.
+def _plain_png(payload: bytes, kind: str) -> Pixels | None:
+    """Return the pixels of a PNG that this package decodes; None for others, whose chunks are whole."""
+    width, height, channels, bits, interlaced = png.header(payload)
+    _check_size(width, height)
+    if bits < 8 and channels == 1 and kind != "lit":
+        raise ArgumentError(f"expected 8 or 16 bits, got {bits}, which programs scale")
+    if bits < 8 or interlaced or b"eXIf" in payload:
+        png.check(payload)
+        return None
+    return png.decode(payload, bits)[..., : 3 if channels >= 3 else 1]
+
+
+def _end_of_jpeg(payload: bytes) -> int:
+    """Return where a JPEG ends; ArgumentError for one without its end, or a progressive one without its last
+    scans.
 
     A scan brings some of the 64 coefficients of its components down to a bit ``low``; at last all are at 0.
+    Phones append videos and further pictures.
     """
-    if payload.rfind(_END) < payload.rfind(_SCAN):
-        raise ArgumentError("expected a whole picture, got a JPEG without its end")
     low: dict[int, list[int]] = {}
     at = 2
-    while (at := payload.find(b"\xff", at)) >= 0 and at + 4 < len(payload):
+    while (at := payload.find(b"\xff", at)) >= 0 and at + 2 <= len(payload):
         kind, size = payload[at + 1], int.from_bytes(payload[at + 2 : at + 4], "big")
-        if kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD7:  # within the data of a scan
+        if kind == 0xD9:
+            break
+        if kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD8:  # within the data of a scan
             at += 1 + (kind != 0xFF)
             continue
         segment = payload[at + 4 : at + 2 + size]
@@ -151,6 +172,9 @@ def _check_jpeg(payload: bytes) -> None:
         at += 2 + size
     if any(map(any, low.values())):
         raise ArgumentError("expected a whole picture, got a progressive JPEG without its last scans")
+    if payload[at : at + 2] != _END or at < 0:
+        raise ArgumentError("expected a whole picture, got a JPEG without its end")
+    return at + 2
 
 
 def _check_size(width: int, height: int) -> None:
@@ -166,8 +190,8 @@ def _opened(file: Path, config: Any) -> Any:
     return opened
 
 
-def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
-    """Return the pixels of the one part, and of its channels, that the kind needs."""
+def _by_openimageio(file: Path, kind: str, lossy: bool) -> tuple[Pixels, color_tags.Colors]:
+    """Return the pixels of the one part, and of its channels, that the kind needs, and what its tags say."""
     import OpenImageIO
 
     config = OpenImageIO.ImageSpec()
@@ -192,7 +216,10 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> Pixels:
         pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
         if pixels is None or source.has_error:  # half a JPEG has pixels
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        return np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
+        chosen = np.ascontiguousarray(pixels[..., np.array(channels) - min(channels)])
+        if parts[part].get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and form == "uint16":
+            chosen = 0xFFFF - chosen  # white is 0, which the library knows of 8 bits only
+        return chosen, color_tags.of_spec(file, parts[part], name)
 
 
 def _special(names: Sequence[str], kind: str) -> tuple[int, ...]:
@@ -238,11 +265,16 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
     is_ids = kind == "object_mask" and str(spec.format) == "uint32"
     is_odd = (str(spec.format) not in _FORMATS and not is_ids) or bits not in (8, 16, 32, 64)
     lossy |= name == "jpeg" or str(spec.get_string_attribute("compression")).startswith(_LOSSY)
-    cmyk = spec.get_int_attribute("tiff:PhotometricInterpretation", 2) == 5
+    meaning = spec.get_int_attribute("tiff:PhotometricInterpretation", 2)
+    cmyk = meaning == 5 or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace")
+    turned = spec.get_int_attribute("Orientation", 1)
+    is_floats = str(spec.format) not in ("uint8", "uint16")
     for is_wrong, expected, got in (
         (is_cropped, f"pixels in all of the display window {display}", window),
-        (cmyk or "CMYK" in spec.get_string_attribute("jpeg:ColorSpace"), "grey or RGB", "CMYK"),
-        (spec.get_int_attribute("Orientation", 1) != 1, "an upright picture", _TURNED),
+        (cmyk, "grey or RGB", "CMYK"),
+        (meaning in (8, 9, 10), "grey or RGB", "Lab"),
+        (meaning == 0 and is_floats, "black at 0", "floats with white at 0"),
+        (turned != 1, "an upright picture", _TURNED),
         (spec.get_int_attribute("oiio:Movie", 0), "one picture", "several frames"),
         (is_odd, "8 or 16 bits, or floats", f"{bits} bits"),
         (lossy and kind != "lit", "masks and depth without loss, as PNG", f"lossy {name}"),

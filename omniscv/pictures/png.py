@@ -85,22 +85,22 @@ def decode(payload: bytes, depth: int = 8) -> NDArray[np.uint8] | NDArray[np.uin
 
 def check(payload: bytes) -> None:
     """Raise BadReplyError for a PNG whose chunks are not whole; their data may still not decode."""
-    for _ in _chunks(payload):
+    for _ in chunks(payload):
         pass
 
 
 def _content(payload: bytes) -> tuple[bytes, bytes]:
     """Return the data of the pixels, deflated, and the palette; empty if there is none."""
-    chunks = [(name, data) for name, data in _chunks(payload) if name[:1].isupper()]
-    data = [data for name, data in chunks if name == b"IDAT"]
-    palette = [data for name, data in chunks if name == b"PLTE"]
-    names = [name for name, _ in chunks]
+    needed = [(name, data) for name, data in chunks(payload) if name[:1].isupper()]
+    data = [data for name, data in needed if name == b"IDAT"]
+    palette = [data for name, data in needed if name == b"PLTE"]
+    names = [name for name, _ in needed]
     if names != [b"IHDR", *[b"PLTE"] * bool(palette), *[b"IDAT"] * len(data), b"IEND"]:
         raise BadReplyError(f"expected the chunks of a PNG, got {b' '.join(names[:8])!r}")
     return b"".join(data), b"".join(palette)
 
 
-def _chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
+def chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
     """Yield names and data of the chunks, which must end where the payload does."""
     view, at, name = memoryview(payload), 8, b""  # behind the signature
     while name != b"IEND" and at + 12 <= len(payload):

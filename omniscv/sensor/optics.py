@@ -163,7 +163,7 @@ def read_vignette(path: Path, size: tuple[int, int] | None = None) -> Floats:
     """Return the vignette (H, W), relative to its largest value, of a grey picture of 8 or 16 bits, which
     must have the size (H, W) that is given."""
     with within(path):
-        pixels, _ = foreign.read(path)
+        pixels = foreign.read(path).pixels
     if size is not None and pixels.shape[:2] != size:
         wanted = f"expected a vignette of the image's size, {size[1]} x {size[0]}"
         raise ArgumentError(f"{path}: {wanted}, got {pixels.shape[1]} x {pixels.shape[0]}")

@@ -136,6 +136,7 @@ class Picture(NamedTuple):
             number of depth as no surface.
         error: (H, W) metres that depth may be off; None: half of :meth:`steps_m`.
         half_m: metres of a one, of depth that was stored in half floats; else 0.
+        lines: what was done, for people.
     """
 
     pixels: Pixels
@@ -145,6 +146,7 @@ class Picture(NamedTuple):
     clipped: int = 0
     error: Pixels | None = None
     half_m: float = 0.0
+    lines: tuple[str, ...] = ()
 
     @property
     def steps_m(self) -> float | NDArray[np.float32]:
@@ -162,17 +164,25 @@ class Picture(NamedTuple):
         return self._replace(pixels=pixels, payload=b"", encoding="")
 
 
-def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, clip: bool = False) -> Picture:
+def read_picture(
+    file: Path,
+    kind: str = "lit",
+    form: DepthForm | None = None,
+    clip: bool = False,
+    as_codes: bool = False,
+) -> Picture:
     """Return a picture that anybody may have made, checked: no other function opens one. Alpha is ignored.
 
     Args:
         file: of a form of :data:`omniscv.pictures.foreign.SUFFIXES`.
         kind, form: ``lit``, ``depth`` or ``object_mask``, and the form of depth.
         clip: take negative and NaN light as 0.
+        as_codes: take 8-bit colours as they are, whatever tags of the file say of them.
 
     Raises ArgumentError for no regular file, a damaged or too large one, or one that cannot be of the kind.
     """
     from omniscv.pictures import foreign  # imports numba
+    from omniscv.sources import tagged_colors
 
     with within(file.name):
         if kind == "normals":
@@ -180,11 +190,15 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
         form = form or DepthForm()
         if kind == "depth" and form.encoding:
             return _packed_depth(file, form.encoding)
-        pixels, payload = foreign.read(file, kind)
+        pixels, payload, tags, lines = foreign.read(file, kind)
         if kind == "depth":
             return _depth(pixels, payload, form)
         if kind == "lit":
-            return _colors(pixels, payload, clip)
+            if pixels.dtype.kind == "f" or not as_codes:
+                pixels, line = tagged_colors.converted(pixels, tags)
+                payload = payload if not line else b""
+                lines += (line,) if line else ()
+            return _colors(pixels, payload, clip)._replace(lines=lines)
         if pixels.dtype.kind == "f" and file.suffix.lower() == ".exr":
             pixels = _whole(pixels)  # which has no whole numbers of 8 or 16 bits
         if pixels.shape[2] == 1:
@@ -192,6 +206,11 @@ def read_picture(file: Path, kind: str = "lit", form: DepthForm | None = None, c
             return Picture(ids, payload, "png ids" if payload else "")
         colors = _fitting(pixels, np.uint8, "grey ids, or 8-bit colours")
         return Picture(colors, payload, "png" if payload else "")
+
+
+def as_8_bits(pixels: Pixels) -> Pixels:
+    """Return codes of 16 bits as those of 8; others as they are."""
+    return np.round(pixels / 257).astype(np.uint8) if pixels.dtype == np.uint16 else pixels
 
 
 def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:

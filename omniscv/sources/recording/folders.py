@@ -10,12 +10,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+import numpy as np
+
 from omniscv import modalities, storage
 from omniscv.arguments import label, optional_number, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, BadReplyError, RecordingError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.geometry.trajectory_columns import Rows
+from omniscv.pictures import color_tags, png
 from omniscv.records import checked, listed, mapping, named, optional, read, record
+from omniscv.sources import tagged_colors
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, without_zeros
 from omniscv.sources.recording.operations import add_objects, opened_whole
@@ -190,7 +194,7 @@ class _Entry:
     view: View = checked(_view)
     asked: View | None = checked(optional(_view), default=None)
     encoding: str = checked(text, default="")
-    provenance: Mapping[str, Any] = checked(mapping, default_factory=lambda: {"server": "imported"})
+    provenance: Mapping[str, Any] | None = checked(optional(mapping), default=None)
     state: str = checked(text, default="")
     stops: float | None = checked(optional_number, default=None)
 
@@ -227,16 +231,31 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
         expected = f"expected an image that can be read, got {shown(entry.file)}"
         raise ArgumentError(f"{where}: {expected}: {cause}") from cause
     try:
+        provenance = {"server": "imported"} if entry.provenance is None else entry.provenance
         is_depth = modalities.get(request.mode).interpolation == "surface"
-        if is_depth and encoding == "npy" and entry.provenance.get("server", "imported") == "imported":
+        if is_depth and encoding == "npy" and provenance.get("server", "imported") == "imported":
             payload = without_zeros(payload)
+        is_own = entry.provenance is None and request.mode == "lit"
+        if is_own and encoding == "png":
+            payload = _as_srgb(payload)
         pixels = decode(payload, encoding, request.mode, entry.view)
-        capture = Capture(request, entry.view, pixels, entry.provenance, payload, encoding)
+        if is_own and pixels.dtype == np.uint8:
+            provenance = {**provenance, "transfer": "srgb"}
+        capture = Capture(request, entry.view, pixels, provenance, payload, encoding)
         Row.of(capture).description()  # it can be read again
     except (BadReplyError, RecordingError, ArgumentError) as cause:
         error = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise error(f"{where}: {shown(entry.file)}: {cause}") from cause
     return capture
+
+
+def _as_srgb(payload: bytes) -> bytes:
+    """Return a PNG of colours as sRGB, converted where its tags say another thing of them."""
+    tags = color_tags.of_png(payload)
+    if tags.is_plain:
+        return payload
+    pixels, line = tagged_colors.converted(png.decode(payload), tags)
+    return png.encode(np.ascontiguousarray(pixels[..., :3])) if line else payload
 
 
 def _states(states: dict[str, object]) -> dict[str, WorldState]:

@@ -91,7 +91,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
                 pose = Pose(options.front.position, turn_w @ R)
                 view = View(pose, fov_deg, *picture.pixels.shape[1::-1])
                 provenance = {"server": "imported", "file": pictures.name}
-                held.append(capture_of(picture, mode, view, provenance, ray))
+                held.append(capture_of(picture, mode, view, provenance, ray, options.transfer))
             captures = partial(iter, held)
         colors = [file for mode, file in options.clipped if mode == "lit"]
         colors += [str(frame.files.get("lit", "")) for frame in sequence.frames] if sequence else []
@@ -102,6 +102,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
             "intrinsics": options.intrinsics and not sequence,
             "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
             "trust_words": options.trust_words and not (sequence and "depth" in modes),
+            "transfer": options.transfer and "lit" not in modes,
             "frame or unit": (options.frame or options.unit) and not options.poses,
         }
         if idle := [name for name, is_idle in idle_if.items() if is_idle]:
@@ -111,6 +112,8 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         known = listed or (sequence.objects if sequence else ObjectTable({}))
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
+        said = Counter(line for lines in options.said.values() for line in lines)
+        masks.lines += [f"{line} ({count} files)" for line, count in said.items()]
         clipped = Counter[str]()
         for (mode, _), values in options.clipped.items():
             clipped[mode] += values

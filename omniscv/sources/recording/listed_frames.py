@@ -52,7 +52,7 @@ def inside(folder: Path, name: str) -> Path:
 
 def size_of(picture: Path, mode: str = "lit") -> tuple[int, int]:
     """Return the width and height of a picture."""
-    height, width = foreign.read(picture, mode)[0].shape[:2]
+    height, width = foreign.read(picture, mode).pixels.shape[:2]
     return width, height
 
 

@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from omniscv import light
 from omniscv.arguments import number, numbers, one_of, optional_number, shown, text, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.trajectory_columns import FRAMES, length_unit
+from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.pictures import foreign
+from omniscv.pictures.forms import Pixels
 from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
@@ -72,7 +75,9 @@ class Options:
         mirrored: whether all pictures show left and right exchanged.
         clip: take negative and NaN light as 0.
         trust_words: take poses and depth as said, whatever pictures show.
+        transfer: of 8-bit colours, whatever files say; of those that say nothing sRGB.
         clipped: by mode and file, the number of values taken as another.
+        said: by mode and file, what was done when it was read.
     """
 
     position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
@@ -87,7 +92,9 @@ class Options:
     mirrored: bool = False
     clip: bool = False
     trust_words: bool = False
+    transfer: Transfer | None = checked(optional(partial(one_of, words=TRANSFERS)), default=None)
     clipped: dict[tuple[str, str], int] = field(default_factory=dict)
+    said: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def front(self) -> Pose:
@@ -166,7 +173,8 @@ class Sequence:
                 with within(file.name):
                     provenance = {"server": "imported", "file": file.name, "layout": self.layout}
                     for view, part in self._views(picture, mode, frame.pose, frame.lens):
-                        yield capture_of(part, mode, view, provenance, self.form(frame).ray)
+                        ray = self.form(frame).ray
+                        yield capture_of(part, mode, view, provenance, ray, self.options.transfer)
 
     def form(self, frame: Frame) -> DepthForm:
         """Return what the numbers of a frame's depth are."""
@@ -189,25 +197,43 @@ class Sequence:
         if lens is None:
             if width != 2 * height:
                 raise ArgumentError(f"expected a panorama twice as wide as high, got {width} x {height}")
-            for pixels, R, fov_deg in to_faces(picture.pixels, mode, self.of_openexr, picture.steps_m):
+            colors = self._for_mean(picture.pixels, mode)
+            for pixels, R, fov_deg in to_faces(colors, mode, self.of_openexr, picture.steps_m):
                 face = Pose(pose.position, pose.R_w_c @ _FRONT.T @ R)
-                yield View(face, fov_deg, *pixels.shape[1::-1]), picture.converted(pixels)
+                part = picture.converted(self._as_stored(pixels, picture.pixels))
+                yield View(face, fov_deg, *pixels.shape[1::-1]), part
             return
         lens = lens.scaled(width, height)
         if isinstance(lens, Pinhole) and not lens.is_bent:
             yield lens.view(pose), picture
             return
-        pixels, flat = straight(picture.pixels, lens, mode, picture.steps_m)
+        colors = self._for_mean(picture.pixels, mode)
+        pixels, flat = straight(colors, lens, mode, picture.steps_m)
         if mode == "depth":
             pixels, picture = pixels[..., 0], picture._replace(error=pixels[..., 1])
-        yield flat.view(pose), picture.converted(pixels)
+        yield flat.view(pose), picture.converted(self._as_stored(pixels, picture.pixels))
+
+    def _for_mean(self, pixels: Pixels, mode: str) -> Pixels:
+        """Return colours as light where their transfer is known: means between pixels are of light."""
+        transfer = self.options.transfer or "srgb"
+        if mode != "lit" or pixels.dtype.kind == "f" or transfer not in ("srgb", "film"):
+            return pixels
+        return light.decode(pictures.as_8_bits(pixels), transfer)
+
+    def _as_stored(self, pixels: Pixels, before: Pixels) -> Pixels:
+        """Return what :meth:`_for_mean` has made light as codes again."""
+        if before.dtype.kind == pixels.dtype.kind:
+            return pixels
+        return light.encode(pixels, self.options.transfer or "srgb")
 
 
 def read_as(file: Path, mode: str, options: Options, form: DepthForm) -> Picture:
     """Return a picture as the user says that it is; what is clipped is counted."""
     missing = form.missing + options.missing
-    picture = read_picture(file, mode, form._replace(missing=missing), options.clip)
+    as_codes = options.transfer is not None
+    picture = read_picture(file, mode, form._replace(missing=missing), options.clip, as_codes)
     options.clipped[mode, str(file)] = picture.clipped
+    options.said[mode, str(file)] = picture.lines
     return picture.converted(picture.pixels[:, ::-1]) if options.mirrored else picture
 
 
@@ -243,12 +269,20 @@ def _of_ids(picture: Picture, holds: Files) -> Picture:
 
 
 def capture_of(
-    picture: Picture, mode: str, view: View, provenance: Mapping[str, Any], ray: bool = False
+    picture: Picture,
+    mode: str,
+    view: View,
+    provenance: Mapping[str, Any],
+    ray: bool = False,
+    transfer: Transfer | None = None,
 ) -> Capture:
     """Return the capture of a picture: as its file has it where a codec decodes that, else lossless.
 
     ``ray`` is whether depth (h, w) is along the ray; depth (h, w, 2) is planar, and has its error.
+    ``transfer`` is that of codes, sRGB if not given.
     """
+    if mode == "lit" and picture.pixels.dtype.kind == "u":
+        provenance = {**provenance, "transfer": transfer or "srgb"}
     pixels, request = picture.pixels, Request(view, mode)
     encoding_of_depth = codecs.BOUNDED if pixels.ndim == 2 else codecs.RESAMPLED
     if picture.encoding:
@@ -263,7 +297,7 @@ def capture_of(
         if error is not None:
             pixels = np.stack([pixels, np.asarray(error if ray else error * lengths, np.float32)], axis=-1)
     if mode == "lit" and pixels.dtype == np.uint16:
-        pixels = np.round(pixels / 257).astype(np.uint8)
+        pixels = pictures.as_8_bits(pixels)
     payload, encoding = codecs.encode(np.ascontiguousarray(pixels))
     if mode == "depth" and pixels.ndim == 3:
         return Capture(request, view, pixels[..., 0], provenance, payload, encoding_of_depth)
