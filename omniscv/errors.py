@@ -141,6 +141,10 @@ class MissingFileError(StorageError):
     """A file does not exist."""
 
 
+class StoreRefusedError(StorageError):
+    """An object store refuses a request, or has no such bucket: no other attempt helps."""
+
+
 class ClusterError(OmniscvError):
     """A cluster cannot be reached, has lost its scheduler, or failed at a shard."""
 

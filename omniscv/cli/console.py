@@ -138,6 +138,9 @@ class Display:
         style: of the display.
         every_s: least seconds between lines.
         from_s: seconds before the first line; the last one is printed if another one was.
+
+    Attributes:
+        note: is shown behind the counts; may be set at any time.
     """
 
     def __init__(
@@ -145,6 +148,7 @@ class Display:
     ) -> None:
         from omniscv.progress import Progress
 
+        self.note = ""
         self._what, self._started, self._seconds = what, time.monotonic(), 0.0
         self._now = self._last_image = Progress()  # now, and when the last image was done
         self._style, self._every_s, self._printed_s, self._printed = style, every_s, from_s - every_s, ""
@@ -204,7 +208,7 @@ class Display:
     def line(self) -> str:
         """Return ``images 3/12, 345/460 captures, 45.2 MB, 22/s, 1.9 MB/s, 0:41 left``, as far as known."""
         now, seconds = self._now, max(self._seconds, 1e-3)
-        parts = [f"{self._what} {now.images}/{now.of_images}"]
+        parts = [f"{self._what} {now.images}/{now.of_images}", *([self.note] if self.note else [])]
         if now.of_captures:
             rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"
             parts.append(f"{now.captures}/{now.of_captures} captures, {_megabytes(now.nbytes)}, {rates}")

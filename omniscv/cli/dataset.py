@@ -1,15 +1,22 @@
 """``omniscv dataset``: make, export, check, pack and describe datasets."""
 
+from __future__ import annotations
+
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Exit, Option, Typer
 
 from omniscv.cli import console
-from omniscv.cli.console import StyleOption, display
+from omniscv.cli.console import Display, StyleOption, display
 from omniscv.cli.options import IMAGES, AsJson, JobArguments, setting, with_blocks, with_job
 from omniscv.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from omniscv.job import Job
+    from omniscv.make import Made
 
 _HELP = "Images with all their truth, as files that other programs read."
 app = Typer(name="dataset", help=_HELP, no_args_is_help=True, add_completion=False)
@@ -33,19 +40,26 @@ class _Made:
     keep_going: Annotated[
         bool, Option("--keep-going", help="Report frames that fail, and leave them out.")
     ] = False
-    shard: Annotated[str | None, Option(help="I/N: these frames only, I from 0; then --resume.")] = None
+    shard: Annotated[
+        str | None, Option(help="I/N: part I of N only, I from 0; N is of all parts, not of those that run.")
+    ] = None
     limit: Annotated[
         int | None, Option(min=1, help="So many frames only, spread over worlds and poses by a hash.")
     ] = None
     cluster: Annotated[str | None, Option(help=_CLUSTER_HELP)] = None
+    patience: Annotated[
+        float | None,
+        Option(help="Seconds without workers, or news of them, until a cluster's run ends; 600."),
+    ] = None
     workers: Annotated[int, Option(min=1, max=256, help="Images composed at a time.")] = 1
 
     def part(self) -> tuple[int, int] | None:
         """Return ``--shard`` as numbers, after refusing options that exclude each other."""
-        with_cluster = self.shard or self.limit or self.workers != 1 or self.keep_going or self.overwrite
-        if self.cluster is not None and with_cluster:
-            others = "--shard, --limit, --workers, --keep-going and --overwrite"
+        if self.cluster is not None and (self.shard or self.workers != 1 or self.overwrite):
+            others = "--shard, --workers and --overwrite"
             raise ArgumentError(f"--cluster: expected it without {others}, got several of them")
+        if self.patience is not None and self.cluster is None:
+            raise ArgumentError("--patience: expected it with --cluster, got it alone")
         if self.overwrite and (self.resume or self.shard):
             raise ArgumentError("--overwrite: expected it without --resume and --shard, got several of them")
         if self.shard is None:
@@ -77,25 +91,47 @@ def make(job: JobArguments, how: _Made, progress: StyleOption = None) -> None:
         loaded = replace(loaded, failures=FailureLimit(1.0))
     with display("frames", progress) as show:
         if how.cluster is not None:
-            from omniscv.cluster import make, workers_of
-
-            asked, say = workers_of(how.cluster), {"warn": console.error, "note": console.line}
-            result = make(loaded, asked, progress=show.steps, **say)
-            console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept; complete")
-            return
-        result = make_dataset(
-            loaded,
-            existing="resume" if how.resume else "replace" if how.overwrite else "refuse",
-            shard=part,
-            limit=how.limit,
-            workers=how.workers,
-            progress=show,
-            warn=console.error,
-        )
+            result = _make_on_workers(loaded, how, show)
+        else:
+            result = make_dataset(
+                loaded,
+                existing="resume" if how.resume else "replace" if how.overwrite else "refuse",
+                shard=part,
+                limit=how.limit,
+                workers=how.workers,
+                progress=show,
+                warn=console.error,
+            )
     state = f"{result.missing} frames are missing: finish with --resume" if result.missing else "complete"
     failed = f", {result.failed} failed: try them again with --resume" if result.failed else ""
     console.line(f"{loaded.out}: {result.written} frames made, {result.kept} kept{failed}; {state}")
     raise Exit(1 if result.failed and how.keep_going else 0)
+
+
+def _make_on_workers(job: Job, how: _Made, show: Display) -> Made:
+    """Make a dataset on the workers of ``--cluster``."""
+    from omniscv.arguments import number
+    from omniscv.cluster import PATIENCE_S, Progress, make, workers_of
+
+    assert how.cluster is not None
+    started = time.monotonic()
+
+    def progress(now: Progress) -> None:
+        minutes = max(time.monotonic() - started, 1.0) / 60
+        rate = f"{now.frames / minutes:.3g} a minute"
+        workers = f"{now.workers} worker{'' if now.workers == 1 else 's'}"
+        show.note = f"parts {now.parts}/{now.of_parts}, {rate}, {workers}"
+        show.steps(now.frames, now.of_frames)
+
+    return make(
+        job,
+        workers_of(how.cluster),
+        limit=how.limit,
+        patience_s=PATIENCE_S if how.patience is None else number("--patience", how.patience, above=0),
+        progress=progress,
+        warn=console.error,
+        note=console.line,
+    )
 
 
 @app.command(epilog="Example: omniscv dataset export dataset --to webdataset --set max_count=100")

@@ -8,7 +8,7 @@ however it was made.
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
@@ -116,10 +116,15 @@ class Part:
         return first
 
 
-def parts_of(job: Job) -> list[Part]:
-    """Return the parts of a job with about 16 frames each: the same ones every time."""
-    poses_each = max(1, _FRAMES // max(1, len(job.cameras)))
-    count = max(1, -(-len(job.poses) // poses_each))
+def parts_of(job: Job, frames: int | None = None) -> list[Part]:
+    """Return the parts of a job with about 16 frames each, the same ones every time; of several worlds, or of
+    a job that is limited to so many frames, by their number."""
+    if frames is None or (frames == len(job) and not job.worlds):
+        poses_each = max(1, _FRAMES // max(1, len(job.cameras)))
+        count = -(-len(job.poses) // poses_each)
+    else:
+        count = -(-frames // _FRAMES)
+    count = max(1, count)
     return [Part(index, count) for index in range(count)]
 
 
@@ -162,7 +167,7 @@ def make(
     find_own(folder)  # before anything is captured
     if job.worlds:  # one world is checked where it is opened, before the first capture
         job = check_worlds(job, dataset=True, opens=part.of)
-    chosen = None if limit is None else _least(job, whole_number("limit", limit, least=1))
+    chosen = None if limit is None else chosen_keys(job, whole_number("limit", limit, least=1))
     complete = folder.exists(manifest.FRAMES) and not _markers(folder)
     how = _How(workers, progress, warn, existing == "replace", chosen)
     made, worlds, frames = _run(job, part, how)
@@ -182,7 +187,7 @@ def make(
     return replace(made, missing=missing)
 
 
-def _least(job: Job, count: int) -> frozenset[str]:
+def chosen_keys(job: Job, count: int) -> frozenset[str]:
     """Return so many keys of a job's frames: those whose SHA-256 is least."""
     keys: list[str] = []
     for world in job.each:
@@ -197,25 +202,48 @@ def _keys(job: Job, part: Part, chosen: Collection[str] | None) -> list[str]:
 
 
 def run_part(
-    job: Job, part: Part, *, source: Source | None = None, warn: Callable[[str], None] | None = None
+    job: Job,
+    part: Part,
+    *,
+    source: Source | None = None,
+    warn: Callable[[str], None] | None = None,
+    progress: Report | None = None,
+    chosen: Collection[str] | None = None,
+    begins: Callable[[str], None] | None = None,
+    lost: Mapping[str, str] | None = None,
+    carefully: bool = False,
 ) -> Made:
     """Make the frames of a part of a job in its ``out``, and then the part's marker.
 
     The same job and part give the same bytes in every process. A part that has its marker is not made again;
-    of one that was interrupted, whole frames are kept. ``source`` is the job's, without its recording, and
-    stays open; one is opened for this part if it is not given. ``warn``, and errors, as :func:`make`.
+    of one that was interrupted, whole frames are kept.
+
+    Args:
+        job, part: what to make.
+        source: the job's, without its recording; it stays open. One is opened for this part if not given.
+        warn, progress: as of :func:`make`.
+        chosen: the keys of the frames that are made; of all if not given.
+        begins: called with a frame's key before it is captured.
+        lost: frames that are left out, as if they had failed, by key with their errors.
+        carefully: whether a frame is written before the next one is begun.
+
+    Raises:
+        OmniscvError: as :func:`make`.
     """
-    return _run(job, part, _How(warn=warn), source)[0]
+    return _run(job, part, _How(1, progress, warn, False, chosen, begins, lost or {}, carefully), source)[0]
 
 
 class _How(NamedTuple):
-    """How a part is made: the arguments of :func:`make`, and the keys of the frames that are chosen."""
+    """How a part is made: the arguments of :func:`make` and :func:`run_part`."""
 
     workers: int = 1
     progress: Report | None = None
     warn: Callable[[str], None] | None = None
     replaces: bool = False
     chosen: Collection[str] | None = None
+    begins: Callable[[str], None] | None = None
+    lost: Mapping[str, str] = {}
+    carefully: bool = False
 
 
 def _run(
@@ -260,8 +288,22 @@ def _run(
                 writer.keep_marked((_read_marker(folder, writer.manifest, part) or ((), ()))[0])
                 writer.refuse(frame.key for frame in written)  # of the worlds before
                 missing = writer.missing(frames)
-                maker = FrameMaker(world, contents[at], renderer, writer, how.workers, warn, failures)
-                maker.run(planned, missing, how.progress)
+                for frame in frames:
+                    if frame.key in missing and frame.key in how.lost:
+                        cause = SourceError(how.lost[frame.key])
+                        failures.add({frame.key: frame.varied}, world.world, cause)
+                maker = FrameMaker(
+                    world,
+                    contents[at],
+                    renderer,
+                    writer,
+                    how.workers,
+                    warn,
+                    failures,
+                    begins=how.begins,
+                    carefully=how.carefully,
+                )
+                maker.run(planned, missing - how.lost.keys(), how.progress)
                 written += writer.frames(frame.key for frame in frames if frame.key not in failures.lines)
                 kept += len(frames) - len(missing)
                 made += len(missing - failures.lines.keys())

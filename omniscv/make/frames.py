@@ -68,7 +68,16 @@ class Failures:
 
 
 class FrameMaker:
-    """Composes and writes frames: one is composed while truths of the one before are derived and written."""
+    """Composes and writes frames: one is composed while truths of the one before are derived and written.
+
+    Args:
+        job, contents, renderer, writer: of the dataset.
+        workers: images that are composed at a time.
+        warn: called with lines about images.
+        failures: takes the frames that are left out.
+        begins: called with the key of a frame, or of the first of some that share captures, before these.
+        carefully: whether a frame is written before the next one is begun.
+    """
 
     def __init__(
         self,
@@ -79,7 +88,11 @@ class FrameMaker:
         workers: int,
         warn: Callable[[str], None],
         failures: Failures,
+        begins: Callable[[str], None] | None = None,
+        carefully: bool = False,
     ) -> None:
+        self._begins = begins
+        self._carefully = carefully
         self._job, self._contents, self._renderer, self._writer = job, contents, renderer, writer
         self._workers, self._failures, self._warn = workers, failures, warn
         self._skipped = set[tuple[str, str]]()
@@ -107,12 +120,14 @@ class FrameMaker:
         compose = partial(self._compose, keys=missing, meter=Meter(len(missing), progress))
         threads = self._workers if self._workers > 1 else 0
         composed = chain.from_iterable(ahead(compose, unfinished, threads))
-        deque(ahead(self._save, composed, 1), maxlen=0)
+        deque(ahead(self._save, composed, 0 if self._carefully else 1), maxlen=0)
 
     def _compose(self, shared: SharedFrames, keys: Collection[str], meter: Meter) -> list[Composed]:
         """Return the images of some frames, of the captures that they share."""
         only = [i for i, frame in enumerate(shared.frames) if frame.key in keys]
         frames = [shared.frames[i] for i in only]
+        if self._begins is not None:
+            self._begins(frames[0].key)
         world: dict[str, Any] = {}
 
         def look(source: Source) -> None:

@@ -14,7 +14,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeGuard, TypeVar
 
-from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, OmniscvError, StorageError
+from omniscv.errors import (
+    ArgumentError,
+    DamagedFileError,
+    MissingFileError,
+    OmniscvError,
+    StorageError,
+    StoreRefusedError,
+)
 from omniscv.storage import cache
 from omniscv.storage.base import MOST_BYTES, Folder, checked_name, is_name
 from omniscv.storage.local import NO_SPACE
@@ -124,7 +131,8 @@ class RemoteFolder(Folder):
         try:
             self._retry(checked_name(name), write, _ANSWER_S + size / _SLOWEST)
         except MissingFileError as cause:
-            raise StorageError(f"{self}: expected a bucket or folder to write to, it is missing") from cause
+            wanted = "expected a bucket or folder to write to, it is missing"
+            raise StoreRefusedError(f"{self}: {wanted}") from cause
         except FileExistsError:
             # The reply to an attempt that succeeded may have been lost: then the bytes are equal.
             return attempts > 1 and self._holds(name, content)
@@ -245,7 +253,7 @@ class RemoteFolder(Folder):
                 final = isinstance(cause, _FINAL) or type(cause).__name__ in _FINAL_NAMES
                 late = attempt == _ATTEMPTS - 1 or time.monotonic() + _ANSWER_S > patient_until
                 if final or number in NO_SPACE or late:
-                    raise _failure(where, cause, seconds) from cause
+                    raise _failure(where, cause, seconds, is_final=final) from cause
             time.sleep(_FIRST_WAIT_S * 2**attempt * random.uniform(0.5, 1.5))
         raise AssertionError("the last attempt returns or raises")
 
@@ -269,7 +277,7 @@ def _bound(where: str, most: int) -> Any:
     return Bound()
 
 
-def _failure(where: str, cause: Exception, seconds: float) -> StorageError:
+def _failure(where: str, cause: Exception, seconds: float, *, is_final: bool) -> StorageError:
     got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
     number, advice = getattr(cause, "errno", None), ""
     if isinstance(cause, TimeoutError):
@@ -279,7 +287,8 @@ def _failure(where: str, cause: Exception, seconds: float) -> StorageError:
     # Amazon answers 400 to an expired token, without a reason where it sends no body.
     if isinstance(cause, PermissionError) or got == "Bad Request" or "credentials" in got.lower():
         advice = _REFUSED
-    return StorageError(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
+    error = StoreRefusedError if is_final else StorageError
+    return error(f"{where}: expected to read or write it, got: {without_secrets(got)}{advice}")
 
 
 def is_url(text: object) -> TypeGuard[str]:

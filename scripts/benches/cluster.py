@@ -23,9 +23,10 @@ import dask
 from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
-from omniscv.cluster import RESOURCE, TASK_OPTIONS, settings
+from omniscv.cluster.workers import RESOURCE, settings
 
 EACH = 5  # parts of a worker
+OPTIONS = {"resources": RESOURCE, "pure": False}  # of tasks, as of a run's
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
 JOB = """
@@ -96,7 +97,7 @@ def work(address: str, count: int) -> None:
 def run(client: Client, parts: int, part_s: float) -> tuple[float, float]:
     """Return the seconds of some parts, and the processor's seconds for each."""
     started, before = time.perf_counter(), time.process_time()
-    for future in as_completed(client.map(wait, [part_s] * parts, **TASK_OPTIONS), loop=client.loop):
+    for future in as_completed(client.map(wait, [part_s] * parts, **OPTIONS), loop=client.loop):
         future.result()
     return time.perf_counter() - started, (time.process_time() - before) / parts
 

@@ -15,7 +15,8 @@ from support.datasets import job_file, tree
 
 import omniscv
 from omniscv import cluster
-from omniscv.cluster import RESOURCE, scheduler_at, workers_of
+from omniscv.cluster import scheduler_at, workers, workers_of
+from omniscv.cluster.workers import RESOURCE
 from omniscv.errors import ArgumentError, ClusterError, ServerConnectionError
 from omniscv.job import load
 from omniscv.make import dataset as make_dataset
@@ -75,7 +76,9 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
     FAULTS.update({"failing:0": 2, "failing:1": 1})
     warnings, seen = [], []
     there = replace(job, source=("failing:0", "failing:1"))
-    made = cluster.make(there, threads, warn=warnings.append, progress=lambda *step: seen.append(step))
+    made = cluster.make(
+        there, threads, warn=warnings.append, progress=lambda now: seen.append((now.frames, now.of_frames))
+    )
     assert (made.written, made.missing) == (len(job), 0)
     assert seen[-1] == (len(job), len(job))
     assert {each for each in warnings if "connection broke" in each} == {
@@ -91,7 +94,8 @@ def test_repeated_failures_end_the_run(job):
     with pytest.raises(ClusterError) as failed:
         cluster.make(replace(job, poses=job.poses[:1]), threads)
     message = str(failed.value)
-    assert "one failed 6 times: ServerConnectionError: failing:0: the connection broke" in message
+    assert "part 0 failed 6 times, the last time at worker " in message
+    assert "failing:0: the connection broke" in message
     assert message.endswith("what is made is kept: run the same command again")
     assert OPENED["failing:0"] == CLOSED["failing:0"] == 6
 
@@ -106,8 +110,9 @@ def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
             started.append(client.cluster)
             yield client
 
-    def end(*made):
-        started[0].sync(started[0].scheduler.close)
+    def end(now):
+        if now.frames:
+            started[0].sync(started[0].scheduler.close)
 
     with pytest.raises(ClusterError, match=r"expected the scheduler to stay.*run the same command again"):
         cluster.make(job, ending, progress=end)
@@ -168,7 +173,7 @@ def test_places_that_are_none_and_workers_that_do_not_start_are_one_line(monkeyp
     def ends(**options):
         raise RuntimeError("a worker died.")
 
-    monkeypatch.setattr(cluster, "LocalCluster", ends)
+    monkeypatch.setattr(workers, "LocalCluster", ends)
     with pytest.raises(ClusterError, match=r"2 workers to start, but one ended, .*: a worker died; run a"):
         workers_of("local:2")(["mock://four-wall"]).__enter__()
     with pytest.raises(ClusterError, match="expected a scheduler of Dask at tcp"):
