@@ -60,10 +60,24 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
         raise ValueError(f"expected a readable file, got {getattr(cause, 'strerror', cause)}") from cause
     if len(data) > most_bytes:
         raise ValueError(f"expected a file of at most {most_bytes} bytes, got a larger one")
+    return decoded(data)
+
+
+def encoding_of(start: bytes) -> str:
+    """Return the encoding of a text by its first bytes: UTF-16 where a mark says it, as Excel saves it, else
+    UTF-8, with a mark or without."""
+    is_marked = start.startswith((b"\xff\xfe", b"\xfe\xff")) and len(start) > len(b"\xff\xfe")
+    return "utf-16" if is_marked else "utf-8-sig"
+
+
+def decoded(data: bytes, errors: str = "strict") -> str:
+    """Return the text of bytes in UTF-8, or in UTF-16 with a mark; ValueError for others."""
+    encoding = encoding_of(data)
     try:
-        return data.decode("utf-8-sig")
+        return data.decode(encoding, errors)
     except UnicodeDecodeError as cause:
-        raise ValueError(f"expected a text file, got bytes that are not UTF-8: {cause.reason}") from cause
+        name = encoding.removesuffix("-sig").upper()
+        raise ValueError(f"expected a text file, got bytes that are not {name}: {cause.reason}") from cause
 
 
 def _at_once(path: str, flags: int) -> int:

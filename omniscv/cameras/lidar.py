@@ -266,9 +266,11 @@ def _table(preset: str) -> LidarTable:
         try:
             content = bounded.read_bytes(path, _MOST_BYTES)
             if path.suffix == ".csv":
-                return _of_csv(content.decode("utf-8-sig"))
+                return _of_csv(bounded.decode_text(content))
             is_json = path.suffix == ".json"
-            data = bounded.parse_json(content) if is_json else bounded.parse_yaml(content.decode())
+            data = (
+                bounded.parse_json(content) if is_json else bounded.parse_yaml(bounded.decode_text(content))
+            )
             sections = [data, *(value for value in data.values() if isinstance(value, Mapping))]
             keys = {key: value for section in sections for key, value in section.items()}
             if "beam_altitude_angles" in keys:

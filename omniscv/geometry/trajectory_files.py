@@ -27,7 +27,7 @@ from omniscv.geometry.pose import R_LEVEL, Array, Pose
 from omniscv.geometry.trajectory import NS, Poses, Trajectory, decimal, parsed
 from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
-from omniscv.storage.bounded import MOST_JSON_BYTES, open_regular, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, encoding_of, open_regular, parse_json, read_bytes
 
 _SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
 _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
@@ -113,7 +113,8 @@ def check_frame(path: Path, frame: Frame | None) -> None:
 
 def _lines(path: Path) -> Iterator[str]:
     try:
-        with io.TextIOWrapper(open_regular(path, most=_MOST_BYTES), encoding="utf-8-sig") as lines:
+        opened = open_regular(path, most=_MOST_BYTES)
+        with io.TextIOWrapper(opened, encoding=encoding_of(opened.peek(4)[:4])) as lines:
             yield from lines
     except OSError as cause:
         raise ArgumentError(f"expected a readable file, got {cause.strerror}") from cause

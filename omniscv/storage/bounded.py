@@ -22,6 +22,9 @@ MOST_PICTURE_BYTES = 1 << 30
 """Of records of one frame; a list of many frames may have more."""
 
 
+encoding_of = yaml_text.encoding_of
+
+
 def open_regular(path: Path, links: bool = True, most: int = sys.maxsize) -> BufferedReader:
     """Open a regular file to read: no folder, device or pipe, which may have no end, and with ``links`` off
     no symbolic link, which may lead anywhere.
@@ -71,14 +74,17 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
-    """Return the value of a JSON document in UTF-8; ArgumentError for more than ``most`` bytes, no JSON
-    (NaN and infinity are none), one nested too deeply, a number of too many digits, or a text that is no
-    Unicode."""
+    """Return the value of a JSON document, as :func:`decode_text`.
+
+    ArgumentError for more than ``most`` bytes, no JSON (NaN and infinity are none), one nested too deeply, a
+    number of too many digits, or a text that is no Unicode.
+    """
     if len(data) > most:
         raise ArgumentError(f"expected JSON of at most {most} bytes, got {len(data)}")
+    document = decode_text(data)
     try:
-        value = json.loads(data.decode(), parse_constant=_no_number)
-        if b"\\u" in data:  # which can write half of a surrogate pair
+        value = json.loads(document, parse_constant=_no_number)
+        if "\\u" in document:  # which can write half of a surrogate pair
             json.dumps(value, ensure_ascii=False).encode()
     except UnicodeEncodeError as cause:
         raise ArgumentError(f"expected texts of Unicode, got {cause.object[cause.start]!a}") from cause
@@ -91,8 +97,18 @@ def _no_number(word: str) -> NoReturn:
     raise ValueError(f"{word}, which JSON does not have")
 
 
+def decode_text(data: bytes, errors: str = "strict") -> str:
+    """Return text in UTF-8, with a mark or without, or in UTF-16 with one; ArgumentError for other bytes,
+    unless ``errors`` is ``replace``, where only comments can be in others."""
+    try:
+        return yaml_text.decoded(data, errors)
+    except ValueError as cause:
+        raise ArgumentError(str(cause)) from cause
+
+
 def read_text(path: Path) -> str:
-    """Return the text of a file of YAML, JSON or XML, in UTF-8 and of ``MOST_YAML_BYTES`` at most."""
+    """Return the text of a file of YAML, JSON or XML, as :func:`decode_text`, of ``MOST_YAML_BYTES`` at
+    most."""
     try:
         return yaml_text.read_text(path)
     except ValueError as cause:

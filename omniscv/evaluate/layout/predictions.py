@@ -23,7 +23,7 @@ from omniscv.cameras import create
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.pose import Array
-from omniscv.storage.bounded import read_bytes
+from omniscv.storage.bounded import decode_text, read_bytes
 from omniscv.truth.layout_labels import Map, exact_maps, room_seen
 from omniscv.truth.layout_record import project_layout
 
@@ -113,9 +113,9 @@ def _read_corners(path: Path, width: int) -> Array:
     content = read_bytes(path, _MOST_BYTES)
     try:
         if path.suffix == ".json":
-            corners = numbers("uv", json.loads(content)["uv"], (None, 2)) * [width, width // 2]
+            corners = numbers("uv", json.loads(decode_text(content))["uv"], (None, 2)) * [width, width // 2]
         else:
-            rows = [line.split() for line in content.decode("ascii").splitlines() if line.strip()]
+            rows = [line.split() for line in decode_text(content).splitlines() if line.strip()]
             corners = numbers("lines", rows, (None, 2))
     except ArgumentError:
         raise

@@ -18,7 +18,7 @@ from omniscv.geometry.arrays import Mask
 from omniscv.pictures.forms import Pixels
 from omniscv.records import mapping
 from omniscv.sources.base import Lens, View
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, parse_json, read_bytes
 
 _SCALE = 6553.5  # of depth in Replica's cam_params.json
 _SAME_SHAPE = 0.01  # of a lens and its picture
@@ -180,7 +180,7 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole 
             size = int(data.get("w", size[0])), int(data.get("h", size[1]))
             P = np.array([[data["fx"], 0, data["cx"], 0], [0, data["fy"], data["cy"], 0], [0, 0, 1, 0]])
         else:
-            lines = content.decode("utf-8", "replace").splitlines()
+            lines = decode_text(content, "replace").splitlines()
             words = " ".join(line.removeprefix(row) for line in lines if line.startswith(row)).split()
             P = numbers("matrix", [number(row or "matrix", word) for word in words], (None,))
             P = np.column_stack([P.reshape(3, 3), np.zeros(3)]) if P.size == 9 else P.reshape(-1, 4)[:3]

@@ -27,7 +27,7 @@ from omniscv.sources.recording.posed_frames import (
     pictures_in,
     with_layers,
 )
-from omniscv.storage.bounded import MOST_JSON_BYTES, named_file, read_bytes
+from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, named_file, read_bytes
 
 _DOWN = np.array([0.0, 0, -1])  # the axis y of a camera that turns by yaw alone, world frame
 _LEVEL = 1e-6
@@ -174,7 +174,7 @@ def tum(folder: Path, options: Options) -> Sequence:
     truth = read_trajectory(folder / "groundtruth.txt")
     poses, (depth_times, depths) = np.array(truth.seconds), _stamped(folder / "depth.txt")
     times, colors = _stamped(folder / "rgb.txt")
-    start = read_bytes(folder / "rgb.txt", MOST_JSON_BYTES)[:1000].decode("utf-8", "replace")
+    start = decode_text(read_bytes(folder / "rgb.txt", MOST_JSON_BYTES), "replace")[:1000]
     word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
     lens: Pinhole | Wide | None = None
     if options.intrinsics:
@@ -202,7 +202,7 @@ def tum(folder: Path, options: Options) -> Sequence:
 def _stamped(file: Path) -> tuple[Array, list[str]]:
     """Return the times, seconds, and the names of files of a list of the TUM benchmark."""
     with within(file.name):
-        lines = read_bytes(file, MOST_JSON_BYTES).decode("utf-8", "replace").splitlines()
+        lines = decode_text(read_bytes(file, MOST_JSON_BYTES), "replace").splitlines()
         rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
         if not rows or {*map(len, rows)} != {2}:
             raise ArgumentError("expected lines of a time and a name, got others or none")

@@ -41,7 +41,14 @@ from omniscv.sources.recording.listed_frames import (
     words_of,
 )
 from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, objects_of
-from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, parse_yaml, read_bytes, read_text
+from omniscv.storage.bounded import (
+    MOST_JSON_BYTES,
+    decode_text,
+    parse_json,
+    parse_yaml,
+    read_bytes,
+    read_text,
+)
 
 PANORAMAS = {"latlong": 0, "openexr-latlong": 1, "pinhole": 0}
 """Layouts of one picture. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
@@ -135,7 +142,7 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
     find: Any = None
     if layout.endswith((".yaml", ".yml")):
         with within(layout):
-            data = read_bytes(Path(layout), MOST_JSON_BYTES).decode("utf-8", "replace")
+            data = decode_text(read_bytes(Path(layout), MOST_JSON_BYTES))
             find = partial(_of_layout, layout=read(Layout, parse_yaml(data)), strict=True)
         layout = Path(layout).stem
     elif layout == "auto":
