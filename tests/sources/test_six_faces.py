@@ -224,3 +224,16 @@ def test_faces_in_memory_are_a_source():
     ):
         with pytest.raises(ArgumentError, match=says):
             omniscv.sources.from_faces(wrong)
+
+
+def test_hidden_folders_and_thumbnails_are_no_pictures(tmp_path, file, capsys):
+    folder = written(tmp_path / "sky")
+    for name in ("@eaDir/front.png/SYNOPHOTO_THUMB_M.jpg", ".thumbs/front.png", ".hidden.png"):
+        put(folder / name, pictures()[0])
+    (folder / "pano.png").mkdir()
+    put(folder / "pano.png/notes.txt.png/inner.png", pictures()[0])
+    (folder / "pano.png/notes.txt.png/inner.png").unlink()
+    (folder / "._front.png").write_bytes(b"of macOS")
+    assert run(folder, file, *PLACE) == 0
+    assert "3 pictures that are hidden, or thumbnails, are skipped" in capsys.readouterr().out
+    judge(file, HERE, ("lit",))

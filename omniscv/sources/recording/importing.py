@@ -25,11 +25,13 @@ from omniscv.sources.recording.posed_frames import (
     NO_ID,
     Options,
     capture_of,
+    files_in,
     layer_lines,
     mode_of,
     objects_of,
     pictures_in,
     read_as,
+    skipped_lines,
 )
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
@@ -112,6 +114,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         known = listed or (sequence.objects if sequence else ObjectTable({}))
         masks = _Masks(known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
+        masks.lines += skipped_lines(options)
         said = Counter(line for lines in options.said.values() for line in lines)
         masks.lines += [f"{line} ({count} files)" for line, count in said.items()]
         clipped = Counter[str]()
@@ -177,7 +180,7 @@ class _Masks:
 def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in the files of a folder, and what was decided."""
     files: dict[str, list[Path]] = defaultdict(list)
-    for file in pictures_in(folder):
+    for file in pictures_in(folder, options):
         files[mode_of(file, folder)[0]].append(file)
     lit = files.get("lit", [])
     layers = [foreign.parts_of(file) for file in lit]
@@ -214,7 +217,7 @@ def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
         return re.sub(r"\d+(?=\D*$)", "{i}", file.relative_to(folder).as_posix())
 
     words = ("pose", "traj", "groundtruth", "camera")
-    texts = (file for file in sorted(folder.rglob("[!.]*")) if file.suffix.lower() in _TEXTS)
+    texts = (file for file in files_in(folder) if file.suffix.lower() in _TEXTS)
     poses = [file for file in texts if any(word in str(file.relative_to(folder)).lower() for word in words)]
     counts = (f"{len(of)} of {mode}: {', '.join(file.stem for file in of[:8])}" for mode, of in files.items())
     found = "; ".join(counts)

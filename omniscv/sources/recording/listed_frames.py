@@ -221,7 +221,7 @@ def is_panoramas(path: Path) -> bool:
 def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file."""
     places: dict[tuple[str, ...], dict[str, Path]] = {}
-    for file in pictures_in(path):
+    for file in pictures_in(path, options):
         mode, words = mode_of(file, path)
         if (other := places.setdefault(words, {}).setdefault(mode, file)) != file:
             raise ArgumentError(f"expected one of {mode} at a place, got {other.name} and {file.name}")

@@ -38,6 +38,9 @@ MODE_WORDS = {
 _NUMBERED = re.compile(rf"({'|'.join(sorted(set().union(*MODE_WORDS.values())))})(\d+)")
 """A word of what a picture shows with a number of its place, as Blender writes them: ``Depth0001``."""
 
+_THUMBNAILS = ("@eadir", "#recycle", "#snapshot", "__macosx", "thumbnails", "thumbs")
+"""Folders beside pictures, in lower case, that are no pictures of the user: of NAS, archives and viewers."""
+_MOST_NAMES = 4  # in a line
 _FRONT = cube_rotations()[0][1]
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
 
@@ -78,6 +81,7 @@ class Options:
         transfer: of 8-bit colours, whatever files say; of those that say nothing sRGB.
         clipped: by mode and file, the number of values taken as another.
         said: by mode and file, what was done when it was read.
+        skipped: by file that is hidden or a thumbnail, the folder or the name that says so.
     """
 
     position: Any = checked(optional(partial(numbers, shape=(3,))), default=None)
@@ -95,6 +99,7 @@ class Options:
     transfer: Transfer | None = checked(optional(partial(one_of, words=TRANSFERS)), default=None)
     clipped: dict[tuple[str, str], int] = field(default_factory=dict)
     said: dict[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
+    skipped: dict[Path, str] = field(default_factory=dict)
 
     @property
     def front(self) -> Pose:
@@ -304,9 +309,33 @@ def capture_of(
     return Capture(request, view, pixels, provenance, payload, encoding)
 
 
-def pictures_in(path: Path) -> list[Path]:
+def files_in(folder: Path, options: Options | None = None) -> list[Path]:
+    """Return the files in a folder and those in it, sorted; of hidden names, and in hidden folders or those
+    of thumbnails, the pictures are noted in ``options`` as skipped."""
+    kept = list[Path]()
+    for file in sorted(folder.rglob("*")):
+        parts = file.relative_to(folder).parts
+        above = [part for part in parts[:-1] if part.startswith(".") or part.lower() in _THUMBNAILS]
+        if parts[-1].startswith("._") or not file.is_file():
+            continue  # macOS writes ._NAME beside NAME
+        if not above and not parts[-1].startswith("."):
+            kept.append(file)
+        elif options is not None and file.suffix.lower() in foreign.SUFFIXES:
+            options.skipped[file] = above[0] if above else parts[-1]
+    return kept
+
+
+def skipped_lines(options: Options) -> list[str]:
+    """Return what was skipped as hidden or as a thumbnail, for people."""
+    if not options.skipped:
+        return []
+    where = ", ".join(sorted({*options.skipped.values()})[:_MOST_NAMES])
+    return [f"{len(options.skipped)} pictures that are hidden, or thumbnails, are skipped: {shown(where)}"]
+
+
+def pictures_in(path: Path, options: Options | None = None) -> list[Path]:
     """Return the pictures in a folder, sorted, or the one that the path is."""
-    files = sorted(path.rglob("[!.]*")) if path.is_dir() else [path]  # macOS writes ._NAME beside NAME
+    files = files_in(path, options) if path.is_dir() else [path]
     found = [file for file in files if file.suffix.lower() in foreign.SUFFIXES]
     if not found:
         others = ", ".join(shown(file.name) for file in files[:8])

@@ -40,7 +40,14 @@ from omniscv.sources.recording.listed_frames import (
     tum,
     words_of,
 )
-from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, objects_of
+from omniscv.sources.recording.posed_frames import (
+    Files,
+    Frame,
+    Options,
+    Sequence,
+    files_in,
+    objects_of,
+)
 from omniscv.storage.bounded import (
     MOST_JSON_BYTES,
     decode_text,
@@ -188,7 +195,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
-    names = [file.relative_to(folder).as_posix() for file in sorted(folder.rglob("[!.]*"))]
+    names = [file.relative_to(folder).as_posix() for file in files_in(folder, options)]
     if strict:
         idle = {"found": layout.found, "faces": layout.faces and layout.pictures != "faces"}
         if given := next((key for key, value in idle.items() if value), None):
