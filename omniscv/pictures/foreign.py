@@ -134,6 +134,17 @@ def read(file: Path, kind: str = "lit") -> Read:
     return Read(pixels, b"", tags or of_spec, lines)
 
 
+def palette_indices(file: Path) -> Pixels | None:
+    """Return (H, W) uint8 the indices of a picture with a palette, which :func:`read` has read; None without
+    one."""
+    from PIL import Image
+
+    if file.suffix.lower() in (".exr", ".hdr", ".npy"):
+        return None
+    with open_regular(file, most=MOST_PICTURE_BYTES) as opened, Image.open(opened) as image:
+        return np.array(image) if image.mode == "P" else None
+
+
 def _plain_png(payload: bytes, kind: str) -> Pixels | None:
     """Return the pixels of a PNG that this package decodes; None for others, whose chunks are whole."""
     width, height, channels, bits, interlaced = png.header(payload)

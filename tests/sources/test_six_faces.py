@@ -237,3 +237,53 @@ def test_hidden_folders_and_thumbnails_are_no_pictures(tmp_path, file, capsys):
     assert run(folder, file, *PLACE) == 0
     assert "3 pictures that are hidden, or thumbnails, are skipped" in capsys.readouterr().out
     judge(file, HERE, ("lit",))
+
+
+def palette(pixels):
+    """Ids as indices of a palette of colours, as VOC's masks."""
+    image = Image.fromarray(np.uint8(pixels)).convert("P")
+    image.putpalette(np.random.default_rng(0).integers(0, 256, 768, np.uint8).tobytes())
+    return image
+
+
+IDS = {name: 1 + i for i, name in enumerate(sorted(SCENE.objects))}
+
+
+@pytest.mark.parametrize("form", ["palette", "RGB of grey"])
+@pytest.mark.parametrize("kind", ["faces", "panorama"])
+def test_masks_with_a_list_by_id_in_other_forms(form, kind, tmp_path, file):
+    layers = zip(FACES, pictures(), pictures(layer=2), strict=True)
+    if kind == "panorama":
+        lit, _, labels = panorama(HERE)
+        layers = [("a", lit, labels)]
+    for word, lit, ids in layers:
+        put(tmp_path / f"f/{word}.png", lit)
+        picture = palette(ids) if form == "palette" else Image.fromarray(np.uint8(ids)).convert("RGB")
+        picture.save(tmp_path / f"f/{word}_mask.png")
+    (tmp_path / "names.json").write_text(json.dumps(IDS))
+    assert run(tmp_path / "f", file, *PLACE, "--names", tmp_path / "names.json") == 0
+    judge(file, HERE, ("object_mask",))
+
+
+@pytest.mark.parametrize(
+    ("masks", "names", "says"),
+    [
+        (
+            "colours",
+            IDS,
+            "in grey or a palette, because the objects are listed by id, got colours",
+        ),
+        ("ids", {"Sofa": [1, 2, 3]}, "expected colours, because the objects are listed by colour, got grey"),
+    ],
+)
+def test_masks_that_a_list_cannot_name_are_refused(masks, names, says, tmp_path, file, capsys):
+    folder = written(tmp_path / "f", file="{}_rgb.png")
+    for i, (word, ids) in enumerate(zip(FACES, pictures(layer=2), strict=True)):
+        colors = np.uint8(np.dstack([ids, 3 * ids + i, 7 * ids]))
+        put(folder / f"{word}_mask.png", colors if masks == "colours" else np.uint8(ids))
+    (tmp_path / "names.json").write_text(json.dumps(names))
+    assert run(folder, file, "--names", tmp_path / "names.json") == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert "; list the " in error
+    assert not file.exists()

@@ -24,6 +24,7 @@ from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, c
 from omniscv.sources.recording.posed_frames import (
     NO_ID,
     Options,
+    as_named,
     capture_of,
     files_in,
     layer_lines,
@@ -72,6 +73,7 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         RecordingError: the recording cannot be written, or is of another scene.
     """
     options = Options(**said)
+    objects_of.cache_clear()  # the file may have changed since the last import
     pictures = Path(pictures)
     with within(pictures):
         if not layout.endswith((".yaml", ".yml")):
@@ -197,7 +199,7 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
             if name == "auto" and len(stems) != 6:
                 expected, got = "six faces, panoramas or a layout that is known", _found(folder, files)
             raise ArgumentError(f"expected {expected}; got {got}")
-        read = [read_as(file, mode, options, options.depth or DepthForm()) for file in files[mode]]
+        read = [_read_face(file, mode, options) for file in files[mode]]
         edges = {picture.pixels.shape[:2] for picture in read}
         if len(edges) > 1 or len(set(*edges)) > 1:
             raise ArgumentError(f"expected six square pictures of one size, got {shown(sorted(edges))}")
@@ -208,6 +210,15 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
         lines = lines or choice.lines([stems[i] for i in order])
         faces += _views(mode, choice, [read[i] for i in order])
     return faces, [*lines, *layer_lines(layers)]
+
+
+def _read_face(file: Path, mode: str, options: Options) -> Picture:
+    """Return a picture of faces as the user says that it is."""
+    picture = read_as(file, mode, options, options.depth or DepthForm())
+    if mode != "object_mask" or not options.names:
+        return picture
+    with within(file.name):
+        return as_named(picture, file, objects_of(options.names), options)
 
 
 def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
@@ -235,7 +246,7 @@ def _found(folder: Path, files: Mapping[str, Sequence[Path]]) -> str:
 def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, list[str]]:
     """Return the faces in one picture, and what was decided."""
     mode, _ = mode_of(file, file)
-    picture = read_as(file, mode, options, options.depth or DepthForm())
+    picture = _read_face(file, mode, options)
     cuts = ((layout, cut(picture.pixels, layout)) for layout in _tried(name) if layout.cells)
     readings = [(layout, pictures) for layout, pictures in cuts if pictures]
     if not readings:
@@ -246,7 +257,7 @@ def _faces_in_picture(file: Path, name: str, options: Options) -> tuple[Faces, l
     faces = _views(mode, choice, [picture.converted(pixels) for pixels in choice.pictures])
     parts = foreign.parts_of(file) if mode == "lit" else foreign.Parts()
     for kind in parts.kinds:
-        picture = read_as(file, kind, options, options.depth or DepthForm())
+        picture = _read_face(file, kind, options)
         cells = cut(picture.pixels, choice.layout) or []
         faces += _views(kind, choice, [picture.converted(pixels) for pixels in cells])
     return faces, [*lines, *layer_lines([parts])]

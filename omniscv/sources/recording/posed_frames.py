@@ -5,7 +5,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -192,7 +192,9 @@ class Sequence:
             raise ArgumentError(f"{file.name}: expected a picture, got no file")
         picture = read_as(file, mode, self.options, self.form(frame))
         with within(file.name):
-            picture = _of_ids(picture, holds) if mode == "object_mask" else picture
+            if mode == "object_mask":
+                table = objects_of(self.options.names) if self.options.names else self.objects
+                picture = as_named(_of_ids(picture, holds), file, table, self.options)
             return _masked(picture, mode, frame.mask) if frame.mask else picture
 
     def _views(
@@ -271,6 +273,26 @@ def _of_ids(picture: Picture, holds: Files) -> Picture:
         raise ArgumentError(f"expected ids of at most {NO_ID}, got {pixels.max()}")
     same = np.array_equal(pixels, picture.pixels)
     return picture if same else picture.converted(pixels.astype(np.uint16))
+
+
+def as_named(picture: Picture, file: Path, table: ObjectTable, options: Options) -> Picture:
+    """Return a mask as a list of its objects has them: of a list by id the indices of a palette, or grey;
+    ArgumentError for colours beside ids, and ids beside colours."""
+    pixels = picture.pixels
+    if table.ids and pixels.ndim == 3:
+        indices = foreign.palette_indices(file)
+        if indices is not None:
+            options.said["object_mask", str(file)] = ("masks are taken by the indices of their palette",)
+            indices = indices[:, ::-1] if options.mirrored else indices
+            return picture.converted(indices.astype(np.uint16))
+        if (pixels == pixels[..., :1]).all():
+            return picture.converted(pixels[..., 0].astype(np.uint16))
+        expected = "expected ids in grey or a palette, because the objects are listed by id, got colours"
+        raise ArgumentError(f"{expected}; list the colour of each: {{NAME: [RED, GREEN, BLUE]}}")
+    if table.colors and not table.ids and pixels.ndim == 2:
+        expected = "expected colours, because the objects are listed by colour, got grey ids"
+        raise ArgumentError(f"{expected}; list the id of each: {{NAME: ID}}")
+    return picture
 
 
 def capture_of(
@@ -385,6 +407,7 @@ def _of_numbered(part: str) -> tuple[str, ...]:
     return (match[1], match[2]) if match else (part,)
 
 
+@cache
 def objects_of(file: Path) -> ObjectTable:
     """Return the objects of JSON: names by id, ids or colours by name, or a list of names."""
     with within(file.name):
