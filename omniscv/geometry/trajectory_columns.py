@@ -198,7 +198,9 @@ class Rows:
         R = self._stack(_TURNED).reshape(-1, 3, 3)
         off = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
         wrong = ~(off <= _ROUNDING) | (np.linalg.det(R) < 0)
-        self.refuse(wrong, "the numbers of a rigid 3x4 matrix, neither scaled nor mirrored")
+        if wrong.any():
+            remedy = _remedy(R[int(wrong.argmax())])
+            self.refuse(wrong, f"the numbers of a rigid 3x4 matrix, neither scaled nor mirrored{remedy}")
 
     def _stack(self, names: Sequence[str]) -> Array:
         return np.stack([self.columns[name] for name in names], axis=1)
@@ -273,6 +275,21 @@ class Rows:
                 is_rad = self.units.get(name) == "rad"
                 rotators[:, i] = sign * (np.degrees(self.columns[name]) if is_rad else self.columns[name])
         return W @ rotation_from_unreal(rotators)
+
+
+def _remedy(R: Array) -> str:
+    """Return what to do with a matrix that is a scaled or mirrored rotation; empty for any other."""
+    volume = float(np.linalg.det(R))
+    scale = abs(volume) ** (1 / 3)
+    if not (np.isfinite(scale) and scale > 0):
+        return ""
+    if np.abs(R @ R.T / scale**2 - np.eye(3)).max() > _ROUNDING:
+        return ""
+    if volume < 0:
+        return (
+            " (its axes are mirrored: say those of the file, as --frame unreal, or exchange the sign of one)"
+        )
+    return f" (it is a rotation times {scale:.6g}, as MatrixCity's of 0.01: divide its nine numbers by that)"
 
 
 def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, float]:

@@ -262,6 +262,12 @@ def _uint16(scale: float, payload: bytes, mode: str, view: View) -> NDArray[Any]
     return np.where(none, np.inf, stored / scale).astype(np.float32)
 
 
+def _sunrgbd(payload: bytes, mode: str, view: View) -> NDArray[Any]:
+    stored = _png(payload, view, 16, (1,))[..., 0]
+    mm = (stored >> 3 | stored << 13).astype(np.uint16)
+    return np.where((mm == 0) | (mm == 0xFFFF), np.inf, mm / 1000).astype(np.float32)
+
+
 def _ids(payload: bytes, mode: str, view: View) -> NDArray[Any]:
     pixels = _png(payload, view, 16 if payload[24:25] == b"\x10" else 8, (1, 3))
     if (pixels != pixels[..., :1]).any():
@@ -319,6 +325,7 @@ register(BOUNDED, _bounded, ("depth",))
 register(RESAMPLED, _bounded, ("depth",))
 register("png float32", _float32, ("depth",))
 register("png carla", _carla, ("depth",), Precision(off_m=_CARLA_STEP_M / 2))
+register("png uint16 sunrgbd", _sunrgbd, ("depth",), Precision(largest_m=65.535, off_m=0.5e-3))
 register("png ids", _ids, ("object_mask",))
 register("pfm planar", partial(_pfm, False), ("depth",))
 register("pfm ray", partial(_pfm, True), ("depth",), Precision(along_ray=True))

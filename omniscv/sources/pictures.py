@@ -21,8 +21,8 @@ from omniscv.storage.bounded import MOST_PICTURE_BYTES, read_bytes
 
 Pixels = NDArray[Any]
 NAMES = tuple(name for name, _ in cube_rotations())
-PACKED = {"carla": "png carla", "tartanair": "png float32"}
-"""Depth in all bits of a PNG's colours, planar metres, and the codec that decodes it."""
+PACKED = {"carla": "png carla", "tartanair": "png float32", "sunrgbd": "png uint16 sunrgbd"}
+"""Depth in bits of a PNG that are no plain numbers, planar metres, and the codec that decodes it."""
 
 _MOST_M = 1e7  # Blender writes 1e10 for no surface
 _MOST_LIGHT = 1e12

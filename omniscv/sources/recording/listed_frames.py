@@ -128,10 +128,24 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
     for file in files:
         with within(file.name):
             content = Content(read_bytes(file, MOST_JSON_BYTES))
-            if not content.values or not isinstance(content.values[0].get("frames"), list):
+            first = content.values[0] if content.values else None
+            if isinstance(first, list):
+                raise ArgumentError(
+                    "expected a mapping with the list 'frames', got a list; write {frames: [...]}"
+                )
+            if first is None or not isinstance(first.get("frames"), list):
                 raise content.error or ArgumentError("expected a list 'frames', got none")
+            if not all(isinstance(entry, dict) for entry in first["frames"]):
+                raise ArgumentError(
+                    "frames: expected mappings with file_path and transform_matrix, got others"
+                )
             documents.append(content.values[0])
     entries = [(data, entry) for data in documents for entry in data["frames"]]
+    if not entries:
+        names = ", ".join(file.name for file in files)
+        raise ArgumentError(
+            f"{names or 'transforms.json'}: expected frames, got none: the list 'frames' is empty"
+        )
     matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
     poses, frames = Rows.of_entries(keys).poses("opengl"), list[Frame]()

@@ -28,6 +28,8 @@ from omniscv.sources.recording.lenses import Pinhole, Wide, straight, to_faces
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
+UNKNOWN_ID = 0xFFFE
+"""Of what the list of a frame does not name: it is counted."""
 MODE_WORDS = {
     "depth": {"depth", "depths", "zdepth"},
     "object_mask": {"mask", "masks", "seg", "segmentation", "semantic", "instance", "instances", "indexob"},
@@ -40,6 +42,7 @@ _NUMBERED = re.compile(rf"({'|'.join(sorted(set().union(*MODE_WORDS.values())))}
 
 _THUMBNAILS = ("@eadir", "#recycle", "#snapshot", "__macosx", "thumbnails", "thumbs")
 """Folders beside pictures, in lower case, that are no pictures of the user: of NAS, archives and viewers."""
+_RGBA = re.compile(r"\(\d{1,3}(, ?\d{1,3}){2,3}\)")
 _MOST_NAMES = 4  # in a line
 _FRONT = cube_rotations()[0][1]
 _HEX = re.compile("0x[0-9a-fA-F]{1,8}")
@@ -135,7 +138,8 @@ class Files:
 @dataclass
 class Frame:
     """Pictures from one pose: files, and what they hold, by mode; of panoramas without ``lens``; black where
-    ``mask`` is 0, without label and surface.
+    ``mask`` is 0, without label and surface. ``names`` is the list of its own objects, where each frame has
+    one.
     """
 
     files: dict[str, Path]
@@ -143,6 +147,7 @@ class Frame:
     lens: Pinhole | Wide | None
     holds: Mapping[str, Files]
     mask: Path | None = None
+    names: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -193,9 +198,22 @@ class Sequence:
         picture = read_as(file, mode, self.options, self.form(frame))
         with within(file.name):
             if mode == "object_mask":
-                table = objects_of(self.options.names) if self.options.names else self.objects
-                picture = as_named(_of_ids(picture, holds), file, table, self.options)
+                picture = self._named(_of_ids(picture, holds), frame, file)
             return _masked(picture, mode, frame.mask) if frame.mask else picture
+
+    def _named(self, picture: Picture, frame: Frame, file: Path) -> Picture:
+        """Return a mask with the ids or colours of this sequence's objects."""
+        if frame.names is None or self.options.names:
+            table = objects_of(self.options.names) if self.options.names else self.objects
+            return as_named(picture, file, table, self.options)
+        own = objects_of(frame.names)
+        pixels = as_named(picture, file, own, self.options).pixels
+        ids = np.full(pixels.shape[:2], UNKNOWN_ID, np.uint16)
+        ids[(pixels == 0) if pixels.ndim == 2 else ~pixels.any(axis=-1)] = 0
+        for name in own.names():
+            shows = pixels == own.ids[name] if own.ids else (pixels == own.colors[name]).all(axis=-1)
+            ids[shows] = self.objects.ids[name]
+        return picture.converted(ids)
 
     def _views(
         self, picture: Picture, mode: str, pose: Pose, lens: Pinhole | Wide | None
@@ -407,6 +425,20 @@ def _of_numbered(part: str) -> tuple[str, ...]:
     return (match[1], match[2]) if match else (part,)
 
 
+def _of_isaac(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the colours or ids of objects by name, of Isaac's lists of names by ``(r, g, b, a)`` or id."""
+    values = dict[str, Any]()
+    for key, value in data.items():
+        name = value["class"] if isinstance(value, dict) else value
+        if name in ("BACKGROUND", "UNLABELLED"):
+            continue
+        is_color = _RGBA.fullmatch(key)
+        shows = [int(number) for number in re.findall(r"\d+", key)[:3]] if is_color else int(key)
+        if values.setdefault(text("name", name), shows) != shows:
+            raise ArgumentError(f"expected each object once, got {shown(name)} as {values[name]} and {shows}")
+    return values
+
+
 @cache
 def objects_of(file: Path) -> ObjectTable:
     """Return the objects of JSON: names by id, ids or colours by name, or a list of names."""
@@ -416,6 +448,8 @@ def objects_of(file: Path) -> ObjectTable:
             if isinstance(data, list):
                 data = {name: i for i, name in enumerate(data)}
             data = data.get("name_map", data)
+            if any(_RGBA.fullmatch(key) or isinstance(value, dict) for key, value in data.items()):
+                data = _of_isaac(data)
             if all(isinstance(name, str) for name in data.values()):
                 data = {name: int(i) for i, name in data.items()}
             if all(isinstance(value, list) for value in data.values()):

@@ -7,7 +7,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from omniscv.geometry.trajectory_columns import FRAMES, Rows, axes_of, length_un
 from omniscv.geometry.trajectory_files import read_rows
 from omniscv.records import checked, mapping, nested, optional, read, record
 from omniscv.sources.base import ObjectTable
-from omniscv.sources.recording import lenses
+from omniscv.sources.recording import lenses, listed_cameras
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.layouts import LAYOUTS
 from omniscv.sources.recording.lenses import Pinhole, Wide
@@ -101,6 +101,15 @@ class _Poses:
     yaw_deg: float = checked(number, default=0.0)
     agrees: str = checked(text, default="")
 
+    def check(self) -> None:
+        """Raise ArgumentError for keys that act on files of another form."""
+        given = {"rotation": self.rotation, "matrix": self.matrix}
+        if idle := next((key for key, value in given.items() if value and not self.position), None):
+            advice = "of a row of numbers the names of its columns say what is a rotation"
+            raise ArgumentError(f"poses.{idle}: expected it beside position only, of JSON; {advice}")
+        if self.row and self.position:
+            raise ArgumentError("poses.row: expected none beside position: JSON has the pose of one frame")
+
 
 @record
 class Layout:
@@ -131,6 +140,12 @@ def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
         name: (row.found, partial(_of_layout, layout=row)) for name, row in rows.items()
     }
     finders |= {"nerfstudio": ("transforms*.json", nerfstudio), "tum": ("rgb.txt", tum)}
+    finders |= {
+        "gaussian-splatting": ("cameras.json", listed_cameras.gaussian_splatting),
+        "llff": ("poses_bounds.npy", listed_cameras.llff),
+        "arkitscenes": ("*.traj", listed_cameras.arkit_scenes),
+        "isaac": ("**/camera_params_*.json", listed_cameras.isaac),
+    }
     return finders | {name: ("", partial(panoramas, of_openexr=kind)) for name, kind in PANORAMAS.items()}
 
 
@@ -185,6 +200,8 @@ def _share_places(frames: list[Frame]) -> None:
 
 def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = False) -> Sequence:
     """Return the frames of a layout that is data; ``strict``: each mode must have files."""
+    if layout.poses:
+        layout.poses.check()
     is_pinhole = layout.pictures == "pinhole"
     is_posed = bool(layout.poses) != (layout.position is not None)
     if not is_posed or is_pinhole != bool(layout.intrinsics or options.intrinsics):
@@ -195,6 +212,7 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
     pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
+    table_name = layout.object_mask.names if layout.object_mask else ""
     names = [file.relative_to(folder).as_posix() for file in files_in(folder, options)]
     if strict:
         idle = {"found": layout.found, "faces": layout.faces and layout.pictures != "faces"}
@@ -216,7 +234,10 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
                 else:
                     lens, center = lenses.of_layout(layout.intrinsics, folder, size)
             pose = Pose(pose.position + pose.R_w_c @ center, pose.R_w_c)
-            frames[match.groups()] = Frame(paths, pose, lens, holds)
+            listed = _filled(folder, table_name, match) if "{" in table_name else None
+            if listed and "object_mask" in paths and not listed.exists():
+                raise ArgumentError(f"names: expected a list of objects for each mask, got no {listed.name}")
+            frames[match.groups()] = Frame(paths, pose, lens, holds, names=listed)
     says = [layout.says] if layout.says else []
     if layout.level and any(np.array_equal(frame.pose.R_w_c, R_LEVEL) for frame in frames.values()):
         says.append(layout.level)
@@ -228,12 +249,23 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
             says.append(f"{mode}: {lacking} of {len(frames)} frames have none")
         if lacking == len(frames):
             raise ArgumentError(f"{mode}: expected files {form.file}, got none")
-    listed = layout.object_mask.names if layout.object_mask else ""
+    if "{" in table_name:
+        table = _all_objects(frames.values())
+        return Sequence([*frames.values()], table, tuple(says), words=_words(folder, layout, pattern, names))
     above = (folder, *folder.absolute().parents[:2])
-    near = [at / listed for place in above for at in (place, place / "assets")] if listed else []
+    near = [at / table_name for place in above for at in (place, place / "assets")] if table_name else []
     table = next((objects_of(file) for file in near if file.exists()), ObjectTable({}))
     words = _words(folder, layout, pattern, names)
     return Sequence([*frames.values()], table, tuple(says), words=words)
+
+
+def _all_objects(frames: Iterable[Frame]) -> ObjectTable:
+    """Return the objects of the lists of all frames, with ids in the order of their names."""
+    names = set[str]()
+    for frame in frames:
+        if frame.names is not None:
+            names.update(objects_of(frame.names).names())
+    return ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
 
 
 def _words(folder: Path, layout: Layout, pattern: str, names: list[str]) -> Words:

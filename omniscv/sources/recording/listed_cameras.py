@@ -1,0 +1,205 @@
+"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, Isaac Replicator."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omniscv.arguments import number, numbers, shown, text, whole_number, within
+from omniscv.errors import ArgumentError, BadReplyError
+from omniscv.geometry import Array, Pose
+from omniscv.geometry.trajectory_columns import Rows
+from omniscv.pictures import foreign, npy
+from omniscv.sources.base import ObjectTable
+from omniscv.sources.recording.conventions import Words
+from omniscv.sources.recording.lenses import Pinhole, Wide, of_file
+from omniscv.sources.recording.listed_frames import inside
+from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, files_in, objects_of
+from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, parse_json, read_bytes
+
+_UNKNOWN_WORLD = "the world is that of the poses: its unit, and where up is, are not known"
+_LLFF = "+y +x -z"  # where right, down and ahead point: its axes are down, right, back
+_LATEST_S = 0.01  # between a picture and its pose, of ARKitScenes
+_STAMP = re.compile(r"(?:.*_)?(\d+\.\d+)")
+_ISAAC_DEPTH = (("distance_to_camera", "ray"), ("distance_to_image_plane", "planar"))
+_ISAAC_MASKS = (
+    ("instance_segmentation", "instance_segmentation_mapping"),
+    ("semantic_segmentation", "semantic_segmentation_labels"),
+)
+"""Words of the names of masks, and of their lists of objects; the first that is there counts."""
+
+
+def gaussian_splatting(folder: Path, options: Options) -> Sequence:
+    """Return the frames of ``cameras.json`` as 3D Gaussian Splatting writes it: COLMAP's axes, and the middle
+    of the picture as its centre."""
+    with within("cameras.json"):
+        entries = parse_json(read_bytes(folder / "cameras.json", MOST_JSON_BYTES))
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise ArgumentError("expected a list of cameras, got another value")
+    if not entries:
+        raise ArgumentError("cameras.json: expected cameras, got an empty list")
+    frames = list[Frame]()
+    keys = ("position", "rotation")
+    rows = [(f"cameras.json[{i}]", {key: entry.get(key) for key in keys}) for i, entry in enumerate(entries)]
+    positions, rotations = Rows.of_entries(rows).poses("camera")
+    for i, entry in enumerate(entries):
+        with within(f"cameras.json[{i}]"):
+            name = text("img_name", entry.get("img_name"))
+            width, height = (whole_number(key, entry.get(key)) for key in ("width", "height"))
+            fx, fy = (number(key, entry.get(key), above=0) for key in ("fx", "fy"))
+            lens: Pinhole | Wide | None = Pinhole(fx, fy, width / 2, height / 2, width, height)
+            if options.intrinsics:
+                lens = of_file(options.intrinsics, (width, height))
+            frames.append(Frame({"lit": _picture(folder, name)}, Pose(positions[i], rotations[i]), lens, {}))
+    return Sequence(frames, says=(_UNKNOWN_WORLD,))
+
+
+def _picture(folder: Path, name: str) -> Path:
+    """Return the picture of a name, whose suffix may be missing, in the folder or in its ``images``."""
+    names = [name] if Path(name).suffix.lower() in foreign.SUFFIXES else []
+    names += [name + suffix for suffix in foreign.SUFFIXES if not names]
+    for place in ("images", "input", ""):
+        for each in names:
+            if (path := inside(folder, str(Path(place) / each))).exists():
+                return path
+    raise ArgumentError(f"expected a picture {shown(name)} in images/ or beside it, got none; copy it there")
+
+
+def llff(folder: Path, options: Options) -> Sequence:
+    """Return the frames of LLFF's ``poses_bounds.npy``: 17 numbers for each picture, by name."""
+    with within("poses_bounds.npy"):
+        try:
+            table = npy.decode(read_bytes(folder / "poses_bounds.npy", MOST_JSON_BYTES)).astype(np.float64)
+        except BadReplyError as cause:
+            raise ArgumentError(str(cause)) from cause
+        if table.ndim != 2 or table.shape[1] != 17:
+            raise ArgumentError(f"expected 17 numbers for each picture, got shape {table.shape}")
+    place = next((folder / name for name in ("images", "") if (folder / name).is_dir()), folder)
+    pictures = [file for file in files_in(place, options) if file.suffix.lower() in foreign.SUFFIXES]
+    if len(pictures) != len(table):
+        got = f"{len(pictures)} pictures in {place.name}/ and {len(table)} rows"
+        raise ArgumentError(f"poses_bounds.npy: expected a row for each picture, by name, got {got}")
+    matrices = table[:, :15].reshape(-1, 3, 5)
+    rows = [(f"row {i + 1}", {"transform_matrix": matrix[:, :4]}) for i, matrix in enumerate(matrices)]
+    R, positions = _by_words(rows, Words(_LLFF))
+    frames = list[Frame]()
+    for i, (height, width, focal) in enumerate(matrices[:, :, 4].tolist()):
+        with within(f"row {i + 1}"):
+            size = whole_number("width", int(width)), whole_number("height", int(height))
+            focal = number("focal length", focal, above=0)
+        lens: Pinhole | Wide | None = Pinhole(focal, focal, width / 2, height / 2, width, height)
+        if options.intrinsics:
+            lens = of_file(options.intrinsics, size)
+        frames.append(Frame({"lit": pictures[i]}, Pose(positions[i], R[i]), lens, {}))
+    return Sequence(frames, says=(_UNKNOWN_WORLD,), words=Words(_LLFF))
+
+
+def _by_words(rows: list[tuple[str, dict[str, Any]]], words: Words) -> tuple[Array, Array]:
+    """Return rotations and positions of matrices whose axes have no name."""
+    positions, rotations = Rows.of_entries(rows).poses("camera")
+    return rotations @ words.convention.C, positions
+
+
+def arkit_scenes(folder: Path, options: Options) -> Sequence:
+    """Return the frames of ARKitScenes: ``lowres_wide`` and ``lowres_depth``, and a text of poses from the
+    world to the camera, each a time, an axis times its angle, and a translation."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
+    file = min(folder.glob("*.traj"))
+    with within(file.name):
+        lines = decode_text(read_bytes(file, MOST_JSON_BYTES)).splitlines()
+        table = numbers("poses", [line.split() for line in lines if line.strip()], (None, 7))
+    R_c_w = Rotation.from_rotvec(table[:, 1:4].copy()).as_matrix()
+    R_w_c = R_c_w.swapaxes(1, 2)
+    positions = -np.einsum("nij,nj->ni", R_w_c, table[:, 4:])
+    frames = list[Frame]()
+    late = 0
+    for picture in files_in(folder, options):
+        match = _STAMP.fullmatch(picture.stem)
+        if match is None or picture.parent.name != "lowres_wide":
+            continue
+        time = float(match[1])
+        i = int(np.abs(table[:, 0] - time).argmin())
+        if abs(table[i, 0] - time) > _LATEST_S:
+            late += 1
+            continue
+        paths = {"lit": picture}
+        if (depth := folder / "lowres_depth" / picture.name).exists():
+            paths["depth"] = depth
+        lens = _pincam(folder, picture, options)
+        frames.append(Frame(paths, Pose(positions[i], R_w_c[i]), lens, {"depth": Files(unit="mm")}))
+    says = (f"{late} pictures left out: no pose within {_LATEST_S} s",) if late else ()
+    return Sequence(frames, says=says)
+
+
+def _pincam(folder: Path, picture: Path, options: Options) -> Pinhole | Wide | None:
+    """Return the lens of a picture: width, height, fx, fy, cx, cy in a line."""
+    file = folder / "lowres_wide_intrinsics" / f"{picture.stem}.pincam"
+    if options.intrinsics:
+        return of_file(options.intrinsics, (0, 0))
+    if not file.exists():
+        expected = f"expected its lens in lowres_wide_intrinsics/{file.name}"
+        raise ArgumentError(f"{expected}, or --intrinsics FILE; got none")
+    with within(file.name):
+        words = decode_text(read_bytes(file, MOST_JSON_BYTES)).split()
+        width, height, fx, fy, cx, cy = numbers("lens", words, (6,)).tolist()
+        return Pinhole(number("fx", fx, above=0), number("fy", fy, above=0), cx, cy, width, height)
+
+
+def isaac(folder: Path, options: Options) -> Sequence:
+    """Return the frames of Isaac Replicator's BasicWriter, whose option ``camera_params`` is on."""
+    frames = list[Frame]()
+    for file in files_in(folder, options):
+        match = re.fullmatch(r"camera_params_(\d+)\.json", file.name)
+        if match is None:
+            continue
+        place, i = file.parent, match[1]
+        with within(file.name):
+            pose, pinhole = _isaac_camera(parse_json(read_bytes(file, MOST_JSON_BYTES)))
+            lens: Pinhole | Wide | None = pinhole
+            if options.intrinsics:
+                lens = of_file(options.intrinsics, (int(pinhole.width), int(pinhole.height)))
+        paths = dict[str, Path]()
+        holds = dict[str, Files]()
+        listed: Path | None = None
+        for suffix in ("png", "jpg", "jpeg"):
+            if (lit := place / f"rgb_{i}.{suffix}").exists():
+                paths["lit"] = lit
+        for word, kind in _ISAAC_DEPTH:
+            if (depth := place / f"{word}_{i}.npy").exists() and "depth" not in paths:
+                paths["depth"] = depth
+                holds["depth"] = Files(kind=kind, unit="m")
+        for word, list_word in _ISAAC_MASKS:
+            mask, table = place / f"{word}_{i}.png", place / f"{list_word}_{i}.json"
+            if not mask.exists() or "object_mask" in paths:
+                continue
+            if not table.exists():
+                raise ArgumentError(f"{mask.name}: expected the list of its objects, {table.name}, got none")
+            paths["object_mask"] = mask
+            listed = table
+        frames.append(Frame(paths, pose, lens, holds, names=listed))
+    names = set[str]()
+    for frame in frames:
+        names.update(objects_of(frame.names).names() if frame.names else ())
+    objects = ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
+    return Sequence(frames, objects, words=Words("opengl"))
+
+
+def _isaac_camera(data: Mapping[str, Any]) -> tuple[Pose, Pinhole]:
+    """Return pose and lens of ``camera_params``: matrices of row vectors, OpenGL's axes."""
+    if data.get("cameraModel", "pinhole") not in ("pinhole", "pinholeOpenCV"):
+        model = shown(data["cameraModel"])
+        raise ArgumentError(f"cameraModel: expected pinhole, got {model}; give its lens by --intrinsics")
+    view = numbers("cameraViewTransform", data.get("cameraViewTransform"), (16,)).reshape(4, 4)
+    projection = numbers("cameraProjection", data.get("cameraProjection"), (16,)).reshape(4, 4)
+    width, height = numbers("renderProductResolution", data.get("renderProductResolution"), (2,)).tolist()
+    unit_m = number("metersPerSceneUnit", data.get("metersPerSceneUnit", 1.0), above=0)
+    to_world = np.linalg.inv(view).T
+    to_world[3] = 0, 0, 0, 1  # but for rounding
+    row = Rows.of_entries([("cameraViewTransform", {"transform_matrix": to_world})])
+    (position,), (rotation,) = row.poses("opengl", unit_m)
+    fx, fy = projection[0, 0] * width / 2, projection[1, 1] * height / 2
+    cx, cy = (1 - projection[2, 0]) * width / 2, (1 + projection[2, 1]) * height / 2
+    return Pose(position, rotation), Pinhole(fx, fy, cx, cy, width, height)

@@ -1,0 +1,177 @@
+"""Folders whose cameras are listed in the forms of other programs, traced, imported and judged."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from support.pictured import AT, SCENE, THERE, put, run, seen
+from support.published import matrix, views
+
+import omniscv
+from omniscv.chart import traced
+from omniscv.geometry import Pose
+from omniscv.sources.base import Request
+from omniscv.sources.pictures import DepthForm, read_picture
+
+SIZE = (80, 60)
+POSES = [Pose.from_angles(AT, 20, 10, 5), Pose.from_angles(AT, 40, -5, 0), Pose.from_angles(THERE, 30)]
+SQUARE = views(POSES, f=(1.2, 1.2), c=(0.5, 0.5), size=SIZE)
+SMALL = omniscv.cameras.create("pinhole", 48, 36, fov_deg=50)
+OPENGL = np.diag([1.0, -1, -1])
+
+
+def focal(view):
+    return view.projection[0]
+
+
+def gaussian_splatting(folder):
+    """As its camera_to_JSON: the centre, and the rotation from camera to world."""
+    entries = []
+    for i, view in enumerate(SQUARE):
+        put(folder / f"images/view{i}.png", seen(view)[0])
+        entry = {"id": i, "img_name": f"view{i}", "width": SIZE[0], "height": SIZE[1]}
+        entry |= {"position": view.pose.position.tolist(), "rotation": view.pose.R_w_c.tolist()}
+        entries.append(entry | {"fx": focal(view), "fy": focal(view)})
+    (folder / "cameras.json").write_text(json.dumps(entries))
+
+
+def llff(folder):
+    """Columns down, right, back; then the position; then height, width, focal length; then bounds."""
+    rows = []
+    for i, view in enumerate(SQUARE):
+        put(folder / f"images/{i}.png", seen(view)[0])
+        right, down, ahead = view.pose.R_w_c.T
+        hwf = [SIZE[1], SIZE[0], focal(view)]
+        block = np.column_stack([down, right, -ahead, view.pose.position, hwf])
+        rows.append([*block.ravel(), 0.5, 9.0])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
+
+
+def arkitscenes(folder):
+    """A pose is a time, an axis times its angle, and a translation, from the world to the camera."""
+    lines = []
+    for i, view in enumerate(SQUARE):
+        name = f"41069021_{305 + i}.377"
+        put(folder / f"lowres_wide/{name}.png", seen(view)[0])
+        put(folder / f"lowres_depth/{name}.png", np.uint16(np.round(1000 * seen(view)[1])))
+        fx, fy, cx, cy = view.projection
+        lens = folder / f"lowres_wide_intrinsics/{name}.pincam"
+        lens.parent.mkdir(exist_ok=True)
+        lens.write_text(f"{SIZE[0]} {SIZE[1]} {fx} {fy} {cx} {cy}")
+        R_c_w = view.pose.R_w_c.T
+        numbers = [*Rotation.from_matrix(R_c_w).as_rotvec(), *(-R_c_w @ view.pose.position)]
+        lines.append(" ".join(map(str, [305.3773 + i, *numbers])))
+    put(folder / "lowres_wide/41069021_900.001.png", seen(SQUARE[0])[0])
+    (folder / "lowres_wide.traj").write_text("\n".join(lines))
+
+
+def isaac(folder, unit_m=0.01):
+    """Row vectors; distances to the camera in metres; lists of objects by colour, another in each frame."""
+    names = sorted(SCENE.objects)
+    for i, view in enumerate(SQUARE):
+        lit, planar, labels = seen(view)
+        put(folder / f"rgb_{i:04}.png", lit)
+        np.save(folder / f"distance_to_camera_{i:04}.npy", np.float32(planar * view.ray_lengths()))
+        colors = np.random.default_rng(i).permutation(250)[: len(names) + 1, None] * [0, 1, 0] + [1, 0, 2]
+        colors[0] = 0
+        put(folder / f"semantic_segmentation_{i:04}.png", np.uint8(colors[labels]))
+        listed = {"(0, 0, 0, 0)": {"class": "BACKGROUND"}}
+        for name, color in zip(names, colors[1:].tolist(), strict=True):
+            listed[str((*color, 255))] = {"class": name}
+        (folder / f"semantic_segmentation_labels_{i:04}.json").write_text(json.dumps(listed))
+        to_world = matrix(view.pose.R_w_c @ OPENGL, view.pose.position / unit_m)
+        fx, fy, _, _ = view.projection
+        near, far = 0.1, 100.0
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[1, 1] = 2 * fx / SIZE[0], 2 * fy / SIZE[1]
+        projection[2, 2], projection[2, 3] = -(far + near) / (far - near), -1
+        projection[3, 2] = -2 * far * near / (far - near)
+        camera = {
+            "cameraModel": "pinhole",
+            "cameraViewTransform": np.linalg.inv(to_world).T.ravel().tolist(),
+            "cameraProjection": projection.ravel().tolist(),
+            "metersPerSceneUnit": unit_m,
+            "renderProductResolution": [*SIZE],
+        }
+        (folder / f"camera_params_{i:04}.json").write_text(json.dumps(camera))
+
+
+WRITERS = {
+    "gaussian-splatting": (gaussian_splatting, {"lit"}, "where up is, are not known"),
+    "llff": (llff, {"lit"}, "where up is, are not known"),
+    "arkitscenes": (arkitscenes, {"lit", "depth"}, "1 pictures left out: no pose within 0.01 s"),
+    "isaac": (isaac, {"lit", "depth", "object_mask"}, "3 of object_mask"),
+}
+
+
+@pytest.mark.parametrize("layout", WRITERS)
+def test_pictures_come_in_as_they_were_traced(layout, tmp_path, capsys):
+    write, modes, says = WRITERS[layout]
+    (tmp_path / "f").mkdir()
+    write(tmp_path / "f")
+    assert run(tmp_path / "f", tmp_path / "a.sqlite") == 0
+    out = capsys.readouterr().out
+    assert f"layout {layout}: 2 places, 3 of lit" in out
+    assert says in out
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        assert source.capabilities.modes == modes
+        for view in SQUARE:
+            (own,) = (
+                v for v in source.recorded_views() if np.allclose(v.pose.R_w_c, view.pose.R_w_c, atol=1e-6)
+            )
+            np.testing.assert_allclose(own.pose.position, view.pose.position, atol=1e-5)
+            np.testing.assert_allclose(own.projection, view.projection, atol=1e-4)
+            (lit,) = source.capture([Request(own, "lit")])
+            np.testing.assert_array_equal(lit.pixels, seen(view)[0])
+            if "depth" in modes:
+                check_depth(source, view.pose)
+            if "object_mask" in modes:
+                ids = source.objects().ids
+                (mask,) = source.capture([Request(own, "object_mask")])
+                expected = np.array([0, *(ids[name] for name in sorted(SCENE.objects))])[seen(view)[2]]
+                np.testing.assert_array_equal(mask.pixels, expected)
+
+
+def check_depth(source, pose):
+    """An image of its middle is within its bounds."""
+    image = omniscv.render(SMALL, pose, source, ("depth",), unseen="blank")
+    off = np.abs(image.depth - traced(SCENE, SMALL, pose).distance)[image.valid]
+    assert (off <= image.depth_error[image.valid]).mean() > 0.995
+
+
+PINCAM = "lowres_wide_intrinsics/41069021_305.377.pincam"
+LABELS = "semantic_segmentation_labels_0001.json"
+SPOILED = [
+    ("gaussian-splatting", "images/view1.png", None, "in images/ or beside it, got none"),
+    ("gaussian-splatting", "cameras.json", "[]", "expected cameras, got an empty list"),
+    ("gaussian-splatting", "cameras.json", '[{"position": [1, 2, 3]}]', "img_name: expected a text"),
+    ("llff", "images/1.png", None, "expected a row for each picture"),
+    ("llff", "poses_bounds.npy", "", "expected NPY"),
+    ("arkitscenes", "lowres_wide.traj", "1 2 3", "poses: expected"),
+    ("arkitscenes", PINCAM, None, "or --intrinsics FILE; got none"),
+    ("isaac", LABELS, None, "the list of its objects"),
+    ("isaac", "camera_params_0001.json", "{}", "cameraViewTransform: expected"),
+]
+
+
+@pytest.mark.parametrize(("layout", "path", "content", "says"), SPOILED, ids=[says for *_, says in SPOILED])
+def test_what_is_missing_is_one_line(layout, path, content, says, tmp_path, capsys):
+    (tmp_path / "f").mkdir()
+    WRITERS[layout][0](tmp_path / "f")
+    (tmp_path / "f" / path).unlink()
+    if content is not None:
+        (tmp_path / "f" / path).write_text(content)
+    assert run(tmp_path / "f", tmp_path / "a.sqlite") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert says in line
+    assert not (tmp_path / "a.sqlite").exists()
+
+
+def test_depth_of_sun_rgbd(tmp_path):
+    """The bits of millimetres are turned by three."""
+    mm = np.array([[0, 1, 2003, 7999]], np.uint16)
+    stored = np.uint16((mm.astype(np.uint32) << 3 | mm >> 13) & 0xFFFF)
+    put(tmp_path / "d.png", stored)
+    depth = read_picture(tmp_path / "d.png", "depth", DepthForm.parse("sunrgbd")).pixels
+    np.testing.assert_allclose(depth, [[np.inf, 0.001, 2.003, 7.999]], rtol=1e-6)

@@ -1,0 +1,111 @@
+"""What a layout cannot be is refused with what to write instead; lists of objects by frame name masks."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.pictured import AT, SCENE, face, put, run, seen
+
+import omniscv
+from omniscv.errors import ArgumentError
+from omniscv.geometry import Pose
+from omniscv.sources.recording.posed_frames import Options
+from omniscv.sources.recording.sequences import find_sequence
+
+FRAME = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
+SHARED = {"fl_x": 4, "w": 8, "h": 8}
+
+
+def scaled(by):
+    matrix = np.eye(4)
+    matrix[:3, :3] *= by
+    return {**SHARED, "frames": [{**FRAME, "transform_matrix": matrix.tolist()}]}
+
+
+def mirrored():
+    matrix = np.diag([1.0, -1, 1, 1]).tolist()
+    return {**SHARED, "frames": [{**FRAME, "transform_matrix": matrix}]}
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ({**SHARED, "frames": []}, r"transforms\.json: expected frames, got"),
+        ([FRAME], "expected a mapping with .* 'frames', got a list; write"),
+        ([], "expected a list 'frames', got none"),
+        ({**SHARED, "frames": [3]}, "frames: expected mappings with file_path"),
+        (scaled(0.01), r"it is a rotation times 0\.01, as MatrixCity's .*: divide its nine numbers by that"),
+        (mirrored(), "its axes are mirrored: say those of the file"),
+    ],
+    ids=["no frames", "a list", "an empty list", "numbers", "scaled", "mirrored"],
+)
+def test_transforms_that_are_none(content, says, tmp_path):
+    Image.new("RGB", (8, 8)).save(tmp_path / "a.png")
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    with pytest.raises(ArgumentError, match=says) as refusal:
+        find_sequence(tmp_path, "nerfstudio", Options())
+    assert "\n" not in str(refusal.value)
+    assert "Error" not in str(refusal.value)
+
+
+MINE = """
+pictures: pinhole
+place: 'rgb_(?P<i>\\d+)\\.png'
+lit: 'rgb_{{i}}.png'
+intrinsics: {{fx: 32, fy: 32, cx: 32, cy: 32}}
+{}
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        (
+            "poses: {file: p.txt, row: i, rotation: rotation}",
+            r"poses\.rotation: expected it beside position",
+        ),
+        ("poses: {file: p.txt, matrix: m}", r"poses\.matrix: expected it beside position only"),
+        ("poses: {file: p.json, row: i, position: p}", r"poses\.row: expected none beside position"),
+    ],
+)
+def test_keys_of_poses_that_do_not_fit_each_other(keys, says, tmp_path):
+    Image.new("RGB", (64, 64)).save(tmp_path / "rgb_0.png")
+    (tmp_path / "p.txt").write_text("1 2 3 0 0 0 1\n")
+    (tmp_path / "my.yaml").write_text(MINE.format(keys))
+    with pytest.raises(ArgumentError, match=says):
+        find_sequence(tmp_path, str(tmp_path / "my.yaml"), Options())
+
+
+@pytest.mark.parametrize("form", ["colours", "ids"])
+def test_lists_of_objects_by_frame(form, tmp_path):
+    """As Isaac's: a list beside each mask, in which one object has another colour, or id, in each frame."""
+    draw = np.random.default_rng(5)
+    views = [face(Pose.from_angles(AT), word, 64) for word in ("front", "left")]
+    names = sorted(SCENE.objects)
+    rows = []
+    for i, view in enumerate(views):
+        lit, _, labels = seen(view)
+        codes = draw.permutation(np.arange(1, 200))[: len(names) + 1]
+        codes[0] = 0
+        put(tmp_path / f"f/rgb_{i}.png", lit)
+        if form == "ids":
+            put(tmp_path / f"f/ids_{i}.png", np.uint8(codes[labels]))
+            listed = {str(codes[k]): name for k, name in enumerate(names, start=1)}
+        else:
+            put(tmp_path / f"f/ids_{i}.png", np.uint8(np.dstack([codes[labels], labels * 0, labels * 0])))
+            listed = {f"({codes[k]}, 0, 0, 255)": {"class": name} for k, name in enumerate(names, start=1)}
+            listed["(0, 0, 0, 0)"] = {"class": "BACKGROUND"}
+        (tmp_path / f"f/ids_{i}.json").write_text(json.dumps(listed))
+        rows.append(" ".join(map(str, [*AT, *view.pose.quaternion()])))
+    (tmp_path / "f/p.txt").write_text("\n".join(rows))
+    masks = "object_mask: {file: 'ids_{i}.png', names: 'ids_{i}.json'}\nposes: {file: p.txt, row: i}"
+    (tmp_path / "my.yaml").write_text(MINE.format(masks))
+    assert run(tmp_path / "f", tmp_path / "a.sqlite", "--layout", tmp_path / "my.yaml") == 0
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        known = source.objects()
+        for view in views:
+            (own,) = (v for v in source.recorded_views() if np.allclose(v.pose.R_w_c, view.pose.R_w_c))
+            (mask,) = source.capture([omniscv.sources.Request(own, "object_mask")])
+            expected = np.array([0, *(known.ids[name] for name in names)])[seen(view)[2]]
+            np.testing.assert_array_equal(mask.pixels, expected)
