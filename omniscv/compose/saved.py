@@ -16,8 +16,8 @@ from omniscv.pictures.forms import ARRAY, FORMS
 from omniscv.storage import folder, in_the_way
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
-_DESCRIBED = {"camera", "pose", "source"}
-"""Keys of the ``STEM.json`` of every image; that of a dataset's frame has no ``source``."""
+_DESCRIBED = {"blank", "versions"}
+"""Keys of the ``STEM.json`` of every image; that of a dataset's frame has neither."""
 
 
 def check_free(out: Path, stem: str) -> None:

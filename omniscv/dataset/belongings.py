@@ -97,10 +97,10 @@ class Belongings:
         if is_listing(name):
             return True
         key = self._key_of(name)
-        if key in self.begun:
-            return True
         frame = self.frames.get(key)
-        return frame is not None and name in {entry.path for entry in frame.entries.values()}
+        if frame is not None and name in {entry.path for entry in frame.entries.values()}:
+            return True
+        return bool(key) and key in self.begun
 
     def _key_of(self, name: str) -> str:
         return _key_of(name, self._endings)

@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -20,6 +20,7 @@ from omniscv.arguments import one_of, shown, stem, texts, whole_number
 from omniscv.cameras import Camera, from_dict
 from omniscv.cameras.rolling_shutter import with_path
 from omniscv.compose.files import versions
+from omniscv.dataset.origin import Origin, digest, plain, without_defaults
 from omniscv.errors import ArgumentError, DamagedFileError, DatasetError, MissingFileError, StorageError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles, file_endings
 from omniscv.frame.classes import ClassRules, ClassTable, class_rules
@@ -66,6 +67,7 @@ class Manifest:
         rules: of its classes; None without classes.
         settings: how it was made: ``splits``, ``exports``, ``options``, as plain values.
         versions: of the packages that began it.
+        origin: what its frames are made of; None of a dataset of version 0.2.
     """
 
     cameras: Mapping[str, Camera] = field(default_factory=dict)
@@ -73,6 +75,17 @@ class Manifest:
     rules: ClassRules | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=versions)
+    origin: Origin | None = field(default_factory=Origin)
+
+    def made_of(self, world: str) -> str:
+        """Return a digest of all that a world's frames depend on beside their lines; empty if it is not
+        known. Each frame has it in its own file."""
+        if self.origin is None:
+            return ""
+        described = {key: value for key, value in self.origin.worlds.get(world, {}).items() if key != "poses"}
+        settings = {key: plain(value) for key, value in self.settings.items() if key != "exports"}
+        rules = None if self.rules is None else self.rules.to_dict()
+        return digest([without_defaults(settings), without_defaults(plain(described)), rules])
 
     @cached_property
     def classes(self) -> ClassTable | None:
@@ -121,6 +134,7 @@ class Manifest:
                 scene=any_text("scene", line["scene"]),
                 state=any_text("state", line.get("state", "")),
                 world=any_text("world", line.get("world", "")),
+                shows=any_text("shows", line.get("shows", "")),
                 varied=mapping("varied", line.get("varied", {})),
                 watch=texts("watch", line["watch"]) if "watch" in line else (),
             )
@@ -131,7 +145,9 @@ class Manifest:
     def frame_of_file(self, name: str, content: bytes, folder: Folder) -> Frame:
         """Return the frame that the bytes of a ``STEM.json`` describe, that file among its files."""
         with _damage(name):
-            frame = self.frame(parse_json(content)["frame"], folder)
+            described = parse_json(content)
+            frame = self.frame(described["frame"], folder)
+            frame = replace(frame, made_of=any_text("made_of", described.get("made_of", "")))
             if name != f"{frame.key}.json":
                 raise ArgumentError(f"expected the frame of its name, got {shown(frame.key)}")
             image = FileEntry(name, len(content), hashlib.sha256(content).hexdigest())
@@ -156,6 +172,7 @@ class Manifest:
             "splits": self.settings.get("splits"),
             "exports": self.settings.get("exports", []),
             "options": self.settings.get("options", {}),
+            **({} if self.origin is None else {"origin": self.origin.to_dict()}),
         }
 
     @classmethod
@@ -179,7 +196,8 @@ class Manifest:
             exports = [{key: export[key] for key in keys} for export in data["exports"]]
             settings = {"splits": data["splits"], "exports": exports, "options": data["options"]}
             versions = {"omniscv": data["omniscv"], **data["versions"]}
-            manifest = cls(cameras, names, rules, settings, versions)
+            origin = Origin.from_dict(data["origin"]) if "origin" in data else None
+            manifest = cls(cameras, names, rules, settings, versions, origin)
             manifest.imu  # noqa: B018 - refuses another track
             vars(manifest)["classes"] = table  # not matched again: foreign patterns may take for ever
             return manifest

@@ -19,10 +19,11 @@ from omniscv.cameras import Camera
 from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
 from omniscv.compose.image import OmniImage
 from omniscv.dataset import manifest
-from omniscv.dataset.beginning import begin, lock, tidy
+from omniscv.dataset.beginning import Planned, begin, lock, tidy
 from omniscv.dataset.belongings import SCRATCH, frame_of, roll_back
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
+from omniscv.dataset.origin import frame_difference
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
@@ -52,6 +53,7 @@ class Writer:
             the compass heading of the world's X axis in degrees.
         keys: of frames that will be written, as far as they are known: files of others that have their names
             are refused before anything is written.
+        planned: all frames of the job of which it writes some.
         written_as: the image format, the store and the depth format: :class:`omniscv.compose.files.Forms`.
 
     Raises:
@@ -70,6 +72,7 @@ class Writer:
         closed: bool = False,
         media: Mapping[str, Any] | None = None,
         keys: Collection[str] = (),
+        planned: Planned | None = None,
         **written_as: Unpack[Forms],
     ) -> None:
         check_format(**written_as)
@@ -82,6 +85,7 @@ class Writer:
         self._written_as = written_as
         self._lock = Lock()
         self._keys = frozenset(keys)
+        self._alive = ExitStack()
         wanted = begun or Manifest()
         if classes is not None:
             wanted = replace(wanted, rules=class_rules(classes))
@@ -92,7 +96,9 @@ class Writer:
         if self._folder.local is not None:
             self._folder.local.mkdir(parents=True, exist_ok=True)
         with lock(self._folder):
-            self.manifest, self._there = begin(self._folder, wanted, resume, keys)
+            self.manifest, self._there = begin(self._folder, wanted, resume, keys, planned)
+            if self._folder.local is not None:  # which says that a writer is alive
+                self._alive.enter_context(scratch_folder(self._folder.local, SCRATCH))
 
     def has(self, frame: Frame) -> bool:
         """Return whether a frame is in the dataset, whole, and with the same values."""
@@ -198,7 +204,8 @@ class Writer:
                 files[kind] = write_json(folder / f"{frame.key}.{kind}.json", record, indent=None)
             entries = {kind: FileEntry.of(path) for kind, path in sorted(files.items())}
             line = frame.with_files(self._folder, entries).to_dict()
-            path = write_json(folder / f"{frame.key}.json", {**_described(image), "frame": line})
+            made_of = {"made_of": made} if (made := self.manifest.made_of(frame.world)) else {}
+            path = write_json(folder / f"{frame.key}.json", {**_described(image), **made_of, "frame": line})
             entries[IMAGE] = FileEntry.of(path)
             written = frame.with_files(self._folder, entries)
             put = partial(self._put, stack.pop_all(), written, [*files.values(), path])
@@ -272,8 +279,14 @@ class Writer:
         frames = self.frames(sorted(self._frames))
         with lock(self._folder):
             manifest.write_frames(self._folder, frames)
+            self.close()
             tidy(self._folder)
         return frames
+
+    def close(self) -> None:
+        """Wait for files that are on their way; no more frames are written."""
+        wait(self._putting)
+        self._alive.close()
 
     def __enter__(self) -> Self:
         return self
@@ -283,7 +296,7 @@ class Writer:
     ) -> None:
         if kind is None:
             self.finish()
-        wait(self._putting)
+        self.close()
 
     def keep(self, keys: Iterable[str]) -> None:
         """Read the frames of these keys that the dataset has; damaged ones are left out."""
@@ -345,8 +358,7 @@ class Writer:
 def is_same(written: Frame, frame: Frame) -> bool:
     """Return whether a frame of a dataset is one that is to be made: all is the same but its files, and what
     was found while it was made."""
-    found = replace(frame, files=written.files, blank=written.blank, watch=written.watch)
-    return written.to_dict() == found.to_dict()
+    return not frame_difference(written.to_dict(), frame.to_dict())
 
 
 def _damaged(frame: Frame, deep: bool) -> bool:

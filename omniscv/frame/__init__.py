@@ -58,9 +58,11 @@ class Frame:
         split: ``train``, ``val``, ``test``, ...; empty without splits.
         scene: identity of what was captured; empty if it is not known.
         state: of the world (:attr:`omniscv.geometry.instant.Instant.state`); empty for a still one.
+        shows: a digest of the instants and poses of its exposure; empty for one instant and pose.
         varied: what was drawn for it (:mod:`omniscv.job.vary`), by kind, name and setting.
         world: its name in a job of several; empty in others.
         watch: objects that the world has left out of the image (:mod:`omniscv.make.frames`).
+        made_of: a digest of what the dataset was made of when the frame was, where its own file was read.
         blank: marks that no pixel has: layers without a file.
         imu: of the dataset's rig, with its trajectory; None without.
         image: in memory, until its files are written; ``labels`` are instance ids of the dataset.
@@ -81,9 +83,11 @@ class Frame:
     split: str = ""
     scene: str = ""
     state: str = ""
+    shows: str = ""
     varied: Mapping[str, Any] = field(default_factory=dict)
     world: str = ""
     watch: tuple[str, ...] = ()
+    made_of: str = ""
     blank: tuple[str, ...] = ()
     imu: ImuTrack | None = None
     image: OmniImage | None = None
@@ -196,6 +200,7 @@ class Frame:
             "scene": self.scene,
             **({"world": self.world} if self.world else {}),
             **({"state": self.state} if self.state else {}),
+            **({"shows": self.shows} if self.shows else {}),
             **({"varied": self.varied} if self.varied else {}),
             "files": {kind: asdict(entry) for kind, entry in sorted(self.entries.items())},
             **({"watch": list(self.watch)} if self.watch else {}),

@@ -115,6 +115,7 @@ class Job:
         clock: whether images show the world at the times of the poses.
         assumed: of files of poses, in lines; empty for nothing.
         draws: what is drawn anew, with the names of an open source.
+        sampled: how the poses were chosen in an open source.
         faults: why poses were not found, by their index.
         world: its name among several; keys of frames start with it.
         world_split: the split of all its frames, in place of that of ``recipe``; empty for none.
@@ -201,6 +202,7 @@ class Job:
     clock: bool = False
     assumed: str = ""
     draws: Draws | None = None
+    sampled: SampledPoses | None = None
     faults: Mapping[int, str] = field(default_factory=dict)
     world: str = ""
     world_split: str = ""

@@ -278,6 +278,7 @@ class Contents:
             "depth_format": None if job.depth_format == "exr" else job.depth_format,
             "exposure": None if job.exposure == Exposure() else asdict(job.exposure),
             "brackets": list(job.brackets) or None,
+            "watch": job.recipe.watch,
             "sensor": None if job.sensor is None else job.sensor.to_dict(),
             "imu": None if job.imu is None else job.imu.to_dict(),
             "worlds": {world.world: world.world_split for world in job.worlds} or None,

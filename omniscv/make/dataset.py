@@ -9,7 +9,7 @@ however it was made.
 import hashlib
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import astuple, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -17,11 +17,13 @@ import numpy as np
 
 from omniscv import modalities, storage
 from omniscv.arguments import whole_number
+from omniscv.compose.files import versions
 from omniscv.compose.renderer import Renderer
 from omniscv.dataset import exporting, manifest
-from omniscv.dataset.beginning import find_own, lock, make_room, tidy
+from omniscv.dataset.beginning import Planned, find_own, lock, refuse_existing, replace_dataset, tidy
 from omniscv.dataset.belongings import is_marker
 from omniscv.dataset.manifest import Manifest
+from omniscv.dataset.origin import Origin
 from omniscv.dataset.writer import Writer
 from omniscv.errors import (
     ArgumentError,
@@ -45,8 +47,8 @@ from omniscv.make.contents import (
     split_warnings,
 )
 from omniscv.make.frames import Failures, FrameMaker
-from omniscv.make.instants import check_keys, frames_by_instant, keys_of
-from omniscv.make.source import open_source, opened
+from omniscv.make.instants import SharedFrames, check_keys, frames_by_instant, keys_of, with_places
+from omniscv.make.source import open_source, opened, origin_of
 from omniscv.progress import Report
 from omniscv.sources.base import Source
 from omniscv.sources.recording import part_file
@@ -162,9 +164,9 @@ def make(
     folder = storage.folder(job.out)
     if existing == "replace" and shard:
         raise ArgumentError("existing: expected refuse or resume with a shard, got replace")
+    find_own(folder)  # refuses what is none, before anything is captured
     if existing == "refuse" and not shard:
-        make_room(folder)
-    find_own(folder)  # before anything is captured
+        refuse_existing(folder)
     if job.worlds:  # one world is checked where it is opened, before the first capture
         job = check_worlds(job, dataset=True, opens=part.of)
     chosen = None if limit is None else chosen_keys(job, whole_number("limit", limit, least=1))
@@ -260,8 +262,8 @@ def _run(
     worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
     for at, world in enumerate(job.each):
         try:
-            with opened(part.of(world), source) as (world, live):
-                worlds[at] = world
+            with ExitStack() as stack, opened(part.of(world), source) as (world, live):
+                worlds[at] = world = with_places(world)
                 scene = "/".join(name for name in astuple(live.scene_identity) if name)
                 planned = list(frames_by_instant(world, part.poses(world.poses), scene))
                 frames = [frame for shared in planned for frame in shared.frames]
@@ -271,20 +273,24 @@ def _run(
                 if not job.worlds:
                     check_faults(job, planned)
                 if how.replaces and at == 0:
-                    make_room(folder, overwrite=True)
+                    replace_dataset(folder)
                 names = live.objects().names() if labelled else ()  # those that the source has now
                 known = ids or manifest.with_names({}, names)
+                origin = Origin({world.world: origin_of(world, live)})
+                plan = _Plan(world, scene, planned if part.count == 1 else None)
                 writer = Writer(
                     job.out,
                     resume=True,
                     keys=[frame.key for frame in frames],
+                    planned=Planned(plan.frames, [each.world for each in job.each], part.count > 1),
                     image_format=job.image_format,
                     store=job.store,
                     depth_format=job.depth_format,
-                    begun=Manifest(job.cameras, known, contents[0].classes, settings),
+                    begun=Manifest(job.cameras, known, contents[0].classes, settings, origin=origin),
                     closed=part.count > 1,
                     media=job.recipe.media,
                 )
+                stack.callback(writer.close)
                 writer.keep_marked((_read_marker(folder, writer.manifest, part) or ((), ()))[0])
                 writer.refuse(frame.key for frame in written)  # of the worlds before
                 missing = writer.missing(frames)
@@ -315,11 +321,29 @@ def _run(
             with of_world(world):
                 failures.add({key: {} for key in lost}, world.world, cause)
     lines = [frame.to_dict() for frame in written]
-    content = {"sha256": _checksum(lines), "frames": lines}
+    content = {"sha256": _checksum(lines), "frames": lines, "versions": versions()}
+    whole = manifest.read(folder)
+    made_worlds = () if whole.origin is None else tuple(whole.origin.worlds)
+    content["made_of"] = {world: whole.made_of(world) for world in made_worlds}
     if failures.lines:
         content["failed"] = list(failures.lines.values())
     folder.put(part.marker, json.dumps(content, allow_nan=False).encode())
     return Made(made, kept, failed=len(failures.lines)), worlds, written
+
+
+class _Plan(NamedTuple):
+    """The frames of a world: those of a part may be known, and all are found when they are asked for."""
+
+    world: Job
+    scene: str
+    known: Sequence[SharedFrames] | None
+
+    def frames(self) -> list[Frame]:
+        """Return all frames of the world, without files."""
+        planned = self.known
+        if planned is None:
+            planned = list(frames_by_instant(self.world, scene=self.scene))
+        return [frame for shared in planned for frame in shared.frames]
 
 
 def _all_names(job: Job) -> dict[str, int]:
@@ -344,21 +368,26 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         whole = manifest.read(folder)
         parts = [Part(index, count) for index in range(count)]
         marked = folder.each(lambda part: _read_marker(folder, whole, part), parts)
+        _refuse_mixed(folder, whole)
         if None in marked:
             index = marked.index(None)
             wanted = f"expected markers of {count} finished parts, part {index} has none"
             raise DatasetError(f"{folder}: {wanted}; make it again with --shard {index}/{count}")
-        frames = {frame.key: frame for frame in _listed(folder)}  # also frames that are not of this job
+        listed = {frame.key: frame for frame in _listed(folder)}  # also of worlds that were not opened now
         of_parts = [of_part for of_part in marked if of_part]
-        frames |= {frame.key: frame for made, _ in of_parts for frame in made}
+        made = {frame.key: frame for frames, _ in of_parts for frame in frames}
         lines = (line for _, failed in of_parts for line in failed)
-        failed = {line["key"]: line for line in lines if line["key"] not in frames}
+        failed = {line["key"]: line for line in lines if line["key"] not in made}
+        frames = {**{key: frame for key, frame in listed.items() if key not in failed}, **made}
         manifest.write_failed(folder, failed.values())
         if len(failed) > job.failures.skip * (whole_count := len(frames) + len(failed)):
             wanted = f"expected at most {job.failures.skip:.3g} of {whole_count} frames to fail"
             advice = f"see {manifest.FAILED}; --resume tries them again"
             raise DatasetError(f"failures: {wanted}, got {len(failed)}; {advice}")
         manifest.write_frames(folder, frames.values())
+        folder.remove(manifest.PLANNED)
+        gone = [entry.path for key in failed.keys() & listed for entry in listed[key].entries.values()]
+        folder.remove_files(gone)  # images of frames that were made before, and cannot be made again
         if warn and (lacking := sum(bool(frame.watch) for frame in frames.values())):
             warn(f"watch: the world has left objects out of {lacking} frames; see {manifest.FRAMES}")
         if warn and job.recipe.split:
@@ -398,6 +427,31 @@ def _read_marker(folder: Folder, manifest: Manifest, part: Part) -> Marked | Non
         return [manifest.frame(line, folder) for line in content["frames"]], content.get("failed", [])
     except (MissingFileError, DamagedFileError, ValueError, TypeError, KeyError):
         return None
+
+
+def _refuse_mixed(folder: Folder, whole: Manifest) -> None:
+    """Raise DatasetError if a part was made of something else than the dataset, or with other versions, as
+    where folders of several jobs were copied into one."""
+    runs = (whole.versions,) if whole.origin is None else whole.origin.runs
+    for name in _markers(folder):
+        try:
+            content = parse_json(folder.read(name, MOST_JSON_BYTES))
+            made_with = content.get("versions")
+            made_of = dict(content.get("made_of", {}))
+        except (MissingFileError, DamagedFileError, ArgumentError, AttributeError, TypeError, ValueError):
+            continue  # a damaged marker counts for nothing
+        wanted = f"{folder}/{name}: expected a part of this dataset"
+        advice = "remove its files, and make it again"
+        if made_with is not None and made_with not in runs:
+            known = " or ".join(_in_words(run) for run in runs)
+            raise DatasetError(f"{wanted}, made with {known}; got {_in_words(made_with)}; {advice}")
+        for world, digest in made_of.items():
+            if digest != whole.made_of(world):
+                raise DatasetError(f"{wanted}, got one of another job or source; {advice}")
+
+
+def _in_words(run: Mapping[str, str]) -> str:
+    return ", ".join(f"{package} {version}" for package, version in run.items())
 
 
 def _markers(folder: Folder) -> list[str]:

@@ -1,5 +1,7 @@
 """Group a job's images by instant of the world, and compose each group from one set of captures."""
 
+import hashlib
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -32,6 +34,7 @@ SURFACE_M = 1.0
 """Distance at which surfaces are taken to be, for what a moving camera sees of them."""
 _NEAREST_M = 0.25  # to an object that moves
 _OBJECT_M = 0.5  # from an object's middle to what of it is seen
+_DECIMALS = 7  # of metres and entries of rotations in digests
 _FEWEST, _MOST = 3, 999
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
@@ -85,7 +88,23 @@ def frames_by_instant(
             frame = replace(frame, place=place, split=in_split, scene=scene, state=state, varied=varied)
             groups.setdefault(key, []).append(frame)
         for frames in groups.values():
-            yield SharedFrames(tuple(frames), tuple(path.captured(i, frames)), fault)
+            captured = tuple(path.captured(i, frames))
+            shown = tuple(replace(frame, shows=_shows(captured, at)) for at, frame in enumerate(frames))
+            yield SharedFrames(shown, captured, fault)
+
+
+def _shows(captured: Sequence[InstantViews], at: int) -> str:
+    """Return a digest of the instants and poses that a frame, the one ``at`` of those that share captures, is
+    composed of; empty for one."""
+    if len(captured) == 1:
+        return ""
+    count = len(captured[0][1])
+    parts = []
+    for instant, views, _ in captured:
+        numbers = [(np.round(pose.position, _DECIMALS) + 0.0).tolist() for _, pose in views[at::count]]
+        turns = [(np.round(pose.rotation, _DECIMALS) + 0.0).tolist() for _, pose in views[at::count]]
+        parts.append((instant.state, numbers, turns))
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
 def places_of(job: Job, split: Split) -> Sequence[str]:

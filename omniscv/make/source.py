@@ -1,9 +1,11 @@
 """The source of a job: opened, recorded, and searched for free space where poses are sampled."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
-from dataclasses import replace
-from typing import NamedTuple
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,18 +14,22 @@ from omniscv.arguments import number, numbers, shown
 from omniscv.cameras import Camera, create
 from omniscv.cameras.rolling_shutter import readout_of
 from omniscv.compose.renderer import Renderer
+from omniscv.dataset.origin import digest, world_difference
 from omniscv.errors import ArgumentError
 from omniscv.frame.classes import class_rules
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant, Motion
-from omniscv.geometry.trajectory import NS, Trajectory, nanoseconds
+from omniscv.geometry.trajectory import NS, Poses, Trajectory, nanoseconds
 from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import COMMAND, Draws
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source, SourceView
 from omniscv.sources.brackets import bracketed
+from omniscv.sources.described import WithOrigin, described, without_delivery
 from omniscv.sources.recording import record
+from omniscv.sources.recording.files import target_of
+from omniscv.sources.recording.store import Store
 from omniscv.sources.registry import SourceOptions, open_sources
 from omniscv.sources.world import SharedExposure
 
@@ -50,12 +56,42 @@ def open_source(job: Job, live: Source | None = None) -> Source:
     """Open a job's source, recorded if the job has a recording; ``live`` is the source without it."""
     source = open_sources(job.sources, **source_options(job)) if live is None else SourceView(live)
     try:
+        if job.record is not None:
+            origin = captured_of(job, source)
+            _check_recorded(job.record, origin)
+            source = WithOrigin(source, origin)
         if job.brackets:
             return bracketed(source, job.brackets, job.record)
         return source if job.record is None else record(source, job.record)
     except BaseException:
         source.close()
         raise
+
+
+def captured_of(job: Job, source: Source) -> dict[str, Any]:
+    """Return what a job's captures are of, as a recording has it, and the record of a dataset.
+
+    Replayed captures are of what was recorded.
+    """
+    known = source.recorded_origin or {}
+    options = {**known.get("source_options", {}), **without_delivery(job.source_options)}
+    return {
+        "source": known.get("source") or described(job.sources),
+        "source_options": options,
+        "world": known.get("world") or source.world_digest or None,
+    }
+
+
+def _check_recorded(path: Path, origin: Mapping[str, Any]) -> None:
+    """Refuse a recording whose captures are of something else."""
+    file = target_of(path)
+    if not file.is_file() or not file.stat().st_size:
+        return
+    with closing(Store(path)) as store:
+        known = store.origin()
+    if known is not None and (difference := world_difference(known, origin)):
+        expected = "expected a recording of the same captures"
+        raise ArgumentError(f"record: {path}: {expected}; its {difference}; record into another file")
 
 
 @contextmanager
@@ -78,7 +114,15 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             timed = sampled.later(job.epoch_ns or 0)
             path = timed if timed.times_ns else None
             times = timed.times_ns if job.times_ns is None else job.times_ns
-            job = replace(job, poses=sampled.poses, times_ns=times, path=path, sampling=None, faults=faults)
+            job = replace(
+                job,
+                poses=sampled.poses,
+                times_ns=times,
+                path=path,
+                sampling=None,
+                faults=faults,
+                sampled=job.sampling,
+            )
             job = within_path(job)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
@@ -87,6 +131,41 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
         # Of the whole job, so that its parts are exposed alike.
         still.share_exposure(SharedExposure(job.poses[0].position))
         yield job, still
+
+
+def origin_of(job: Job, source: Source) -> dict[str, Any]:
+    """Return what the frames of a job are captured of, as the record of a dataset has it
+    (:data:`omniscv.dataset.origin.World`).
+
+    Args:
+        job: with its poses and their places, as it was opened.
+        source: its open source.
+    """
+    identity = source.scene_identity
+    is_frozen = job.freeze not in (None, "none") and not job.moves
+    table = source.objects().names() if is_frozen else []
+    frozen = {name: pose.to_dict() for name, pose in source.poses(table).items()} if is_frozen else {}
+    poses = Poses.of(job.poses)
+    numbers = hashlib.sha256(np.ascontiguousarray(poses.positions).tobytes())
+    numbers.update(np.ascontiguousarray(poses.rotations).tobytes())
+    described_frames = [numbers.hexdigest(), job.times_ns, job.places, list(job.cameras), job.epoch_ns]
+    return {
+        **captured_of(job, source),
+        "freeze": job.freeze or "",
+        "scene": "/".join(part for part in (identity.name, identity.level) if part) or None,
+        "frozen": digest(frozen) if frozen else None,
+        "sampling": {} if job.sampled is None else {type(job.sampled).__name__: _settings(job.sampled)},
+        "poses": {"count": len(job.poses), "digest": digest(described_frames)},
+    }
+
+
+def _settings(sampling: SampledPoses) -> dict[str, Any]:
+    """Return how poses are drawn, but for how many."""
+    settings = {key: value for key, value in asdict(sampling).items() if key != "count"}
+    return {
+        key: np.asarray(value).tolist() if isinstance(value, np.ndarray) else value
+        for key, value in settings.items()
+    }
 
 
 def _own_motions(job: Job, source: Source) -> dict[str, Motion]:

@@ -155,6 +155,17 @@ class Source(ABC):
         """The scene: a recording holds captures of one scene only."""
         return SceneIdentity()
 
+    @property
+    def world_digest(self) -> str:
+        """A digest of all that the world shows; empty where a source cannot tell, as a live engine."""
+        return self.scene_identity.content
+
+    @property
+    def recorded_origin(self) -> Mapping[str, Any] | None:
+        """What a recording's captures are of (:mod:`omniscv.sources.described`); None where it is not known,
+        and of a source that makes new captures."""
+        return None
+
     def geometry(self) -> SceneGeometry:
         """Return what is known of the shapes in the scene; empty for sources of pictures only."""
         return SceneGeometry()
@@ -262,6 +273,8 @@ class SourceWrapper(Source):
 
     capabilities = _attribute("capabilities")
     scene_identity = _attribute("scene_identity")
+    world_digest = _attribute("world_digest")
+    recorded_origin = _attribute("recorded_origin")
     state = _attribute("state")
     instant = _attribute("instant")
     world = _attribute("world")

@@ -55,6 +55,7 @@ class SourcePool(SourceWrapper):
         self._capabilities = _same_in_all([source.capabilities for source in sources])
         self._objects = _same_in_all([source.objects() for source in sources])
         self._scene = _same_in_all([source.scene_identity for source in sources])
+        self._digest = sources[0].world_digest
         self._last_fault = closed_error("pool")
         self._lock, self._closed = threading.Lock(), False
         self.share_exposure(exposure or SharedExposure())
@@ -69,6 +70,10 @@ class SourcePool(SourceWrapper):
     @property
     def scene_identity(self) -> SceneIdentity:
         return self._scene
+
+    @property
+    def world_digest(self) -> str:
+        return self._digest
 
     def objects(self) -> ObjectTable:
         self._check_working()

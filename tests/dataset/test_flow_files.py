@@ -231,11 +231,11 @@ def test_boxes_follow_the_objects(made):
         np.testing.assert_allclose(np.abs(turn), np.abs(turned(40 * time)), atol=1e-9)
 
 
-def test_frames_of_another_motion_are_made_again(made, tmp_path):
-    """Of an object that goes elsewhere after the first frame, only the others."""
+def test_frames_of_another_motion_are_refused(made, tmp_path):
+    """Of an object that goes elsewhere after the first frame."""
     job = load(made / "job.yaml")
     shutil.copytree(made / "moving", tmp_path / "other")
     first, last = job.motions["Cabinet"].waypoints
     other = Motion(Trajectory.timed((first, replace(last, position=last.position + 0.1)), (0.0, 1.0)))
-    done = make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), existing="resume")
-    assert (done.written, done.kept) == (2, 1)
+    with pytest.raises(ArgumentError, match="its frame pano-1 has state"):
+        make(replace(job, out=tmp_path / "other", motions={"Cabinet": other}), existing="resume")

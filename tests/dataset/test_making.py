@@ -82,7 +82,7 @@ def test_a_dataset_is_not_resumed_as_another(copied, tmp_path):
         "splits": replace(job, recipe=replace(job.recipe, split=None)),
     }
     (tmp_path / "classes.yaml").write_text(CLASSES.replace("door}", "window}"), encoding="utf-8")
-    changed["other classes"] = load(path)
+    changed[r"its classes.rules\[4\].class is 'door', in the job 'window'"] = load(path)
     for what, other in changed.items():
         with pytest.raises(ArgumentError, match=what):
             make(other, existing="resume")

@@ -231,6 +231,15 @@ class RecordedSource(Source):
     def scene_identity(self) -> SceneIdentity:
         return self._store.scene_identity
 
+    @property
+    def recorded_origin(self) -> Mapping[str, Any] | None:
+        return self._store.origin()
+
+    @property
+    def world_digest(self) -> str:
+        """The content of the scene that was recorded; the recording's own id where it does not say that."""
+        return self.scene_identity.content or self._store.head().id
+
     def cover(self, view: View) -> tuple[View, ...]:
         """The view, then recorded ones of the same centre, field of view and size, turned about its axis.
 

@@ -16,6 +16,7 @@ from omniscv.arguments import shown
 from omniscv.errors import DamagedRecordingError, OtherSceneError, RecordingNotWritableError
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, closed_error
+from omniscv.sources.described import ORIGIN
 from omniscv.sources.recording import files
 from omniscv.sources.recording.rows import Head, Row, key_of, labelled_modes
 from omniscv.sources.recording.world_rows import (
@@ -260,11 +261,23 @@ class Store(files.Forkable):
 
     def exposure(self) -> Exposure | None:
         """Return the exposure of the last colours; None without any."""
-        last = "WHERE mode = 'lit' ORDER BY number DESC LIMIT 1"
+        provenance = self._last_provenance("WHERE mode = 'lit'")
+        return None if provenance is None else exposure_from_text(provenance.get("exposure"))
+
+    def origin(self) -> dict[str, Any] | None:
+        """Return what the captures are of, as the last one says (:mod:`omniscv.sources.described`); None
+        where it says nothing."""
+        origin = (self._last_provenance() or {}).get(ORIGIN)
+        return origin if isinstance(origin, dict) else None
+
+    def _last_provenance(self, where: str = "") -> dict[str, Any] | None:
+        """Return where the last capture came from; None without any."""
+        last = f"{where} ORDER BY number DESC LIMIT 1"
         rows = self._query(f"SELECT {_WITHOUT_PAYLOAD} FROM capture {last}")
         with files.errors_of(self.path, advice=_ADVICE):
-            provenances = [Row._make(row).description()[2] for row in rows]
-        return exposure_from_text(provenances[0].get("exposure")) if provenances else None
+            for row in rows:
+                return dict(Row._make(row).description()[2])
+        return None
 
     def has_masks(self) -> bool:
         """Return whether there is a capture that the object table gives names to."""

@@ -67,6 +67,7 @@ class UnrealSource(Source):
     ) -> None:
         self._connection, self._driver = connection, driver
         self._room = None if scene is None else room_of(scene)
+        self._digest = "" if scene is None else scene.digest()
         self._journal = Journal(connection.address)
         self._world = UnrealWorld(driver, self._journal, freeze or "auto")
         self._moves = freeze is not None or (scene is not None and bool(scene.moving))
@@ -82,6 +83,11 @@ class UnrealSource(Source):
     @property
     def scene_identity(self) -> SceneIdentity:
         return self._driver.scene_identity
+
+    @property
+    def world_digest(self) -> str:
+        """That of the mock server's scene; an engine cannot tell."""
+        return self._digest
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         for turn in turns(requests, self._driver.check, alone=self._driver.one_tick):
