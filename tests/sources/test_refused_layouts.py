@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from support.pictured import AT, SCENE, face, put, run, seen
+from support.pictured import AT, SCENE, THERE, face, put, run, seen
+from support.published import views
 
 import omniscv
 from omniscv.errors import ArgumentError
@@ -109,3 +110,49 @@ def test_lists_of_objects_by_frame(form, tmp_path):
             (mask,) = source.capture([omniscv.sources.Request(own, "object_mask")])
             expected = np.array([0, *(known.ids[name] for name in names)])[seen(view)[2]]
             np.testing.assert_array_equal(mask.pixels, expected)
+
+
+WALK = [Pose.from_angles(at, 20 + 9 * i, 4 * (i % 3), 3 * (i % 2)) for at in (AT, THERE) for i in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("turned", "says"),
+    [
+        ({"depth"}, "write depth with left and right exchanged, as numpy.fliplr does (colours are as"),
+        ({"depth", "lit"}, "write --mirrored; or"),
+    ],
+    ids=["depth alone", "both"],
+)
+def test_mirrored_pictures_are_refused_with_what_puts_them_right(turned, says, tmp_path, capsys):
+    poses = {}
+    for i, view in enumerate(views(WALK, size=(128, 96))):
+        lit, depth, _ = seen(view)
+        put(tmp_path / f"f/rgb_{i}.png", lit[:, ::-1] if "lit" in turned else lit)
+        np.save(tmp_path / f"f/depth_{i}.npy", depth[:, ::-1])
+        poses[f"rgb_{i}.png"] = {
+            "position": view.pose.position.tolist(),
+            "rotation": view.pose.R_w_c.tolist(),
+        }
+    (tmp_path / "p.json").write_text(json.dumps(poses))
+    fx, fy, cx, cy = view.projection
+    camera = omniscv.cameras.create("pinhole", 128, 96, fx=fx, fy=fy, cx=cx, cy=cy)
+    (tmp_path / "lens.json").write_text(json.dumps({"omniscv": 1, **camera.to_dict()}))
+    words = ["--intrinsics", tmp_path / "lens.json", "--poses", tmp_path / "p.json", "--frame", "camera"]
+    assert run(tmp_path / "f", tmp_path / "a.sqlite", *words) == 2
+    assert says in capsys.readouterr().err
+    if "lit" in turned:
+        assert run(tmp_path / "f", tmp_path / "a.sqlite", *words, "--mirrored") == 0
+
+
+def test_a_panorama_with_depth_that_leans_needs_the_word_too(tmp_path, capsys):
+    (tmp_path / "f").mkdir()
+    Image.new("RGB", (16, 8)).save(tmp_path / "f/a_rgb.png")
+    np.save(tmp_path / "f/a_depth.npy", np.full((8, 16), 2, np.float32))
+    (tmp_path / "p.csv").write_text("name,x,y,z,yaw,pitch\na_rgb.png,1,2,3,30,10\n")
+    words = [tmp_path / "f", tmp_path / "a.sqlite", "--poses", tmp_path / "p.csv"]
+    assert run(*words) == 2
+    assert (
+        "expected --frame, because the pose of 'a_rgb.png' turns by more than yaw" in capsys.readouterr().err
+    )
+    assert run(*words, "--trust-words") == 2
+    assert run(*words, "--frame", "body") == 0

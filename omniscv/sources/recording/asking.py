@@ -19,11 +19,14 @@ _LARGE = 1 << 21  # pixels
 
 def taken(sequence: Sequence, trust_words: bool) -> tuple[Sequence, tuple[str, ...]]:
     """Return a sequence as its pictures say it is read, and a line; ArgumentError for a contradiction."""
-    if (verdict := verdict_on(sequence)) is None:
+    verdict = verdict_on(sequence)
+    if sequence.refused and not (verdict and verdict.contradicts):
+        raise ArgumentError(sequence.refused)
+    if verdict is None:
         return sequence, ()
     if not verdict.contradicts:
         return sequence, (verdict.line(),)
-    if trust_words:
+    if trust_words and not sequence.refused:
         return sequence, (f"{verdict.line()}; taken as said",)
     if verdict.words.asks and (right := put_right(sequence, verdict)) is not None:
         return right, (f"{verdict.line()}; taken as pictures show",)

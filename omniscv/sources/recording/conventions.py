@@ -32,7 +32,17 @@ _PLAUSIBLE = (0.1, 150.0)  # median depth, metres
 _I = tuple(np.eye(3).ravel().tolist())
 _TURN = "the direction of poses"
 _OPEN = (_TURN, _TURN, "axes", "units", "planar or along the ray", _TURN, "timing")
-_BY = {"nerfstudio": "format", "tum": "format", "latlong": "options", "pinhole": "options"}
+_FLIPPED = {
+    "with left and right exchanged, as numpy.fliplr does": (-1, 1, 1),
+    "the other way up, as numpy.flipud does": (1, -1, 1),
+}
+"""How pictures are turned, and which axes of the camera that exchanges."""
+_OF_DEPTH_ALONE = 0.7  # of its agreement, which colours beside depth that is turned alone do not reach
+_BY = {
+    **dict.fromkeys(("nerfstudio", "tum", "arkitscenes", "isaac"), "format"),
+    **dict.fromkeys(("latlong", "pinhole"), "options"),
+}
+"""By layout, what says how poses are; a layout of the user's if it is none of these."""
 
 
 class Convention(NamedTuple):
@@ -165,7 +175,8 @@ class Verdict:
         right, said, by = self.best.convention, self.words.convention, _BY.get(layout, "layout")
         metres, per_m = self.units(right)
         axes, order = frame_of_axes(right.C), "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
-        keys = {"axes": axes} if right.axes != said.axes else {}
+        turned = self._turned_pictures(layout)
+        keys = {"axes": axes} if right.axes != said.axes and (by == "layout" or not turned) else {}
         keys |= {"inverse": str(right.inverse).lower()} if right.inverse != said.inverse else {}
         keys |= {"unit": _unit(metres).removesuffix(" m")} if metres != self.words.metres else {}
         if "inverse" in keys or keys.get("axes", "ned") not in FRAMES:
@@ -179,13 +190,26 @@ class Verdict:
             "poses with their rotations transposed": right.transposed,
             f"each pose at the picture {abs(right.shift)} frames "
             f"{'later' if right.shift > 0 else 'earlier'}": right.shift,
-            f"poses: {{{listed}}} in a layout": keys and by == "layout",
+            turned: turned and by != "layout",
+            f"poses: {{{listed}}} in a layout{f', or {turned}' if turned else ''}": keys and by == "layout",
             " and ".join(options): keys and by == "options",
             f"poses converted to {direction}, axes {self.words.axes}, and metres": keys and by == "format",
             f"--depth {'ray' if right.along else 'planar'}-{unit}": (right.along, per_m)
             != (said.along, self.words.per_m),
         }
         return " and ".join(word for word, due in words.items() if due)
+
+    def _turned_pictures(self, layout: str) -> str:
+        """Return what to do where poses are as said, but pictures are mirrored or upside down; else empty."""
+        assert self.best is not None
+        change = self.words.convention.C.T @ self.best.convention.C
+        how = next((how for how, flip in _FLIPPED.items() if np.array_equal(change, np.diag(flip))), "")
+        if not how:
+            return ""
+        if self.best.mean < _OF_DEPTH_ALONE * self.best.of_depth:
+            return f"depth {how} (colours are as they should be)"
+        is_option = how.startswith("with left") and _BY.get(layout) == "options"
+        return "--mirrored" if is_option else f"colours and depth {how}"
 
 
 def inverted(R: Array, t: Array) -> tuple[Array, Array]:

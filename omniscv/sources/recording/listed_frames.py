@@ -5,7 +5,7 @@ import unicodedata
 from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,12 +88,21 @@ def named_pose(file: Path, names: list[str], **options: Any) -> Pose | None:
         return poses[name]
 
 
-def frame_of_poses(options: Options) -> tuple[str, str]:
-    """Return what the rotations of ``--poses`` turn, and a line about it: the user's word, or ``body`` where
-    they turn by yaw alone; ArgumentError for others, which ``body`` and ``camera`` read in two ways."""
-    assert options.poses is not None
+class _Axes(NamedTuple):
+    """What the rotations of poses turn, a line about it, and why it is refused, if it is."""
+
+    frame: str
+    line: str = ""
+    refused: str = ""
+
+
+def frame_of_poses(options: Options) -> _Axes:
+    """Return what the rotations of ``--poses`` turn: the user's word, or ``body`` where they turn by yaw
+    alone; others, which ``body`` and ``camera`` read in two ways, are refused."""
+    if options.poses is None:
+        return _Axes("body")
     if options.frame is not None:
-        return options.frame, ""
+        return _Axes(options.frame)
     with within(options.poses.name):
         check_frame(options.poses, None)
         by_body = poses_in(options.poses, True, frame="body", unit=options.unit)
@@ -109,8 +118,8 @@ def frame_of_poses(options: Options) -> tuple[str, str]:
             expected = f"expected --frame, because the pose of {shown(name)} turns by more than yaw"
             body = f"--frame body (x ahead, z up) means {_angles(pose)}"
             camera = f"--frame camera (x right, z ahead) means {_angles(other)}"
-            raise ArgumentError(f"{expected}: {body}, {camera}; got none")
-    return "body", "poses turn by yaw alone: taken as --frame body" if is_turned else ""
+            return _Axes("body", "", f"{options.poses.name}: {expected}: {body}, {camera}; got none")
+    return _Axes("body", "poses turn by yaw alone: taken as --frame body" if is_turned else "")
 
 
 def _angles(pose: Pose) -> str:
@@ -250,7 +259,9 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     if options.poses and options.pose:
         raise ArgumentError("expected --poses, or --position and --yaw; got both")
     frames = list[Frame]()
-    axes, taken = frame_of_poses(options) if options.poses else ("body", "")
+    axes = frame_of_poses(options)
+    if axes.refused and not any("depth" in files for files in places.values()):
+        raise ArgumentError(axes.refused)  # with depth, pictures are asked first
     layers = list[foreign.Parts]()
     for words, files in places.items():
         files, parts = with_layers(files)
@@ -258,15 +269,15 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
         names = [name for file in files.values() for name in (file.name, file.stem)]
         pose = options.pose or Pose.from_angles((0, 0, 0))
         if options.poses:
-            said = {"frame": axes, "unit": options.unit}
+            said = {"frame": axes.frame, "unit": options.unit}
             pose = named_pose(options.poses, [*names, "_".join(words)], **said) or pose
         files = {mode: files[mode] for mode in ("lit", "depth", "object_mask", "normals") if mode in files}
         frames.append(Frame(files, pose, lens, {"depth": Files(kind="planar" if lens else "ray")}))
     says = [] if lens else ["resampled to six faces"]
-    says += [taken] if taken else []
+    says += [axes.line] if axes.line else []
     says += layer_lines(layers)
     columns: Collection[str] = ("m0",)
     if options.poses and options.poses.suffix.lower() != ".json":
         columns = read_rows(options.poses, keyed=True)[1].columns
-    poses = words_of(columns, axes, options.unit)
-    return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses)
+    poses = words_of(columns, axes.frame, options.unit)
+    return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses, refused=axes.refused)

@@ -161,6 +161,7 @@ class Sequence:
     layout: str = ""  # its name
     words: Words = field(default_factory=Words)  # what it says of its poses; depth is as `form`
     options: Options = field(default_factory=Options)  # of the user
+    refused: str = ""  # why it cannot be taken, unless pictures say more
 
     @property
     def modes(self) -> Counter[str]:
