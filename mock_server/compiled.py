@@ -69,7 +69,7 @@ class Kernel:
         self.__doc__ = function.__doc__
 
     def __call__(self, *args: Any) -> Any:
-        for code in self._built:
+        for code in self.built:
             words: list[Any] = []
             copies: list[Any] = []
             if code.signature.pack(args, words, copies):
@@ -116,7 +116,7 @@ class Kernel:
         return _compile(function, self._options)
 
     @cached_property
-    def _built(self) -> "tuple[_Code, ...]":
+    def built(self) -> "tuple[_Code, ...]":
         """The code of each signature in the library; none where it is not of this source."""
         library = load_library(_package(self))
         if library is None or library.digests.get(self.full_name) != self.digest:
@@ -230,7 +230,7 @@ def _meaning(value: Any) -> str:
 def _say_why(kernel: Kernel) -> None:
     """Tell, once, why numba compiles a kernel, which takes seconds."""
     library = load_library(_package(kernel))
-    if kernel._built:
+    if kernel.built:
         LOGGER.info(
             "%s: numba compiles it, for types of arguments that it does not declare", kernel.full_name
         )

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 # Before numba is imported: code for any processor of the last decade, and nothing kept from other runs.
-os.environ.update(NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=tempfile.mkdtemp())
+CPU = "x86-64-v2" if platform.machine().lower() in ("x86_64", "amd64") else "generic"
+os.environ.update(NUMBA_CPU_NAME=CPU, NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=tempfile.mkdtemp())
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -34,8 +35,12 @@ PACKAGES = ("mock_server", "omniscv")
 TARGETS = {
     "linux-x86_64.so": ("x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
     "linux-aarch64.so": ("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
+    "darwin-arm64.so": ("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos"),
+    "win32-amd64.so": ("x86_64-pc-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
 }
 """Libraries: LLVM's name of the platform, the processor, and zig's name of the platform."""
+COMMITTED = ("linux-x86_64", "linux-aarch64")
+"""The platforms on which kernels were run; the workflow publish.yml builds others on their own machines."""
 _DECREMENT = re.compile(
     r"(%\S+) = (?:tail )?call i8 @llvm\.x86\.atomic\.sub\.cc\S*"
     r"\(ptr (?:nonnull )?([^,]*), i64 (\d+), i32 4\)[^\n]*"
@@ -46,7 +51,12 @@ _DECREMENT = re.compile(
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare with the libraries that are there")
-    check = parser.parse_args().check
+    platforms = [name.removesuffix(".so") for name in TARGETS]
+    parser.add_argument(
+        "--platform", action="append", choices=platforms, help="one of these, not all of Linux"
+    )
+    arguments = parser.parse_args()
+    check = arguments.check
     differing = []
     for package in PACKAGES:
         kernels = declared_kernels(package)
@@ -59,8 +69,8 @@ def main() -> int:
         folder.mkdir(exist_ok=True)
         assembly = module_of(kernels)
         files = {"table.json": (json.dumps(table, indent=1) + "\n").encode()}
-        for name in TARGETS:
-            files[name] = library(assembly, name)
+        for name in arguments.platform or COMMITTED:
+            files[f"{name}.so"] = library(assembly, f"{name}.so")
         for name, data in files.items():
             path = folder / name
             if check and (not path.exists() or path.read_bytes() != data):
@@ -189,7 +199,8 @@ def library(assembly: str, name: str) -> bytes:
         runtime = Path(folder, "runtime.c")
         runtime.write_bytes((ROOT / "scripts" / "kernel_runtime.c").read_bytes())
         zig = [sys.executable, "-m", "ziglang", "cc", "-target", platform_, "-O2", "-shared", "-s"]
-        linked = ["-Wl,-z,defs", "-o", name, runtime.name, kernels.name, "-lm"]
+        strict = ["-Wl,-z,defs"] if "linux" in platform_ else []
+        linked = [*strict, "-o", name, runtime.name, kernels.name, *(["-lm"] if "linux" in platform_ else [])]
         subprocess.run([*zig, *linked], cwd=folder, check=True)
         return Path(folder, name).read_bytes()
 

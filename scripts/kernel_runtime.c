@@ -15,13 +15,11 @@ typedef struct {
 } Block;
 
 static void *allocate(size_t size) {
-  size_t head = (sizeof(Block) + ALIGNMENT - 1) & ~(size_t)(ALIGNMENT - 1);
-  size_t data = (size + ALIGNMENT - 1) & ~(size_t)(ALIGNMENT - 1);
-  void *memory = NULL;
-  Block *block;
-  if (data < size || posix_memalign(&memory, ALIGNMENT, head + data)) return NULL;
-  block = memory;
-  *block = (Block){1, NULL, NULL, (char *)memory + head, size, NULL};
+  size_t head = sizeof(Block) + ALIGNMENT;
+  Block *block = size <= SIZE_MAX - head ? malloc(head + size) : NULL;
+  if (!block) return NULL;
+  uintptr_t data = ((uintptr_t)(block + 1) + ALIGNMENT - 1) & ~(uintptr_t)(ALIGNMENT - 1);
+  *block = (Block){1, NULL, NULL, (void *)data, size, NULL};
   return block;
 }
 

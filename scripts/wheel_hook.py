@@ -1,12 +1,13 @@
 """Build hook of wheels: each has the built kernels of one platform, and its tag; another one has none.
 
-OMNISCV_WHEEL names the platform, as libraries are named: linux-x86_64, linux-aarch64, or any. Without it a
-wheel is for this machine. A source distribution has the libraries of all platforms.
+OMNISCV_WHEEL names the platform, as libraries are named, or is "any". Without it a wheel is for this machine,
+if that has a library. A source distribution has the libraries that are committed.
 """
 
 import os
 import platform
 import sys
+from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -14,6 +15,8 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 TAGS = {
     "linux-x86_64": "py3-none-manylinux_2_17_x86_64",
     "linux-aarch64": "py3-none-manylinux_2_17_aarch64",
+    "darwin-arm64": "py3-none-macosx_11_0_arm64",
+    "win32-amd64": "py3-none-win_amd64",
     "any": "py3-none-any",
 }
 
@@ -25,10 +28,11 @@ class WheelHook(BuildHookInterface[Any]):
         """Set what hatchling builds, but for editable installations, which use the folder as it is."""
         if version == "editable":
             return
+        built = {path.stem for path in Path(self.root, "omniscv", "kernels").glob("*.so")} | {"any"}
         here = f"{sys.platform}-{platform.machine().lower()}"
-        name = os.environ.get("OMNISCV_WHEEL") or (here if here in TAGS else "any")
-        if name not in TAGS:
-            raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(TAGS)}, got {name!r}")
+        name = os.environ.get("OMNISCV_WHEEL") or (here if here in built else "any")
+        if name not in built:
+            raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(sorted(built))}, got {name!r}")
         build_data["tag"] = TAGS[name]
         others = [other for other in TAGS if other != name]
         self.build_config.target_config["exclude"] = [f"*/kernels/{other}.so" for other in others]

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,9 @@ from mock_server import compiled, signatures
 
 ROOT = Path(omniscv.__file__).parents[1]
 PACKAGES = {"omniscv": omniscv, "mock_server": mock_server}
+
+
+needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="numba is needed to compile kernels")
 
 
 def declared(package):
@@ -84,6 +88,7 @@ print(values.tolist())
 """
 
 
+@needs_numba
 def test_a_kernel_of_a_plugin_is_compiled_by_numba_with_ours(tmp_path):
     done = run(PLUGIN, tmp_path)
     assert done.stdout == "[0.0, 2.0, 4.0, 4.0, 4.0]\n", done.stderr
@@ -114,6 +119,7 @@ def changed(monkeypatch):
     return kernel
 
 
+@needs_numba
 def test_a_changed_kernel_is_compiled_by_numba_and_says_so(changed, caplog):
     vectors = np.ones((2, 3))
     with caplog.at_level(logging.INFO, "omniscv.compiled"):
@@ -122,6 +128,7 @@ def test_a_changed_kernel_is_compiled_by_numba_and_says_so(changed, caplog):
     assert "camera_kernels.blank: numba compiles it, since" in caplog.text
 
 
+@needs_numba
 def test_a_signature_that_is_not_declared_is_compiled_by_numba_and_says_so(caplog):
     from omniscv.cameras.camera_kernels import blank
 
@@ -187,6 +194,7 @@ def test_every_signature_is_called(calls):
     assert called == due
 
 
+@needs_numba
 @pytest.mark.soak
 def test_libraries_and_numba_give_equal_bytes(calls):
     """numba compiles all for a minute."""
@@ -197,11 +205,18 @@ def test_libraries_and_numba_give_equal_bytes(calls):
         signature = kernel.signatures[index]
         words = []
         assert signature.pack(from_library, words, [])
-        result = kernel._built[index].run(words)
+        result = kernel.built[index].run(words)
         expected = kernel.dispatcher(*by_numba)
         if content(from_library) != content(by_numba) or content(result) != content(expected):
             differing.append(f"{kernel.full_name} {index}")
     assert not differing
+
+
+@pytest.mark.soak
+def test_libraries_are_built_by_the_script_byte_by_byte():
+    """It makes an environment with a linker, which takes a minute."""
+    done = subprocess.run([ROOT / "scripts" / "kernels", "--check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def content(value):

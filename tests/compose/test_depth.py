@@ -88,6 +88,7 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
 
     Where a step of the half floats is as large as what a curve bends in a pixel, the pixels look flat.
     """
+    pytest.importorskip("numba")  # Python calls a kernel that others call
     rng, focal = np.random.default_rng(4), 196.0
     for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (20, 2)):
         inside = int(0.6 * radius / away * focal)
