@@ -21,7 +21,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any, NamedTuple
@@ -76,6 +76,21 @@ class Kernel:
                 return code.run(words)
         _say_why(self)
         return self.dispatcher(*args)
+
+    def prepare(self, *args: Any) -> Callable[[int], Any]:
+        """Return the kernel as a function of its last argument, a whole number.
+
+        For calls by thousands, which are quick: packing arrays takes 2 microseconds each.
+
+        Args:
+            args: all arguments but the last. Their arrays may change between calls, but not move.
+        """
+        for code in self.built:
+            words: list[Any] = []
+            copies: list[Any] = []
+            if code.signature.pack((*args, 0), words, copies) and not copies:
+                return code.prepare(words, args)
+        return partial(self, *args)
 
     @property
     def full_name(self) -> str:
@@ -141,7 +156,19 @@ class _Code(NamedTuple):
         Raises:
             ArithmeticError: the code divided by zero, or got no memory.
         """
+        return self._run(self.signature.buffer(words))
+
+    def prepare(self, words: list[Any], args: tuple[Any, ...]) -> Callable[[int], Any]:
+        """Return a function of the last of packed arguments; it keeps ``args``, whose addresses they are."""
         buffer = self.signature.buffer(words)
+
+        def run(last: int, _: Any = args) -> Any:
+            self.signature.replace_last(buffer, last)
+            return self._run(buffer)
+
+        return run
+
+    def _run(self, buffer: Any) -> Any:
         status = self.function(buffer)
         if status:
             raise ArithmeticError(f"{self.name}: expected a result, got status {status}: 1/0, or no memory")

@@ -76,11 +76,18 @@ def main() -> int:
             if check and (not path.exists() or path.read_bytes() != data):
                 differing.append(f"{package}/kernels/{name}")
             if not check:
-                path.write_bytes(data)
+                replace(path, data)
             print(f"{package}/kernels/{name}: {len(kernels)} kernels, {len(data)} bytes")
     if differing:
         print(f"kernels: expected what this source and {versions()} give, got other bytes in {differing}")
     return int(bool(differing))
+
+
+def replace(path: Path, data: bytes) -> None:
+    """Write a file in place of another one, which processes may be running."""
+    part = path.with_suffix(".part")
+    part.write_bytes(data)
+    part.replace(path)
 
 
 def versions() -> dict[str, str]:

@@ -139,6 +139,23 @@ def test_a_signature_that_is_not_declared_is_compiled_by_numba_and_says_so(caplo
     assert "for types of arguments that it does not declare" in caplog.text
 
 
+def test_a_prepared_kernel_reads_what_its_arrays_hold_at_each_call():
+    from omniscv.planning.patches import _best_windows
+
+    points = np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    worth = np.zeros(2)
+    axes = np.stack([np.eye(3), np.eye(3)[[2, 0, 1]]])
+    prices = np.ones((1, 1))
+    ratios = np.zeros(2)
+    arrays = (points, worth, axes, np.array([0.1]), prices, np.array([3]), ratios, np.zeros((2, 3), np.int64))
+    find = _best_windows.prepare(*arrays)
+    find(1)
+    assert ratios.tolist() == [0.0, 0.0]
+    worth[:] = 2.0
+    find(1)
+    assert ratios.tolist() == [0.0, 2.0]
+
+
 def test_an_input_of_another_layout_is_copied():
     from omniscv.cameras.camera_kernels import blank
 

@@ -9,7 +9,6 @@ cover).
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ _LENGTHS = np.array((6, 12, 24, 40, 60, 90, 120, 160, 200))  # of windows, steps
 _SPANS = 2 * np.pi / _STEPS * _LENGTHS
 _HIGHEST = np.radians(50.0)  # half the height of a view
 _NOTHING = 1e-9  # worth at a price, ms: rounding
+_ALL = -1  # circles
 _BAND_PX = 4.0  # of a capture: the width of the bands in which pixels in doubt crowd
 _HEIGHTS = (1.0, 2.0, 4.0, 10.0, 25.0, 64.0)  # of the narrowest views
 
@@ -98,12 +98,17 @@ def patches(
     prices = modes * price.of(1, across * down)
     prices[(across > LARGEST_FACE_PX) | (down > LARGEST_FACE_PX)] = np.inf
     limits = np.sin(heights), prices, _LENGTHS
-    ratios, _ = _windows(points, alive, axes, *limits)
+    ratios = np.zeros(len(axes))
+    windows = np.zeros((len(axes), 3), np.int64)
+    find_windows = _best_windows.prepare(points, alive, axes, *limits, ratios, windows)
+    find_windows(_ALL)
     queue = [(-ratio, k) for k, ratio in enumerate(ratios.tolist())]
     heapq.heapify(queue)
     while queue and queue[0][0] < -_NOTHING:
         _, k = heapq.heappop(queue)
-        (ratio,), ((step, height, span),) = _windows(points, alive, axes[k : k + 1], *limits)
+        find_windows(k)
+        ratio = ratios[k]
+        step, height, span = windows[k]
         if ratio <= _NOTHING:
             continue
         heapq.heappush(queue, (-ratio, k))
@@ -167,17 +172,9 @@ def _turns(a: float, b: float) -> float:
     return 0.5 + eighth if a < 0.0 else (1.0 + eighth) % 1.0
 
 
-def _windows(points: Array, worth: Array, axes: Array, *limits: Any) -> tuple[Array, Ints]:
-    """Return what :func:`_best_windows` writes."""
-    ratios = np.zeros(len(axes))
-    windows = np.zeros((len(axes), 3), np.int64)
-    _best_windows(points, worth, axes, *limits, ratios, windows)
-    return ratios, windows
-
-
 @njit(
     "float64[:, ::1], float64[::1], float64[:, :, ::1], float64[::1], float64[:, ::1], int64[::1], "
-    "out float64[::1], out int64[:, ::1]",
+    "out float64[::1], out int64[:, ::1], int64",
     nogil=True,
     error_model="numpy",
 )
@@ -190,13 +187,18 @@ def _best_windows(
     lengths: Ints,
     ratios: Array,
     windows: Ints,
+    which: int,
 ) -> None:
     """Write (C,) the most worth at a price on each circle, and (C, 3) where: the step of its start, height,
-    length. Both are 0 before. Rays are (N, 3), their worth (N,), axes (C, 3, 3); heights (H,) are sines of
-    half a window's, prices (H, S) and lengths (S,), in steps, those of windows."""
+    length. ``which`` is one circle, or :data:`_ALL`. Rays are (N, 3), their worth (N,), axes (C, 3, 3);
+    heights (H,) are sines of half a window's, prices (H, S) and lengths (S,), in steps, those of windows."""
     before, by_step = np.empty(2 * _STEPS + 1), np.empty((len(heights), _STEPS))
     starts = np.empty(_STEPS, np.int64)
-    for k in range(len(axes)):
+    first = max(which, 0)
+    last = len(axes) if which == _ALL else which + 1
+    for k in range(first, last):
+        ratios[k] = 0.0
+        windows[k, 0] = windows[k, 1] = windows[k, 2] = 0
         for h in range(len(heights)):
             for step in range(_STEPS):
                 by_step[h, step] = 0.0

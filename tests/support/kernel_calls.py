@@ -2,6 +2,7 @@
 
 import copy
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 from unittest import mock
 
@@ -65,7 +66,10 @@ def _recorded(record: Any) -> Any:
         record(kernel, args)
         return call(kernel, *args)
 
-    with mock.patch.object(Kernel, "__call__", recording):
+    def prepare(kernel: Kernel, *args: Any) -> Any:
+        return partial(recording, kernel, *args)
+
+    with mock.patch.object(Kernel, "__call__", recording), mock.patch.object(Kernel, "prepare", prepare):
         yield
 
 
