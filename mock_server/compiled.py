@@ -33,6 +33,8 @@ from mock_server.signatures import Signature, fields, fields_of, parse
 __all__ = ["Kernel", "Library", "fields", "library_name", "load_library", "njit", "symbol"]
 
 LOGGER = logging.getLogger("omniscv.compiled")
+_V3 = {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"}
+"""What a processor of x86-64-v3 has beside that of v2."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -131,7 +133,7 @@ class Kernel:
         return _compile(function, self._options)
 
     @cached_property
-    def built(self) -> "tuple[_Code, ...]":
+    def built(self) -> "tuple[Code, ...]":
         """The code of each signature in the library; none where it is not of this source."""
         library = load_library(_package(self))
         if library is None or library.digests.get(self.full_name) != self.digest:
@@ -139,11 +141,11 @@ class Kernel:
         codes = []
         for index, signature in enumerate(self.signatures):
             function = library.code[symbol(self.full_name, index)]
-            codes.append(_Code(self.full_name, function, signature))
+            codes.append(Code(self.full_name, function, signature))
         return tuple(codes)
 
 
-class _Code(NamedTuple):
+class Code(NamedTuple):
     """Machine code of a kernel for one signature."""
 
     name: str
@@ -209,8 +211,20 @@ def load_library(package: str) -> Library | None:
 
 
 def library_name() -> str:
-    """Return the name of the library for this machine."""
-    return f"{sys.platform}-{platform.machine().lower()}.so"
+    """Return the name of the library for this machine: where vectors are wider, another one."""
+    name = f"{sys.platform}-{platform.machine().lower()}"
+    if name == "linux-x86_64" and _flags() >= _V3:
+        name += "-v3"
+    return f"{name}.so"
+
+
+def _flags() -> set[str]:
+    """Return what the processor has, as Linux names it."""
+    with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+        for line in file:
+            if line.startswith("flags"):
+                return set(line.split())
+    return set()
 
 
 def symbol(full_name: str, index: int) -> str:

@@ -1,8 +1,8 @@
 """Compiles the declared kernels of omniscv and the mock server into libraries: see docs/contributing.md.
 
-numba compiles each signature to LLVM's intermediate representation. This is linked into one module a
-package, with a function for C for each signature. llvmlite emits objects of it, and zig links these for glibc
-2.17. Equal sources and versions give equal bytes.
+numba compiles each signature to LLVM's intermediate representation, in a process for each kind of processor.
+This is linked into one module a package, with a function for C for each signature. llvmlite emits objects of
+it, and zig links these for glibc 2.17. Equal sources and versions give equal bytes.
 """
 
 import argparse
@@ -15,12 +15,9 @@ import subprocess
 import sys
 import tempfile
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
-from typing import Any
-
-# Before numba is imported: code for any processor of the last decade, and nothing kept from other runs.
-CPU = "x86-64-v2" if platform.machine().lower() in ("x86_64", "amd64") else "generic"
-os.environ.update(NUMBA_CPU_NAME=CPU, NUMBA_CPU_FEATURES="", NUMBA_CACHE_DIR=tempfile.mkdtemp())
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -32,15 +29,27 @@ from mock_server.compiled import Kernel, symbol  # noqa: E402
 from mock_server.signatures import ArrayType, Scalar, Signature, Type  # noqa: E402
 
 PACKAGES = ("mock_server", "omniscv")
+
+
+class Target(NamedTuple):
+    """A platform: numba's processor, LLVM's names of the platform and its processor, and zig's name of it."""
+
+    numba_cpu: str
+    triple: str
+    cpu: str
+    zig: str
+
+
 TARGETS = {
-    "linux-x86_64.so": ("x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
-    "linux-aarch64.so": ("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
-    "darwin-arm64.so": ("arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos"),
-    "win32-amd64.so": ("x86_64-pc-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
+    "linux-x86_64": Target("x86-64-v2", "x86_64-unknown-linux-gnu", "x86-64-v2", "x86_64-linux-gnu.2.17"),
+    "linux-x86_64-v3": Target("x86-64-v3", "x86_64-unknown-linux-gnu", "x86-64-v3", "x86_64-linux-gnu.2.17"),
+    "linux-aarch64": Target("x86-64-v2", "aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
+    "darwin-arm64": Target("generic", "arm64-apple-macosx11.0.0", "apple-m1", "aarch64-macos"),
+    "win32-amd64": Target("x86-64-v2", "x86_64-pc-windows-gnu", "x86-64-v2", "x86_64-windows-gnu"),
 }
-"""Libraries: LLVM's name of the platform, the processor, and zig's name of the platform."""
-COMMITTED = ("linux-x86_64", "linux-aarch64")
-"""The platforms on which kernels were run; the workflow publish.yml builds others on their own machines."""
+"""By the names of libraries. Code of a vector of two numbers for x86-64 serves ARM, too."""
+COMMITTED = ("linux-x86_64", "linux-x86_64-v3", "linux-aarch64")
+"""Those whose kernels were run; the workflow publish.yml builds others on their own machines."""
 _DECREMENT = re.compile(
     r"(%\S+) = (?:tail )?call i8 @llvm\.x86\.atomic\.sub\.cc\S*"
     r"\(ptr (?:nonnull )?([^,]*), i64 (\d+), i32 4\)[^\n]*"
@@ -51,40 +60,55 @@ _DECREMENT = re.compile(
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare with the libraries that are there")
-    platforms = [name.removesuffix(".so") for name in TARGETS]
-    parser.add_argument(
-        "--platform", action="append", choices=platforms, help="one of these, not all of Linux"
-    )
+    parser.add_argument("--platform", action="append", choices=TARGETS, help="one of these, not all of Linux")
+    parser.add_argument("--modules", type=Path, help=argparse.SUPPRESS)  # write them here, and nothing else
     arguments = parser.parse_args()
-    check = arguments.check
+    if arguments.modules:
+        for package in PACKAGES:
+            module = module_of(declared_kernels(package))
+            (arguments.modules / package).write_text(module, encoding="ascii")
+        return 0
+    files = {f"{package}/kernels/table.json": table_of(package) for package in PACKAGES}
+    names = arguments.platform or COMMITTED
+    for cpu in sorted({TARGETS[name].numba_cpu for name in names}):
+        modules = modules_for(cpu)
+        for name in names:
+            if TARGETS[name].numba_cpu == cpu:
+                for package, module in modules.items():
+                    files[f"{package}/kernels/{name}.so"] = library(module, TARGETS[name])
     differing = []
-    for package in PACKAGES:
-        kernels = declared_kernels(package)
-        table = {
-            "versions": versions(),
-            "changing": [],
-            "kernels": {kernel.full_name: described(kernel) for kernel in kernels},
-        }
-        folder = ROOT / package / "kernels"
-        folder.mkdir(exist_ok=True)
-        assembly = module_of(kernels)
-        files = {"table.json": (json.dumps(table, indent=1) + "\n").encode()}
-        for name in arguments.platform or COMMITTED:
-            files[f"{name}.so"] = library(assembly, f"{name}.so")
-        for name, data in files.items():
-            path = folder / name
-            if check and (not path.exists() or path.read_bytes() != data):
-                differing.append(f"{package}/kernels/{name}")
-            if not check:
-                replace(path, data)
-            print(f"{package}/kernels/{name}: {len(kernels)} kernels, {len(data)} bytes")
+    for name, data in files.items():
+        path = ROOT / name
+        if not arguments.check:
+            replace(path, data)
+        elif not path.exists() or path.read_bytes() != data:
+            differing.append(name)
+        print(f"{name}: {len(data)} bytes")
     if differing:
         print(f"kernels: expected what this source and {versions()} give, got other bytes in {differing}")
     return int(bool(differing))
 
 
+def modules_for(cpu: str) -> dict[str, str]:
+    """Return LLVM's text of the module of each package, compiled for a processor in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        kept = str(Path(folder, "cache"))  # nothing of other runs is used
+        environment = {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": kept}
+        command = [sys.executable, __file__, "--modules", folder]
+        subprocess.run(command, env={**os.environ, **environment}, check=True)
+        return {package: Path(folder, package).read_text(encoding="ascii") for package in PACKAGES}
+
+
+def table_of(package: str) -> bytes:
+    """Return the table of a package's kernels: what they were built from, and with."""
+    kernels = {kernel.full_name: described(kernel) for kernel in declared_kernels(package)}
+    table = {"versions": versions(), "changing": [], "kernels": kernels}
+    return (json.dumps(table, indent=1) + "\n").encode()
+
+
 def replace(path: Path, data: bytes) -> None:
     """Write a file in place of another one, which processes may be running."""
+    path.parent.mkdir(exist_ok=True)
     part = path.with_suffix(".part")
     part.write_bytes(data)
     part.replace(path)
@@ -190,26 +214,26 @@ def remove_unused(module: Any) -> None:
     passes.run(module, builder)
 
 
-def library(assembly: str, name: str) -> bytes:
-    """Return the shared library of a module for one of the TARGETS."""
-    triple, processor, platform_ = TARGETS[name]
-    target = llvm.Target.from_triple(triple)
-    machine = target.create_target_machine(cpu=processor, opt=3, reloc="pic", codemodel="default")
-    text = re.sub(r'target triple = ".*"', f'target triple = "{triple}"', assembly)
+def library(assembly: str, target: Target) -> bytes:
+    """Return the shared library of a module for a platform."""
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, opt=3, reloc="pic", codemodel="default"
+    )
+    text = re.sub(r'target triple = ".*"', f'target triple = "{target.triple}"', assembly)
     text = re.sub(r'target datalayout = ".*"', f'target datalayout = "{machine.target_data}"', text)
     text = re.sub(r'"(target-features|target-cpu)"="[^"]*"', "", text)
-    counter = iter(range(len(text)))
-    text = _DECREMENT.sub(lambda match: _decrement(match, next(counter)), text)
+    numbers = count()
+    text = _DECREMENT.sub(lambda match: _decrement(match, next(numbers)), text)
     with tempfile.TemporaryDirectory() as folder:
         kernels = Path(folder, "kernels.o")
         kernels.write_bytes(machine.emit_object(llvm.parse_assembly(text)))
         runtime = Path(folder, "runtime.c")
         runtime.write_bytes((ROOT / "scripts" / "kernel_runtime.c").read_bytes())
-        zig = [sys.executable, "-m", "ziglang", "cc", "-target", platform_, "-O2", "-shared", "-s"]
-        strict = ["-Wl,-z,defs"] if "linux" in platform_ else []
-        linked = [*strict, "-o", name, runtime.name, kernels.name, *(["-lm"] if "linux" in platform_ else [])]
-        subprocess.run([*zig, *linked], cwd=folder, check=True)
-        return Path(folder, name).read_bytes()
+        zig = [sys.executable, "-m", "ziglang", "cc", "-target", target.zig, "-O2", "-shared", "-s"]
+        of_linux = ["-Wl,-z,defs", "-lm"] if "linux" in target.zig else []
+        command = [*zig, "-o", "library", runtime.name, kernels.name, *of_linux]
+        subprocess.run(command, cwd=folder, check=True)
+        return Path(folder, "library").read_bytes()
 
 
 def _decrement(match: re.Match[str], number: int) -> str:

@@ -28,11 +28,13 @@ class WheelHook(BuildHookInterface[Any]):
         """Set what hatchling builds, but for editable installations, which use the folder as it is."""
         if version == "editable":
             return
-        built = {path.stem for path in Path(self.root, "omniscv", "kernels").glob("*.so")} | {"any"}
+        built = {path.stem for path in Path(self.root, "omniscv", "kernels").glob("*.so")}
+        choices = [name for name in TAGS if name in built or name == "any"]
         here = f"{sys.platform}-{platform.machine().lower()}"
-        name = os.environ.get("OMNISCV_WHEEL") or (here if here in built else "any")
-        if name not in built:
-            raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(sorted(built))}, got {name!r}")
+        name = os.environ.get("OMNISCV_WHEEL") or (here if here in choices else "any")
+        if name not in choices:
+            raise ValueError(f"OMNISCV_WHEEL: expected one of {', '.join(choices)}, got {name!r}")
         build_data["tag"] = TAGS[name]
-        others = [other for other in TAGS if other != name]
-        self.build_config.target_config["exclude"] = [f"*/kernels/{other}.so" for other in others]
+        # linux-x86_64-v3 is of linux-x86_64, for newer processors.
+        others = [library for library in built if not f"{library}-".startswith(f"{name}-")]
+        self.build_config.target_config["exclude"] = [f"*/kernels/{library}.so" for library in others]

@@ -141,6 +141,7 @@ def patches(
             queue = [entry for entry in queue if entry[1] != k]
             heapq.heapify(queue)
         points, alive = points[waiting], alive[waiting]
+        find_windows = _best_windows.prepare(points, alive, axes, *limits, ratios, windows)
 
 
 def _axes(points: Array) -> Array:
