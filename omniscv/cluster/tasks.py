@@ -220,7 +220,8 @@ class Tasks:
         task.failures += 1
         task.tried.add(address)
         self._failed[address] += 1
-        self._warn(f"worker {name}: {failure.message}")
+        if address not in self._aside:
+            self._warn(f"worker {name}: {failure.message}")
         if task.failures > RETRIES:
             times = f"expected every part to be made, {task.name} failed {task.failures} times"
             raise ClusterError(f"{times}, the last time at worker {name}: {failure.message}; {_AGAIN}")

@@ -139,17 +139,18 @@ def check_versions(client: Client) -> None:
         if version != own:
             name = workers.get(address, {}).get("name", address)
             wanted = f"expected workers with omniscv {own}, as here"
-            got = f"worker {name} at {address} has {version or 'none'}"
-            raise ClusterError(
-                f"--cluster: {wanted}; {got}; install it there: pip install 'omniscv[cluster]=={own}'"
-            )
+            got = f"got {version or 'none'} at worker {name}, {address}"
+            advice = f"install it there: pip install 'omniscv[cluster]=={own}'"
+            raise ClusterError(f"--cluster: {wanted}, {got}; {advice}")
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask's own log lines and tracebacks off the terminal: what matters is said by this package."""
-    before = {name: logging.getLogger(name).level for name in _LOGGERS}
-    for name in _LOGGERS:
+    known = [*_LOGGERS, *logging.root.manager.loggerDict]
+    names = [name for name in known if name.partition(".")[0] in _LOGGERS]
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         yield

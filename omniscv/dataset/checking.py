@@ -88,7 +88,7 @@ def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterat
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
     faults: list[str] = []
     sizes = {entry.path: entry.bytes for entry in frame.entries.values()}
-    with _faults_in(folder, faults), _local(folder, sizes) as path:
+    with _faults_in(folder, faults), local_copy(folder, sizes) as path:
         local = frame.with_files(storage.folder(path), frame.entries)
         for kind in local.files:
             with _faults_in(path, faults):
@@ -186,7 +186,7 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
     if not deep:
         return []
     exported = [frame for frame in frames if export.shows(frame.camera_name)]
-    with _local(folder, dict.fromkeys(names)) as root:
+    with local_copy(folder, dict.fromkeys(names)) as root:
         place = root / EXPORTS / export.out
         faults = exporting.get(export.format).check(exported, place)
         if faults is None:
@@ -197,7 +197,7 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
 
 
 @contextmanager
-def _local(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
+def local_copy(folder: Folder, sizes: Mapping[str, int | None]) -> Iterator[Path]:
     """Give a local folder with some files of a dataset: its own, or a temporary one with copies of a store's;
     ``sizes`` are the bytes that each may have, None for what the store says."""
     if folder.local is not None:

@@ -10,6 +10,7 @@ import yaml
 
 from omniscv import dataset, storage
 from omniscv.arguments import one_of
+from omniscv.dataset.checking import local_copy
 from omniscv.dataset.exporting import EXPORTS
 from omniscv.dataset.sequences import by_camera
 from omniscv.errors import ArgumentError
@@ -21,6 +22,8 @@ from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, 
 from omniscv.sources.recording.lenses import Wide, straight
 from omniscv.sources.recording.overlap import PosedPictures, Shot
 
+_SUFFIXES = (".json", ".txt", ".keys", ".tum", ".euroc", ".kitti", ".yaml", ".csv")
+"""Of files that have poses: the others of a store are not fetched."""
 _NEAR_NS = 20_000_000  # from a picture to the state of an IMU
 
 
@@ -43,28 +46,36 @@ def check_pictures(folder: str, format: str | None = None) -> Iterator[tuple[str
     """Yield a line for each camera of the dataset and of its exports, and whether it is a fault.
 
     Raises:
-        ArgumentError: no dataset, a dataset by URL, no frames with colours and depth, or an unknown format.
+        ArgumentError: no dataset, no frames with colours and depth, or an unknown format.
     """
-    if (local := storage.folder(folder).local) is None:
-        raise ArgumentError(f"{folder}: expected a dataset in a folder, got a URL")
     if format is not None:
         one_of("format", format, READERS)
     frames = dataset.open(folder)
     cameras = by_camera([frame for frame in frames if {"lit", "depth"} <= frame.files.keys()])
     if not cameras:
         raise ArgumentError(f"{folder}: expected frames with lit and depth, which can be compared, got none")
-    for name, mine in cameras.items():
-        poses = {frame.key: frame.pose for frame in mine}
-        exported = [Written(local / "frames.jsonl", poses, Words(along=True))]
-        for out in sorted((local / EXPORTS).glob("*")):
-            for kind in [format] if format else READERS:
-                exported += READERS[kind](out, mine)
-        for written in exported:
-            if poses.keys() & written.poses.keys():
-                verdict = _verdict(mine, written)
-                line = verdict.line() if verdict else "no two frames overlap"
-                at = written.file.relative_to(local).as_posix()
-                yield f"{at}: {name}: {line}", bool(verdict and verdict.contradicts)
+    there = storage.folder(folder)
+    written = [name for name in there.names(f"{EXPORTS}/") if Path(name).suffix in _SUFFIXES]
+    with local_copy(there, dict.fromkeys(written)) as local:
+        for name, mine in cameras.items():
+            yield from _lines_of(name, mine, local, [format] if format else list(READERS))
+
+
+def _lines_of(
+    camera: str, frames: Sequence[Frame], local: Path, formats: Sequence[str]
+) -> Iterator[tuple[str, bool]]:
+    """Yield the lines of :func:`check_pictures` of a camera, of exports in a local folder."""
+    poses = {frame.key: frame.pose for frame in frames}
+    exported = [Written(local / "frames.jsonl", poses, Words(along=True))]
+    for out in sorted((local / EXPORTS).glob("*")):
+        for kind in formats:
+            exported += READERS[kind](out, frames)
+    for written in exported:
+        if poses.keys() & written.poses.keys():
+            verdict = _verdict(frames, written)
+            line = verdict.line() if verdict else "no two frames overlap"
+            at = written.file.relative_to(local).as_posix()
+            yield f"{at}: {camera}: {line}", bool(verdict and verdict.contradicts)
 
 
 def _verdict(frames: Sequence[Frame], written: Written) -> Verdict | None:

@@ -158,13 +158,14 @@ def test_the_array_s_script_makes_a_part_in_each_task(tmp_path, monkeypatch):
     command.write_text('#!/bin/sh\necho "$@"\n')
     command.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "4")
+    monkeypatch.setenv("SLURM_ARRAY_TASK_COUNT", "2")  # of --array=5,9
     commands = []
-    for i in (0, 3):
-        monkeypatch.setenv("SLURM_ARRAY_TASK_ID", str(i))
+    for parts, index in (("", 5), ("", 9), ("128", 100)):
+        monkeypatch.setenv("PARTS", parts)
+        monkeypatch.setenv("SLURM_ARRAY_TASK_ID", str(index))
         done = subprocess.run([EXAMPLE, "room.yaml"], capture_output=True, text=True, timeout=60, check=True)
-        commands.append(done.stdout.split())
-    assert commands == [["dataset", "make", "room.yaml", "--shard", f"{i}/4"] for i in (0, 3)]
+        commands.append(done.stdout.split()[-1])
+    assert commands == ["5/64", "9/64", "100/128"]
 
 
 def test_places_that_are_none_and_workers_that_do_not_start_are_one_line(monkeypatch):

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.overlapping import walk
 
-from omniscv import cli
+from omniscv import cli, storage
+from omniscv.diagnostics.exported_poses import check_pictures
 
 JOB = """
 source: scene://four-wall
@@ -51,6 +52,17 @@ def test_pictures_find_the_convention_that_each_format_has_and_poses_that_no_lon
         said = f"as said, {says}" if file != TUM else f"{says}, positions in cm"
         assert f"pictures: {said}, depth along the ray" in line
         assert file == TUM or "depth along the ray: agreement 0." in line
+
+
+def test_a_url_is_asked_as_its_folder_is(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("OMNISCV_CACHE", str(tmp_path))
+    url = f"memory://{tmp_path.name}"
+    for path in folder.rglob("*"):
+        if path.is_file():
+            storage.folder(url).put(path.relative_to(folder).as_posix(), path)
+    lines = list(check_pictures(url))
+    assert lines == list(check_pictures(str(folder)))
+    assert len(lines) == len(FILES)
 
 
 def test_datasets_that_cannot_be_asked_are_refused(copied, capsys):
