@@ -34,5 +34,5 @@ def face(source, number):
 def noncentral(source):
     """A panorama on a circle, of faces at four places on it and of one in the middle."""
     camera = cameras.create("noncentral-panorama", width=64, height=32, radius=0.2)
-    options = {"face_size": 48, "viewpoints": 4}
+    options = {"strategy": "exact", "face_size": 48, "viewpoints": 4}
     return omniscv.render(camera, TURNED, source, MODES[:3], **options)
