@@ -168,6 +168,19 @@ def mark_beyond_reach(layers: dict[str, NDArray[Any]], valid: Mask) -> None:
         layers["unsure"] = beyond | layers["unsure"]
 
 
+def mark_other_surfaces(layers: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return an image's layers with a ``label_edge`` where depth says that the surface may be another one.
+
+    A bound above 1 % of depth is that of an edge or of relief between a capture's pixels: the label may be
+    the other surface's, too.
+    """
+    marked = dict(layers)
+    if "label_edge" in layers and "depth" in layers and "depth_error" in layers:
+        other = np.isfinite(layers["depth"]) & inexact(layers["depth"], layers["depth_error"])
+        marked["label_edge"] = layers["label_edge"] | other
+    return marked
+
+
 _PARTS = 32.0  # depth moves by at most its bound divided by this
 _LEAST_DIGITS = 11
 """Binary digits that a depth keeps however wide its bound is, as half floats: beside a step it stays on its

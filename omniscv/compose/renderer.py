@@ -14,6 +14,7 @@ from omniscv.cameras.rolling_shutter import on_path
 from omniscv.compose.cache import ByteCache, HeldCaptures, T
 from omniscv.compose.composition import Composing
 from omniscv.compose.image import OmniImage
+from omniscv.compose.layers import mark_other_surfaces
 from omniscv.compose.light_checks import examine
 from omniscv.compose.samplers import Blocks, Sampler
 from omniscv.errors import ArgumentError
@@ -156,7 +157,8 @@ class Renderer:
         check_modes(self.source, options.sampled(names))
 
         def make(source: Source) -> Iterator[OmniImage]:
-            return self._rendered(source, shots, names, options, only, progress)
+            for image in self._rendered(source, shots, names, options, only, progress):
+                yield replace(image, layers=mark_other_surfaces(image.layers))
 
         if self.source.capabilities.moves:
             yield from verify_still(self.source, options.sampled(names), lambda source: list(make(source)))

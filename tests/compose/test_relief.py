@@ -40,6 +40,30 @@ def test_relief_is_bounded_or_marked(kind, px, encoding, objects):
     assert judged.labels <= MOST[px], judged
 
 
+@pytest.mark.parametrize(("kind", "px"), [("half-open louver", 1.7), ("shingles", 4.0)])
+def test_no_label_is_sure_where_depth_may_be_of_another_surface(kind, px):
+    """The surface that a bound above 1 % admits has a label of its own: some are wrong, by the tracer."""
+    scene = world(kind, px, 101, objects=3)
+    camera = create("fisheye-equidistant", 200, 200, fov_deg=70)
+    image = omniscv.render(camera, AHEAD, relief.Traced(scene), MODES)
+    _, label = scene.trace(camera.unproject().directions[image.valid] @ image.pose.R_w_c.T)
+    may_be_another = (image.depth_error > 0.01 * image.depth)[image.valid]
+    assert 0.1 < may_be_another.mean() < 1
+    assert image.label_edge[image.valid][may_be_another].all()
+    wrong = (image.labels[image.valid] != label) & ~image.label_edge[image.valid]
+    assert wrong.mean() <= 3e-4
+
+
+def test_a_sky_and_a_bound_that_depth_keeps_mark_no_label():
+    with omniscv.open_source("scene://open?traces=0") as source:
+        image = omniscv.render(PANORAMA, POSE, source, MODES)
+        alone = omniscv.render(PANORAMA, POSE, source, ("object_mask",))
+    exact = image.depth_error <= 0.01 * image.depth
+    np.testing.assert_array_equal(image.label_edge[exact], alone.label_edge[exact])
+    assert np.isinf(image.depth).mean() > 0.3
+    assert not image.label_edge[np.isinf(image.depth) & ~alone.label_edge].any()
+
+
 def test_what_rays_are_marched_through_knows_its_relief():
     scene, rng = world("logs", 1.4, 11), np.random.default_rng(0)
     shell = depth_shell(np.zeros(3), [captured(scene, VIEW)["depth"]], cube=False)
