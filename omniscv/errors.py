@@ -70,6 +70,10 @@ class ServerRefusedError(SourceError):
     """The server answered a command with ``error ...``."""
 
 
+class MisplacedCameraError(ServerRefusedError):
+    """A server's camera is not where it was set, or its pictures do not change when it is moved."""
+
+
 class SceneChangedError(SourceError):
     """The server shows another scene than when the source was opened."""
 

@@ -174,6 +174,7 @@ def verify(path: Path | str) -> Verification:
                 scenes |= scene_of(capture)
         if not faults:
             faults += [f"{name}: {fault}" for fault in stale_captures(store)]
+            faults += [f"{name}: {fault}" for fault in unmoved_places(store)]
     if len(scenes) > 1:
         faults.append(f"{name}: expected captures of one scene, got some of {listed_scenes(scenes)}")
     return Verification(name, captures, faults)
@@ -220,6 +221,33 @@ def stale_captures(store: Store) -> Iterator[str]:
             if share < _CONTRADICTS and shares[best] >= _FITS:
                 view, other = (in_words(view_from_json(row[mode].captured)) for row in (pair, pairs[best]))
                 yield f"{mode} of {view}: expected its own picture, got that of {other}"
+
+
+def unmoved_places(store: Store) -> Iterator[str]:
+    """Yield a line for each place whose pictures are the same in all directions and modes: the camera did not
+    move. Masks alone are no evidence, as one object may be all around, nor is depth of the sky alone."""
+    places: dict[tuple[Any, str], dict[Any, list[Row]]] = defaultdict(lambda: defaultdict(list))
+    for row in store.listing():
+        view = view_from_json(row.captured)
+        kind = row.mode, view.width, view.height, view.fov_deg, row.stops
+        places[view.key().position, row.state][kind].append(row)
+    for (position, _), kinds in places.items():
+        compared = {kind: rows for kind, rows in kinds.items() if len({row.captured for row in rows}) > 1}
+        if not any(_is_evidence(store, mode, rows[0]) for (mode, *_), rows in compared.items()):
+            continue
+        if all(len({row.payload_checksum for row in rows}) == 1 for rows in compared.values()):
+            count = max(len(rows) for rows in compared.values())
+            at = ", ".join(f"{value:.4g}" for value in position)
+            why = "the camera did not move, or there was nothing to see"
+            got = f"got equal ones in all modes: {why}"
+            yield f"{count} views at ({at}) m: expected a picture of each, {got}"
+
+
+def _is_evidence(store: Store, mode: str, row: Row) -> bool:
+    if mode in ("lit", "object_mask"):
+        return mode == "lit"
+    pixels = _pixels(store, row)
+    return bool((pixels != pixels[0, 0]).any())
 
 
 def _pixels(store: Store, row: Row) -> NDArray[np.generic]:

@@ -13,6 +13,7 @@ from omniscv.geometry import Pose
 from omniscv.sources.base import Capture, Request, View
 from omniscv.sources.unreal.client import Client
 from omniscv.sources.unreal.driver import SETTLED, CameraDriver, Requests, by_hand, lumen, matching_bias
+from omniscv.sources.unreal.motionless import check_location
 from omniscv.sources.unreal.protocol import CAMERAS, EXPOSURE_METHOD, MODERN, VERSION, name, names, numbers
 from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 
@@ -27,12 +28,13 @@ _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 class Step(NamedTuple):
     """A command of a batch, and the request of its picture, None for one that moves the camera.
 
-    ``use`` is of the reply. ``check``: it must be ok; ``skip``: it may be stale or garbage; ``reference``: it
-    shows what the camera sees before it moves; ``keep``: it is a capture.
+    ``use`` is of the reply. ``check``: it must be ok; ``where``: it is where the camera is; ``skip``: it may
+    be stale or garbage; ``reference``: it shows what the camera sees before it moves; ``keep``: it is a
+    capture.
     """
 
     command: str
-    use: Literal["check", "skip", "reference", "keep"]
+    use: Literal["check", "where", "skip", "reference", "keep"]
     request: Request | None = None
 
 
@@ -187,6 +189,8 @@ class ModernDriver(CameraDriver):
                 complete = None
             if step.request is None:
                 self._expect("ok", step.command, reply)
+            elif step.use == "where":
+                check_location(self.connection.address, step.request.view, str(reply))
             elif step.use != "skip":
                 capture = self._capture(step.request, step.request.view, reply)
                 frame = {capture.mode: capture.payload or b""}
@@ -221,7 +225,7 @@ class ModernDriver(CameraDriver):
             steps.extend(Step(command, "check") for command in commands)
             aimed, stops = request.view, next_stops
 
-        for request in requests:
+        for number, request in enumerate(requests):
             view, mode = request.view, request.mode
             if in_doubt or aimed != view or stops != _stops_of(request, stops):
                 before = request
@@ -239,6 +243,9 @@ class ModernDriver(CameraDriver):
                     skips = self.stale_frames.lag
             picture("keep", request)
             states[mode] = _sight(request)
+            following = requests[number + 1].view if number + 1 < len(requests) else None
+            if following is None or following.key().position != view.key().position:
+                steps.append(Step(f"vget /camera/{self.camera}/location", "where", request))
         self._stops = stops
         return steps
 

@@ -11,7 +11,13 @@ from itertools import accumulate, groupby
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
-from omniscv.errors import SceneChangedError, ServerConnectionError, ServerRefusedError, SourceError
+from omniscv.errors import (
+    MisplacedCameraError,
+    SceneChangedError,
+    ServerConnectionError,
+    ServerRefusedError,
+    SourceError,
+)
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
@@ -33,6 +39,7 @@ from omniscv.sources.unreal.driver import SPAWNED, CameraDriver, CameraOptions
 from omniscv.sources.unreal.instants import Journal, movable_objects, object_poses
 from omniscv.sources.unreal.legacy import LegacyDriver
 from omniscv.sources.unreal.modern import ModernDriver
+from omniscv.sources.unreal.motionless import Unmoved
 from omniscv.sources.unreal.objects import boxes, colors, object_table
 from omniscv.sources.unreal.protocol import EXPOSURE_METHOD, checked
 from omniscv.sources.unreal.world import UnrealWorld
@@ -69,6 +76,7 @@ class UnrealSource(Source):
         self._room = None if scene is None else room_of(scene)
         self._digest = "" if scene is None else scene.digest()
         self._journal = Journal(connection.address)
+        self._unmoved = Unmoved(connection.address)
         self._world = UnrealWorld(driver, self._journal, freeze or "auto")
         self._moves = freeze is not None or (scene is not None and bool(scene.moving))
         self._driver.one_tick = self._world.freeze == "batch"
@@ -230,8 +238,9 @@ class UnrealSource(Source):
                     if fault is not None and len(captures) < len(requests):
                         attempted(fault)
                 self._driver.check_scene()  # the level may change behind the same connection
-        except SceneChangedError:
-            raise  # which captures of this turn show the other scene is not known
+            self._unmoved.check(captures)
+        except (SceneChangedError, MisplacedCameraError):
+            raise  # which captures of this turn show the other scene, or place, is not known
         except SourceError as last:
             yield from captures
             raise last

@@ -213,7 +213,10 @@ def test_a_picture_from_before_in_one_mode_alone_never_counts(mode, server, trut
 def test_a_camera_without_lag_costs_no_more_than_its_first_pictures(server):
     with live(server, **PATIENT, exposure="game") as source:
         payloads(source, REQUESTS)
-    assert server.statistics.total("vget /camera/1/") == len(REQUESTS) + SETTLED + 2  # its size and angle
+    places = len({request.view.key().position for request in REQUESTS})  # at each, where the camera is
+    assert server.statistics.total("vget /camera/1/location") == places
+    pictures = server.statistics.total("vget /camera/1/") - places
+    assert pictures == len(REQUESTS) + SETTLED + 2  # its size and angle
 
 
 def test_views_that_show_the_same_are_captured_and_soon_not_doubted():

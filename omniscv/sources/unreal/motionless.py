@@ -1,0 +1,93 @@
+"""Evidence against a camera that a server says it has moved: where it is, and pictures that stay the same."""
+
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from omniscv.errors import MisplacedCameraError
+from omniscv.geometry import Array
+from omniscv.geometry.unreal_frame import position_from_unreal
+from omniscv.sources.base import Capture, View
+from omniscv.sources.unreal.protocol import numbers
+
+_OFF_CM, _SINGLE = 1.0, 2.0**-22
+"""How far a camera may be from where it was set: cm, and a share of its coordinates, of single precision."""
+_VIEWS = 4
+"""Views that stand alone at their places, from which on equal pictures are evidence: two may look alike."""
+
+
+def check_location(address: str, view: View, reply: str) -> None:
+    """Refuse a camera that is not where a view has it, by the location that the server reports."""
+    if reply.startswith("error"):  # it cannot be asked
+        return
+    expected_cm, _ = view.pose.to_unreal()
+    found_cm = np.array(numbers(reply, 3))
+    if np.abs(found_cm - expected_cm).max() <= _OFF_CM + _SINGLE * np.abs(expected_cm).max():
+        return
+    wanted, got = _metres(view.pose.position), _metres(position_from_unreal(found_cm))
+    away = np.linalg.norm(found_cm - expected_cm) / 100
+    why = "a collision, or the game itself, moves it, or keeps it where it was"
+    raise MisplacedCameraError(
+        f"{address}: expected a camera at {wanted}, got {away:.3g} m away, at {got}: {why}"
+    )
+
+
+class Unmoved:
+    """Finds a camera whose pictures do not change though it is aimed elsewhere."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._first: list[Capture] = []  # of a row of views that stand alone at their places
+        self._count = 0
+
+    def check(self, captures: Sequence[Capture]) -> None:
+        """Refuse captures that show a place in several directions with equal pictures in all modes; and equal
+        pictures of many views, each alone at its place."""
+        for center, group in groupby(captures, lambda capture: capture.view.key().position):
+            here = list(group)
+            count = len({capture.view.key().rotation for capture in here})
+            if count > 1:
+                self._first, self._count = [], 0
+                if all_alike(here):
+                    raise self._refused(count, f"directions at {_metres(np.array(center))}")
+                continue
+            if not self._first or not all_alike([*self._first, *here]):
+                self._first, self._count = here, 0
+            self._count += 1
+            if self._count >= _VIEWS:
+                raise self._refused(self._count, "views")
+
+    def _refused(self, count: int, what: str) -> MisplacedCameraError:
+        expected = f"expected other pictures in {count} {what}, got the same to the byte in all modes"
+        why = "the camera does not move, or there is nothing to see, as in a dark and empty level"
+        return MisplacedCameraError(f"{self._address}: {expected}: {why}")
+
+
+def all_alike(captures: Sequence[Capture]) -> bool:
+    """Return whether captures have the same picture of different views in each mode.
+
+    Masks alone are no evidence, as one object may be all around, nor is depth of the sky alone.
+    """
+    says = {capture.mode for capture in captures if capture.mode == "lit" or _has_shapes(capture)}
+    pictures: dict[tuple[Any, ...], set[bytes]] = defaultdict(set)
+    poses: dict[tuple[Any, ...], set[Hashable]] = defaultdict(set)
+    for capture in captures:
+        view = capture.view
+        kind = capture.mode, view.width, view.height, view.fov_deg, capture.request.stops
+        pictures[kind].add(capture.payload or capture.pixels.tobytes())
+        poses[kind].add((view.key().position, view.key().rotation))
+    compared = [kind for kind in pictures if len(poses[kind]) > 1]
+    is_evidence = any(kind[0] in says for kind in compared)
+    return is_evidence and all(len(pictures[kind]) == 1 for kind in compared)
+
+
+def _has_shapes(capture: Capture) -> bool:
+    """Return whether a capture of another mode than masks differs from pixel to pixel."""
+    return capture.mode != "object_mask" and bool((capture.pixels != capture.pixels[0, 0]).any())
+
+
+def _metres(position: Array) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in position)}) m"
