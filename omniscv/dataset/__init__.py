@@ -1,7 +1,8 @@
 """Datasets: images with all their truth, as files that other programs read."""
 
 from omniscv.dataset.checking import check
-from omniscv.dataset.exporting import Format, export, get, names, register
+from omniscv.dataset.exported import export
+from omniscv.dataset.exporting import Format, get, names, register
 from omniscv.dataset.manifest import open
 from omniscv.dataset.writer import Writer
 from omniscv.frame import Frame

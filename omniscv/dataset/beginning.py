@@ -5,8 +5,9 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 from omniscv.compose.files import OBJECTS
-from omniscv.dataset import exporting
+from omniscv.dataset import exported
 from omniscv.dataset.belongings import SCRATCH, Belongings, is_listing, roll_back
+from omniscv.dataset.exporting import Export
 from omniscv.dataset.manifest import (
     DATASET,
     FRAMES,
@@ -72,7 +73,7 @@ def replace_dataset(folder: Folder) -> None:
 
 
 def _remove(folder: Folder, belongings: Belongings) -> None:
-    exporting.remove_exports(folder, belongings.exported())
+    exported.remove_exports(folder, belongings.exported())
     folder.remove_files(belongings.files())
     folder.remove(DATASET)  # the last: until then the next run knows the others by it
 
@@ -165,8 +166,8 @@ def _check_free(
         raise ArgumentError(f"{folder}: expected a new folder, got images of 'render'; write elsewhere")
     if DATASET.removesuffix(".json") in keys:
         raise ArgumentError(f"key: expected another than that of {DATASET}, got a frame of this name")
-    exports = [exporting.Export(**export) for export in wanted.settings.get("exports", ())]
-    exporting.check_free(folder, current, exports)
+    exports = [Export(**export) for export in wanted.settings.get("exports", ())]
+    exported.check_free(folder, current, exports)
     strange = there.strange(keys)
     if strange:  # a killed writer may have left them
         roll_back(folder)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
 
-from omniscv.dataset import exporting, manifest
+from omniscv.dataset import exported, manifest
 from omniscv.dataset.manifest import DATASET, FAILED, FRAMES, PLANNED, Manifest
 from omniscv.errors import DamagedFileError, DatasetError, MissingFileError
 from omniscv.frame import Frame, file_endings
@@ -70,7 +70,7 @@ class Belongings:
 
     def exported(self) -> list[str]:
         """Return the names of the files of its exports."""
-        return exporting.files_of_exports(self._folder, self._whole, list(self.frames.values()))
+        return exported.files_of_exports(self._folder, self._whole, list(self.frames.values()))
 
     def strange(self, keys: Collection[str]) -> list[str]:
         """Return files of somebody else that have names of files of frames of some keys.

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from omniscv import modalities, storage
 from omniscv.arguments import shown
-from omniscv.dataset import exporting, manifest
+from omniscv.dataset import exported, exporting, manifest
 from omniscv.dataset.belongings import Belongings
-from omniscv.dataset.exporting import EXPORTS, Export, with_stand_in
+from omniscv.dataset.exported import with_stand_in
+from omniscv.dataset.exporting import EXPORTS, Export
 from omniscv.dataset.manifest import Manifest
+from omniscv.dataset.mixtures import mixed
 from omniscv.errors import DatasetError, MissingFileError, OmniscvError
 from omniscv.frame import IMAGE, Frame
 from omniscv.storage import Folder
@@ -45,8 +47,10 @@ def check(out: str | Path | Folder, deep: bool = False, format: str | None = Non
         faults = [*_manifest_faults(folder, whole), *_list_faults(folder, whole, frames)]
     except DatasetError as damaged:
         return [str(damaged)]
+    faults += mixed(whole, frames)
     for of_frame in folder.each(lambda frame: _frame_faults(folder, whole, frame, deep), frames):
         faults += of_frame
+    faults += _stale_exports(folder, frames)
     exports = [Export(**export) for export in whole.settings["exports"]]
     if format is not None:
         name = exporting.get(format).name
@@ -81,8 +85,9 @@ def _list_faults(folder: Folder, whole: Manifest, frames: list[Frame]) -> Iterat
     failed = {line["key"] for line in manifest.read_failed(folder)}
     for key in sorted(failed & known):
         yield f"{manifest.FAILED}: expected frames that are not in {manifest.FRAMES}, got {key}"
+    advice = "'omniscv dataset make JOB --resume' lists it if the job has it, else remove {}.* or --overwrite"
     for key in sorted(Belongings(folder, whole).frames.keys() - known - failed):
-        yield f"{key}.json: expected a frame that {manifest.FRAMES} lists; make it with --resume"
+        yield f"{key}.json: expected a frame that {manifest.FRAMES} lists; {advice.format(key)}"
 
 
 def _frame_faults(folder: Folder, whole: Manifest, frame: Frame, deep: bool) -> list[str]:
@@ -123,7 +128,11 @@ def _check_own_file(whole: Manifest, frame: Frame) -> None:
     if IMAGE in frame.files:
         path = frame.files[IMAGE]
         content = path.read_bytes()  # whose size has been checked
-        if whole.frame_of_file(name, content, storage.folder(path.parent)).to_dict() == frame.to_dict():
+        own = whole.frame_of_file(name, content, storage.folder(path.parent))
+        if own.made_of not in ("", whole.made_of(own.world)):
+            wanted = f"expected a frame of what {manifest.DATASET} says that the dataset is made of"
+            raise DatasetError(f"{name}: {wanted}, got one of another job or source")
+        if own.to_dict() == frame.to_dict():
             return
     raise DatasetError(f"{name}: expected what {manifest.FRAMES} says of it, got something else")
 
@@ -177,6 +186,17 @@ _CHECKS = {"depth": _depth, "labels": _labels, "classes": _classes, "normals": _
 # -- exports ----------------------------------------------------------------------------------------------
 
 
+def _stale_exports(folder: Folder, frames: list[Frame]) -> Iterator[str]:
+    """Yield a line for each export in the dataset's folder that is of other frames than it has now."""
+    for out, exports in exported.listed_in(folder).items():
+        for listed in exports:
+            place = f"{EXPORTS}/{out}"
+            if not listed.state:
+                yield f"{place}: expected a whole export, got one that was interrupted; export it again"
+            elif listed.state != exported.state_of(listed.export, frames):
+                yield f"{place}: expected an export of these frames, got one of others; export it again"
+
+
 def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bool) -> list[str]:
     """Return faults of an export: those that its format finds, else how it differs from a new one."""
     start = f"{EXPORTS}/{export.out}/"
@@ -185,14 +205,17 @@ def _export_faults(folder: Folder, frames: list[Frame], export: Export, deep: bo
         return [f"{EXPORTS}/{export.out}: expected an export to {export.format}, it is missing"]
     if not deep:
         return []
-    exported = [frame for frame in frames if export.shows(frame.camera_name)]
+    shown = [frame for frame in frames if export.shows(frame.camera_name)]
     with local_copy(folder, dict.fromkeys(names)) as root:
         place = root / EXPORTS / export.out
-        faults = exporting.get(export.format).check(exported, place)
-        if faults is None:
-            with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
-                export.write_into(with_stand_in(frames, root), Path(again))
-                faults = list(_differences(Path(again), place))
+        try:
+            faults = exporting.get(export.format).check(shown, place)
+            if faults is None:
+                with tempfile.TemporaryDirectory(dir=place.parent, prefix=".") as again:
+                    export.write_into(with_stand_in(frames, root), Path(again))
+                    faults = list(_differences(Path(again), place))
+        except OmniscvError as cause:  # the frames do not give it any more
+            faults = [f"expected frames that it can be made of again, got: {cause.message}"]
     return [f"{EXPORTS}/{export.out}: {fault}" for fault in faults]
 
 
@@ -219,7 +242,7 @@ def _differences(expected: Path, got: Path) -> Iterator[str]:
     """Yield how files below a folder differ from the expected ones."""
     files = {path.relative_to(expected) for path in expected.rglob("*") if path.is_file()}
     there = {path.relative_to(got) for path in got.rglob("*") if path.is_file()}
-    for name in sorted(files | there - {Path(exporting.LISTS)}):
+    for name in sorted(files | there - {Path(exported.LISTS)}):
         if name not in files:
             yield f"{name}: expected no such file"
         elif not (got / name).is_file():

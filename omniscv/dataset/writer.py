@@ -1,9 +1,9 @@
 """Writes frames into a dataset: instance ids frozen by name, every file whole or not at all."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from tempfile import gettempdir
@@ -13,7 +13,7 @@ from typing import Any, Self, Unpack
 
 import numpy as np
 
-from omniscv import storage
+from omniscv import modalities, storage
 from omniscv.arguments import file_key, number, shown, stem
 from omniscv.cameras import Camera
 from omniscv.compose.files import Forms, blank, check_format, write_json, write_layers
@@ -23,7 +23,7 @@ from omniscv.dataset.beginning import Planned, begin, lock, tidy
 from omniscv.dataset.belongings import SCRATCH, frame_of, roll_back
 from omniscv.dataset.manifest import MOST_IDS, Manifest
 from omniscv.dataset.media import PICTURE_SUFFIXES, photo_sphere_fields, refuses, with_photo_sphere
-from omniscv.dataset.origin import frame_difference
+from omniscv.dataset.origin import differences, frame_difference, plain
 from omniscv.errors import ArgumentError, DatasetError
 from omniscv.frame import IMAGE, FileEntry, Frame, FrameFiles
 from omniscv.frame.classes import ClassRules, class_rules
@@ -146,6 +146,7 @@ class Writer:
             UnmatchedNamesError: no rule of the classes matches some of its objects.
             OmniscvError: a file cannot be written.
         """
+        self._check_made(image)
         frame = Frame(
             key=stem("key", key),
             camera_name=self._camera_name(image.camera),
@@ -160,6 +161,19 @@ class Writer:
             return False
         self.write(*self.with_ids(frame, image), {"truth": truth} if truth else {})
         return True
+
+    def _check_made(self, image: OmniImage) -> None:
+        """Refuse an image that was made otherwise than the job of the dataset makes them."""
+        options = self.manifest.settings.get("options", {})
+        if "modes" not in options:  # no job has begun it
+            return
+        made = plain({**asdict(image.options), "modes": [*image.layers.keys() & set(modalities.names())]})
+        made["modes"] = sorted(made["modes"])
+        wanted = {key: options.get(key) for key in made}
+        wanted["modes"] = sorted(options["modes"])
+        if line := next(differences({"options": wanted}, {"options": made}), ""):
+            expected = "expected an image as the job of the dataset makes them"
+            raise ArgumentError(f"{expected}; its {line.replace('in the job', 'of the image')}")
 
     def with_ids(self, frame: Frame, image: OmniImage) -> tuple[Frame, OmniImage]:
         """Return a frame with the instances and classes of the dataset, and its image with the layers that
@@ -273,6 +287,8 @@ class Writer:
 
     def finish(self) -> list[Frame]:
         """Write ``frames.jsonl`` of all frames in the folder, and return them in the order of their keys."""
+        with self._renewed():
+            pass  # cameras and names of other writers are known now
         self._settle()
         names = (name.removesuffix(".json") for name in self._folder.names() if name.endswith(".json"))
         self.keep([key for key in names if "." not in key and "/" not in key])
@@ -324,7 +340,10 @@ class Writer:
 
     def _camera_name(self, camera: Camera) -> str:
         """Return the name of a camera; a new camera is named after its model."""
-        with self._lock:
+        for name, other in self.manifest.cameras.items():
+            if other == camera:
+                return name
+        with self._renewed():
             known = self.manifest.cameras
             for name, other in known.items():
                 if other == camera:
@@ -336,7 +355,9 @@ class Writer:
 
     def _with_names(self, names: list[str]) -> Manifest:
         """Return the manifest with all names; it is written before any file that needs it."""
-        with self._lock:
+        if all(name in self.manifest.names for name in names):
+            return self.manifest
+        with self._renewed():
             if new := [name for name in names if name not in self.manifest.names]:
                 if self._closed:
                     wanted = "expected the objects that the dataset was begun with"
@@ -346,9 +367,16 @@ class Writer:
                 self._write_manifest(replace(self.manifest, names=extended))
             return self.manifest
 
+    @contextmanager
+    def _renewed(self) -> Iterator[None]:
+        """A context of changes of the manifest, which is read anew before: other writers extend it, too."""
+        with self._lock, lock(self._folder):
+            self.manifest = manifest.read(self._folder)
+            yield
+
     def _write_manifest(self, extended: Manifest) -> None:
-        with lock(self._folder):
-            manifest.write(self._folder, extended)
+        """Write the manifest, under its lock, and take it for that of this writer."""
+        manifest.write(self._folder, extended)
         self.manifest = extended
 
 

@@ -19,7 +19,7 @@ from omniscv import modalities, storage
 from omniscv.arguments import whole_number
 from omniscv.compose.files import versions
 from omniscv.compose.renderer import Renderer
-from omniscv.dataset import exporting, manifest
+from omniscv.dataset import exported, manifest
 from omniscv.dataset.beginning import Planned, find_own, lock, refuse_existing, replace_dataset, tidy
 from omniscv.dataset.belongings import is_marker
 from omniscv.dataset.manifest import Manifest
@@ -395,13 +395,15 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
             free = [frame for frame in frames.values() if frame.world not in fixed]
             for line in split_warnings(job.recipe.split, free):
                 warn(line)
-        if exports := Contents.of(job).exports:
-            written = manifest.open(job.out)
-            for export in exports:  # each replaces the one that exists
-                shown = [frame.kinds for frame in written if export.shows(frame.camera_name)]
-                if shown:  # truths may have been left out
-                    export.check(job.cameras, set.intersection(*shown))
-                exporting.replace_export(export, written, folder)
+        written = manifest.open(job.out)
+        exports = Contents.of(job).exports
+        for export in exports:
+            shown = [frame.kinds for frame in written if export.shows(frame.camera_name)]
+            if shown:  # truths may have been left out
+                export.check(job.cameras, set.intersection(*shown))
+        for line in exported.renew_exports(folder, exports, written):
+            if warn:
+                warn(line)
         folder.remove_files(_markers(folder))
         tidy(folder)
 

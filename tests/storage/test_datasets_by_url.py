@@ -103,9 +103,10 @@ def test_exports_in_a_store_are_those_of_the_folder(held, folder, tmp_path):
     """Also below the dataset, where COCO names the pictures as seen from its file."""
     copied = tmp_path / "dataset"
     shutil.copytree(folder, copied)
+    listed = {"files": ["stale/file.txt"], "options": {}, "cameras": [], "state": "", "of_job": False}
     stale = storage.folder(held).below("exports/ply")
     stale.put("stale/file.txt", b"of an earlier export")
-    stale.put(".exported.json", b'{"ply": ["stale/file.txt"]}')
+    stale.put(".exported.json", json.dumps({"ply": listed}).encode())
     for place, to in ((copied, "coco"), (held, "coco"), (copied, "ply"), (held, "ply")):
         written = dataset.export(place, to)
         assert all(str(each).startswith(f"{place}/exports/{to}/") for each in written)

@@ -1,0 +1,314 @@
+"""Exports in folders: in a dataset's, or in one of the user. Each has a list of its files there, and of what
+they show, so that a later one replaces its own files wholly and no others, and checks notice old ones."""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from omniscv import storage
+from omniscv.arguments import text
+from omniscv.dataset.exporting import EXPORTS, Export, get
+from omniscv.dataset.manifest import DATASET, Manifest, open, read
+from omniscv.dataset.origin import digest, plain
+from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, OmniscvError
+from omniscv.frame import Frame, FrameFiles
+from omniscv.storage import Folder, in_the_way
+from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+from omniscv.storage.local import folder_beside, locked
+
+LISTS = ".exported.json"
+"""The file in the folder of exports that lists the files of each, by its format."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """An export in a folder, as its list there describes it.
+
+    Attributes:
+        export: what was written.
+        state: of the frames that it is of, a digest; empty while it is written.
+        files: their names.
+        of_job: whether the job of the dataset asked for it, not somebody by hand.
+    """
+
+    export: Export
+    state: str = ""
+    files: Sequence[str] = ()
+    of_job: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        options, cameras = plain(dict(self.export.options)), list(self.export.cameras)
+        described = {"options": options, "cameras": cameras, "of_job": self.of_job}
+        return {**described, "state": self.state, "files": list(self.files)}
+
+
+def export(
+    folder: str | Path, /, to: str, out: str | Path | None = None, cameras: Sequence[str] = (), **options: Any
+) -> list[str | Path]:
+    """Export a dataset to a format.
+
+    Args:
+        folder: the dataset, by path or URL.
+        to: a name of :func:`omniscv.dataset.names`.
+        out: the folder to write into, by path or URL, beside other files; if not given, ``exports/NAME`` in
+            the dataset, which is replaced.
+        cameras: names of those whose frames are exported; all if not given.
+        options: of the format.
+
+    Returns:
+        The files: paths, or URLs.
+
+    Raises:
+        ArgumentError: no dataset, no such format, a camera that it cannot carry, an unknown option, or a
+            dataset in ``out``.
+        DatasetError: the dataset is not complete, or damaged.
+    """
+    wanted = Export(to, options=options, cameras=cameras)
+    source = storage.folder(folder)
+    frames = open(source)
+    kinds = [frame.kinds for frame in frames if wanted.shows(frame.camera_name)]
+    common = set.intersection(*kinds) if kinds else set(get(to).needs)
+    wanted.check({frame.camera_name: frame.camera for frame in frames}, common)
+    if out is None:
+        check_free(source, read(source), [wanted])
+        return replace_export(wanted, frames, source)
+    target = storage.folder(out)
+    if target.exists(DATASET):  # whose files would be taken for frames, or replaced
+        raise ArgumentError(f"{target}: expected a folder that holds no dataset; write beside it")
+    return _place(wanted, frames, target, within_dataset=False)
+
+
+def replace_export(
+    wanted: Export, frames: Sequence[Frame], out: Folder, of_job: bool = False
+) -> list[str | Path]:
+    """Write an export into its folder of a dataset, in place of an existing one.
+
+    In a store, files are put one by one, those that list others last; then those of an earlier one are gone.
+
+    Args:
+        wanted: the export.
+        frames: of the dataset, all of them.
+        out: its folder.
+        of_job: whether the dataset's job asks for it.
+
+    Raises:
+        ArgumentError: files that no export has written have names of the new ones; or as a format.
+    """
+    return _place(wanted, frames, out.below(f"{EXPORTS}/{wanted.out}"), True, of_job)
+
+
+def _place(
+    wanted: Export, frames: Sequence[Frame], target: Folder, within_dataset: bool, of_job: bool = False
+) -> list[str | Path]:
+    """Write an export beside a local folder, or for a store into a temporary one, and move it when it is
+    complete; return its files, as paths or URLs.
+
+    The files that an earlier export listed are replaced or removed; those of others stay, and are refused
+    where they have names of the new ones. Within a dataset, files of frames in a store are named as seen from
+    there.
+    """
+    with ExitStack() as stack:
+        if target.local is not None:  # relative paths out of it stay true
+            part = stack.enter_context(folder_beside(Path(os.path.abspath(target.local))))
+            paths = wanted.write_into(frames, part)
+        else:
+            root = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="omniscv-")))
+            part = root / EXPORTS / wanted.out
+            part.mkdir(parents=True)
+            paths = wanted.write_into(with_stand_in(frames, root) if within_dataset else frames, part)
+        last = [path.relative_to(part).as_posix() for path in paths]  # these list others
+        names = {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+        if target.local is not None:
+            stack.enter_context(_locked(target.local))
+        new = Listed(wanted, state_of(wanted, frames), sorted(names), of_job)
+        _move(new, part, sorted(names.difference(last)), last, target, within_dataset)
+    return [f"{target}/{name}" if target.local is None else target.local / name for name in last]
+
+
+@contextmanager
+def _locked(target: Path) -> Iterator[None]:
+    target.mkdir(parents=True, exist_ok=True)
+    with locked(target):
+        yield
+
+
+def _move(
+    new: Listed,
+    part: Path,
+    others: Sequence[str],
+    last: Sequence[str],
+    target: Folder,
+    within_dataset: bool,
+) -> None:
+    """Move the files of a new export to their place, and remove the others of the one that it replaces.
+
+    Args:
+        new: the export with the names of its files.
+        part: the local folder that holds them.
+        others: their names, but for those that list others.
+        last: the names of these.
+        target: their place.
+        within_dataset: whether the place is a folder of a dataset, which is that of one export.
+    """
+    format, names = new.export.format, set(new.files)
+    there = set(target.names())
+    lists = read_lists(target)
+    if lists is None:  # in a dataset of version 0.2, which kept no list, names of the new one are its own
+        lists = {format: replace(new, files=[*there & names])} if within_dataset else {}
+    replaced = set(lists) if within_dataset else {format}
+    mine = {name for format in replaced & lists.keys() for name in lists[format].files}
+    if strange := sorted(there & names - mine):
+        raise in_the_way(target, strange, f"the export to {format}")
+    kept = {format: listed for format, listed in lists.items() if format not in replaced}
+    # Listed before they are there: whatever kills the process, the next export knows them.
+    _write_lists(target, {**kept, format: replace(new, state="", files=sorted(mine | names))})
+
+    def put(name: str) -> None:
+        if target.local is None:
+            target.put(name, part / name)
+        else:
+            (target.local / name).parent.mkdir(parents=True, exist_ok=True)
+            (part / name).replace(target.local / name)
+
+    target.each(put, others)
+    for name in last:
+        put(name)
+    target.remove_files(sorted(mine & there - names))
+    _write_lists(target, {**kept, format: new})
+
+
+# -- lists of files --------------------------------------------------------------------------------------
+
+
+def state_of(export: Export, frames: Sequence[Frame]) -> str:
+    """Return a digest of the frames that an export shows, but for their files, which the same frames always
+    have, and of what their ids mean."""
+    shown = [frame for frame in frames if export.shows(frame.camera_name)]
+    lines = [{**frame.to_dict(), "files": {}} for frame in shown]
+    classes = [] if not shown or shown[0].classes is None else [asdict(shown[0].classes)]
+    names = dict(shown[0].instances) if shown else {}
+    return digest([lines, names, classes])
+
+
+def read_lists(target: Folder, out: str = "") -> dict[str, Listed] | None:
+    """Return the exports in a folder by format, of the name ``out``; None if no list is there."""
+    try:
+        content = parse_json(target.read(LISTS, MOST_JSON_BYTES))
+        lists = {}
+        for format, values in content.items():
+            export = Export(format, out, values["options"], tuple(values["cameras"]))
+            files = [text("files", name) for name in values["files"]]
+            lists[format] = Listed(export, str(values["state"]), files, bool(values["of_job"]))
+        return lists
+    except MissingFileError:
+        return None
+    except (ArgumentError, DamagedFileError, AttributeError, KeyError, TypeError) as cause:
+        expected = f"expected the list of an export in {LISTS}, got: {cause}"
+        raise ArgumentError(f"{target}: {expected}; remove the file, or write elsewhere") from cause
+
+
+def _write_lists(target: Folder, lists: Mapping[str, Listed]) -> None:
+    content = {format: listed.to_dict() for format, listed in lists.items()}
+    target.put(LISTS, f"{json.dumps(content, indent=1)}\n".encode())
+
+
+def listed_in(folder: Folder) -> dict[str, list[Listed]]:
+    """Return the exports in a dataset's folder that have lists, by the names of their folders."""
+    outs = {path.split("/")[1] for path in folder.names(f"{EXPORTS}/") if path.count("/") > 1}
+    listed = {}
+    for out in sorted(outs):
+        lists = read_lists(folder.below(f"{EXPORTS}/{out}"), out)
+        if lists:
+            listed[out] = list(lists.values())
+    return listed
+
+
+def renew_exports(folder: Folder, exports: Sequence[Export], frames: Sequence[Frame]) -> list[str]:
+    """Write the exports of a job into its dataset, remove those that it has no more, and write again those
+    that somebody has added by hand, if they are of other frames.
+
+    Returns:
+        A line for each of the latter that could not be written.
+    """
+    lines = []
+    for out, others in listed_in(folder).items():
+        if out in {export.out for export in exports}:
+            continue
+        for listed in others:
+            if listed.of_job:
+                remove_exports(folder, [f"{EXPORTS}/{out}/{name}" for name in (LISTS, *listed.files)])
+            elif listed.state != state_of(listed.export, frames):
+                try:
+                    replace_export(listed.export, frames, folder)
+                except OmniscvError as cause:
+                    lines.append(f"{EXPORTS}/{out} is of earlier frames: {cause.message}")
+    for export in exports:  # each replaces the one that exists
+        replace_export(export, frames, folder, of_job=True)
+    return lines
+
+
+def check_free(folder: Folder, whole: Manifest | None, exports: Iterable[Export]) -> None:
+    """Raise ArgumentError for files in the folder of an export that no export has written.
+
+    Args:
+        folder: of the dataset.
+        whole: its manifest, as the exports that are there were made with it; None for a new dataset.
+        exports: that are to be written into it.
+    """
+    earlier = set() if whole is None else {export["out"] for export in whole.settings.get("exports", ())}
+    for export in exports:
+        target = folder.below(f"{EXPORTS}/{export.out}")
+        if export.out not in earlier and read_lists(target) is None and (names := target.names()):
+            raise in_the_way(target, names, f"the export to {export.format}")
+
+
+def remove_exports(folder: Folder, files: Sequence[str]) -> None:
+    """Remove files of exports; a folder that holds others, too, gets the list of no files: they are known
+    then, and stay."""
+    folder.remove_files(files)
+    for out in {name.split("/")[1] for name in files}:
+        target = folder.below(f"{EXPORTS}/{out}")
+        if target.names():
+            _write_lists(target, {})
+
+
+def _names_of(export: Export, frames: Sequence[Frame]) -> set[str]:
+    """Return the names of the files that an export of frames has; none if they do not give it."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="omniscv-") as root:
+            part = Path(root) / EXPORTS / export.out
+            export.write_into(with_stand_in(frames, Path(root)), part)
+            return {path.relative_to(part).as_posix() for path in part.rglob("*") if path.is_file()}
+    except OmniscvError:
+        return set()
+
+
+def files_of_exports(folder: Folder, whole: Manifest, frames: Sequence[Frame]) -> list[str]:
+    """Return the files of all exports in a dataset's folder, with their lists, as seen from there."""
+    earlier = {export["out"]: Export(**export) for export in whole.settings.get("exports", ())}
+    outs = {path.split("/")[1] for path in folder.names(f"{EXPORTS}/") if path.count("/") > 1}
+    files = []
+    for out in sorted(outs):
+        target = folder.below(f"{EXPORTS}/{out}")
+        lists = read_lists(target)
+        if lists is not None:
+            names = {LISTS, *(name for listed in lists.values() for name in listed.files)}
+        elif out in earlier:  # version 0.2 kept no list
+            names = _names_of(earlier[out], frames).intersection(target.names())
+        else:
+            continue
+        files += [f"{EXPORTS}/{out}/{name}" for name in sorted(names)]
+    return files
+
+
+def with_stand_in(frames: Sequence[Frame], root: Path) -> list[Frame]:
+    """Return frames whose files have a local folder as stand-in for that of a store."""
+    stored = (frame.files for frame in frames)
+    files = [replace(of, stand_in=root) if isinstance(of, FrameFiles) else of for of in stored]
+    return [replace(frame, files=of) for frame, of in zip(frames, files, strict=True)]
