@@ -9,11 +9,11 @@ import numpy as np
 
 from omniscv.arguments import shown
 from omniscv.errors import ArgumentError, BadReplyError
-from omniscv.pictures import MAX_PIXELS, color_tags, npy, png
+from omniscv.pictures import MAX_PIXELS, color_tags, hdf5, npy, png
 from omniscv.pictures.forms import ARRAY, FORMS, Pixels
 from omniscv.storage.bounded import MOST_PICTURE_BYTES, library_error, open_regular
 
-SUFFIXES = tuple(f".{suffix}" for suffix in FORMS if suffix != ARRAY)
+SUFFIXES = (*(f".{suffix}" for suffix in FORMS if suffix != ARRAY), *hdf5.SUFFIXES)
 """Of the pictures that :func:`read` reads."""
 
 _MOST_PARTS = 64
@@ -118,7 +118,9 @@ def read(file: Path, kind: str = "lit") -> Read:
     tags: color_tags.Colors | None = None
     try:
         if file.suffix.lower() == ".npy":
-            return Read(_npy(payload))
+            return Read(_of_array(npy.decode(payload)))
+        if file.suffix.lower() in hdf5.SUFFIXES:
+            return Read(_of_array(hdf5.read(file)))
         if head.startswith(png.SIGNATURE):
             tags = color_tags.of_png(payload)
             if (pixels := _plain_png(payload, kind)) is not None:
@@ -139,7 +141,7 @@ def palette_indices(file: Path) -> Pixels | None:
     one."""
     from PIL import Image
 
-    if file.suffix.lower() in (".exr", ".hdr", ".npy"):
+    if file.suffix.lower() in (".exr", ".hdr", ".npy", *hdf5.SUFFIXES):
         return None
     with open_regular(file, most=MOST_PICTURE_BYTES) as opened, Image.open(opened) as image:
         return np.array(image) if image.mode == "P" else None
@@ -294,10 +296,10 @@ def _check_spec(spec: Any, name: str, kind: str, lossy: bool) -> None:
             raise ArgumentError(f"expected {expected}, got {got}")
 
 
-def _npy(payload: bytes) -> Pixels:
-    """Return the array of a NPY file."""
-    array = npy.decode(payload)
-    if array.dtype.kind not in "iuf" or array.shape[2:] not in ((), (1,), (3,), (4,)):
+def _of_array(array: Pixels) -> Pixels:
+    """Return the array of a file as pixels."""
+    is_picture = array.ndim > 1 and array.shape[2:] in ((), (1,), (3,), (4,))
+    if array.dtype.kind not in "iuf" or not is_picture:
         raise ArgumentError(f"expected numbers (H, W) or (H, W, 3), got {array.dtype} of shape {array.shape}")
     _check_size(array.shape[1], array.shape[0])
     pixels = array.reshape(*array.shape[:2], -1)[..., :3]

@@ -24,6 +24,7 @@ NAMES = tuple(name for name, _ in cube_rotations())
 PACKED = {"carla": "png carla", "tartanair": "png float32", "sunrgbd": "png uint16 sunrgbd"}
 """Depth in bits of a PNG that are no plain numbers, planar metres, and the codec that decodes it."""
 
+_NO_ID = 0xFFFF  # of masks, for the -1 of signed numbers
 _MOST_M = 1e7  # Blender writes 1e10 for no surface
 _MOST_LIGHT = 1e12
 
@@ -201,6 +202,8 @@ def read_picture(
             return _colors(pixels, payload, clip)._replace(lines=lines)
         if pixels.dtype.kind == "f" and file.suffix.lower() == ".exr":
             pixels = _whole(pixels)  # which has no whole numbers of 8 or 16 bits
+        if pixels.dtype.kind == "i":
+            pixels = np.where(pixels == -1, _NO_ID, pixels.astype(np.int64))
         if pixels.shape[2] == 1:
             ids = _fitting(pixels[..., 0], np.uint16, "whole numbers")
             return Picture(ids, payload, "png ids" if payload else "")

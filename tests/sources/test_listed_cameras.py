@@ -10,6 +10,7 @@ from support.published import matrix, views
 
 import omniscv
 from omniscv.chart import traced
+from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.sources.base import Request
 from omniscv.sources.pictures import DepthForm, read_picture
@@ -97,6 +98,33 @@ def isaac(folder, unit_m=0.01):
         (folder / f"camera_params_{i:04}.json").write_text(json.dumps(camera))
 
 
+HYPERSIM = views(POSES, f=(np.sqrt(3), np.sqrt(3)), size=SIZE)
+
+
+def hypersim(folder, unit_m=0.0254):
+    """Distances along the ray in half floats, ids of -1 for none, a keyframe without pictures."""
+    h5py = pytest.importorskip("h5py")
+
+    def save(path, array):
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        with h5py.File(folder / path, "w") as file:
+            file.create_dataset("dataset", data=array)
+
+    for i, view in enumerate(HYPERSIM):
+        lit, planar, labels = seen(view)
+        save(f"images/scene_cam_00_final_hdf5/frame.{2 * i:04}.color.hdf5", np.float16(lit / 255))
+        geometry = f"images/scene_cam_00_geometry_hdf5/frame.{2 * i:04}"
+        save(f"{geometry}.depth_meters.hdf5", np.float16(planar * view.ray_lengths()))
+        save(f"{geometry}.semantic_instance.hdf5", np.where(labels == 1, -1, labels).astype(np.int16))
+    detail = "_detail/cam_00/camera_keyframe"
+    known = [view.pose for view in HYPERSIM]
+    save(f"{detail}_frame_indices.hdf5", np.array([0, 2, 4, 6]))
+    save(f"{detail}_positions.hdf5", np.array([*(pose.position / unit_m for pose in known), [0, 0, 0]]))
+    save(f"{detail}_orientations.hdf5", np.array([*(pose.R_w_c @ OPENGL for pose in known), np.eye(3)]))
+    table = f"parameter_name,parameter_value\nmeters_per_asset_unit,{unit_m}\n"
+    (folder / "_detail/metadata_scene.csv").write_text(table)
+
+
 WRITERS = {
     "gaussian-splatting": (gaussian_splatting, {"lit"}, "where up is, are not known"),
     "llff": (llff, {"lit"}, "where up is, are not known"),
@@ -175,3 +203,49 @@ def test_depth_of_sun_rgbd(tmp_path):
     put(tmp_path / "d.png", stored)
     depth = read_picture(tmp_path / "d.png", "depth", DepthForm.parse("sunrgbd")).pixels
     np.testing.assert_allclose(depth, [[np.inf, 0.001, 2.003, 7.999]], rtol=1e-6)
+
+
+def test_hypersim(tmp_path, capsys):
+    (tmp_path / "f").mkdir()
+    hypersim(tmp_path / "f")
+    assert run(tmp_path / "f", tmp_path / "a.sqlite") == 0
+    out = capsys.readouterr().out
+    assert "layout hypersim: 2 places, 3 of lit, 3 of depth, 3 of object_mask" in out
+    assert "lens of 60 degrees; --intrinsics says another" in out
+    with omniscv.open_source(tmp_path / "a.sqlite") as source:
+        for view in HYPERSIM:
+            recorded = source.recorded_views()
+            (own,) = (v for v in recorded if np.allclose(v.pose.R_w_c, view.pose.R_w_c, atol=1e-6))
+            np.testing.assert_allclose(own.projection, view.projection, rtol=1e-9)
+            np.testing.assert_allclose(own.pose.position, view.pose.position, atol=1e-9)
+            lit, mask = (next(iter(source.capture([Request(own, mode)]))) for mode in ("lit", "object_mask"))
+            np.testing.assert_allclose(lit.pixels, seen(view)[0] / 255, atol=3e-4)
+            labels = seen(view)[2]
+            np.testing.assert_array_equal(mask.pixels, np.where(labels == 1, 0xFFFF, labels))
+            check_depth(source, view.pose)
+
+
+OUTSIDE = [("/etc/hostname", 0, 16)]
+
+
+def test_hdf5_of_other_files_is_refused(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "other.hdf5", "w") as file:
+        file.create_dataset("dataset", data=np.ones((4, 4), np.float32))
+    for name, make in (
+        ("link", lambda file: file.__setitem__("dataset", h5py.ExternalLink("other.hdf5", "dataset"))),
+        (
+            "external",
+            lambda file: file.create_dataset("dataset", (4,), "f4", external=[("/etc/hostname", 0, 16)]),
+        ),
+        ("named", lambda file: file.create_dataset("colors", data=np.ones((4, 4)))),
+        ("texts", lambda file: file.create_dataset("dataset", data=[b"a"])),
+        ("large", lambda file: file.create_dataset("dataset", (1 << 20, 1 << 20), "u1", chunks=(1, 1 << 20))),
+    ):
+        with h5py.File(tmp_path / f"{name}.hdf5", "w") as file:
+            make(file)
+        with pytest.raises(ArgumentError):
+            read_picture(tmp_path / f"{name}.hdf5", "depth")
+    (tmp_path / "none.hdf5").write_bytes(b"no HDF5")
+    with pytest.raises(ArgumentError, match="expected HDF5, got"):
+        read_picture(tmp_path / "none.hdf5", "depth")

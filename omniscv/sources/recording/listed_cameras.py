@@ -1,4 +1,4 @@
-"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, Isaac Replicator."""
+"""Frames whose cameras other programs list: Gaussian Splatting, LLFF, ARKitScenes, Hypersim, Isaac."""
 
 import re
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from omniscv.arguments import number, numbers, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import Rows
-from omniscv.pictures import foreign, npy
+from omniscv.pictures import foreign, hdf5, npy
 from omniscv.sources.base import ObjectTable
 from omniscv.sources.recording.conventions import Words
 from omniscv.sources.recording.lenses import Pinhole, Wide, of_file
@@ -22,6 +22,7 @@ from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, parse_json, re
 _UNKNOWN_WORLD = "the world is that of the poses: its unit, and where up is, are not known"
 _LLFF = "+y +x -z"  # where right, down and ahead point: its axes are down, right, back
 _LATEST_S = 0.01  # between a picture and its pose, of ARKitScenes
+_HYPERSIM_FOV_DEG = 60.0  # across, of most of its cameras
 _STAMP = re.compile(r"(?:.*_)?(\d+\.\d+)")
 _ISAAC_DEPTH = (("distance_to_camera", "ray"), ("distance_to_image_plane", "planar"))
 _ISAAC_MASKS = (
@@ -148,43 +149,110 @@ def _pincam(folder: Path, picture: Path, options: Options) -> Pinhole | Wide | N
         return Pinhole(number("fx", fx, above=0), number("fy", fy, above=0), cx, cy, width, height)
 
 
+def hypersim(folder: Path, options: Options) -> Sequence:
+    """Return the frames of a scene of Hypersim: positions are in units of the scene, colours are light."""
+    unit_m = _asset_unit(folder / "_detail" / "metadata_scene.csv")
+    frames = list[Frame]()
+    for camera in sorted((folder / "_detail").glob("cam_*")):
+        indices = _keyframes(camera, "frame_indices", (None,))
+        positions = _keyframes(camera, "positions", (None, 3))
+        rotations = _keyframes(camera, "orientations", (None, 3, 3))
+        if not len(indices) == len(positions) == len(rotations):
+            raise ArgumentError(f"{camera.name}: expected a position and an orientation of each keyframe")
+        for index, position, rotation in zip(indices, positions, rotations, strict=True):
+            stem = f"frame.{int(index):04d}"
+            paths = _hypersim_files(folder / "images", f"scene_{camera.name}", stem)
+            if not paths:
+                continue  # it was left out of the data set
+            M = np.vstack([np.column_stack([rotation, position]), [0, 0, 0, 1]])
+            row = Rows.of_entries([(f"{camera.name} {stem}", {"transform_matrix": M})])
+            (t_w_c,), (R_w_c,) = row.poses("opengl", unit_m)
+            holds = {"depth": Files(kind="ray", unit="m")}
+            frames.append(Frame(paths, Pose(t_w_c, R_w_c), _hypersim_lens(paths, options), holds))
+    said = f"lens of {_HYPERSIM_FOV_DEG:g} degrees; --intrinsics says another"
+    return Sequence(frames, says=() if options.intrinsics else (said,), words=Words("opengl"))
+
+
+def _hypersim_lens(paths: Mapping[str, Path], options: Options) -> Pinhole | Wide | None:
+    mode = next(iter(paths))
+    height, width = foreign.read(paths[mode], mode).pixels.shape[:2]
+    if options.intrinsics:
+        return of_file(options.intrinsics, (width, height))
+    focal = width / 2 / np.tan(np.radians(_HYPERSIM_FOV_DEG / 2))
+    return Pinhole(focal, focal, width / 2, height / 2, width, height)
+
+
+def _asset_unit(file: Path) -> float:
+    """Return the metres of a unit of a scene, by the table of its parameters."""
+    with within(file.name):
+        lines = decode_text(read_bytes(file, MOST_JSON_BYTES)).splitlines()
+        cells = [line.split(",") for line in lines]
+        values = {row[0].strip(): row[1].strip() for row in cells if len(row) == 2}
+        return number("meters_per_asset_unit", values.get("meters_per_asset_unit"), above=0)
+
+
+def _keyframes(camera: Path, name: str, shape: tuple[int | None, ...]) -> Array:
+    file = camera / f"camera_keyframe_{name}.hdf5"
+    with within(f"{camera.name}/{file.name}"):
+        if not file.exists():
+            raise ArgumentError("expected the keyframes of a camera, got no file")
+        return numbers(name, hdf5.read(file).astype(np.float64), shape)
+
+
+def _hypersim_files(images: Path, camera: str, stem: str) -> dict[str, Path]:
+    """Return the pictures of a frame by mode; colours are light where that is there, else the preview's."""
+    final = images / f"{camera}_final_hdf5" / f"{stem}.color.hdf5"
+    preview = images / f"{camera}_final_preview" / f"{stem}.tonemap.jpg"
+    geometry = images / f"{camera}_geometry_hdf5"
+    paths = {
+        "lit": final if final.exists() else preview,
+        "depth": geometry / f"{stem}.depth_meters.hdf5",
+        "object_mask": geometry / f"{stem}.semantic_instance.hdf5",
+    }
+    return {mode: path for mode, path in paths.items() if path.exists()}
+
+
 def isaac(folder: Path, options: Options) -> Sequence:
     """Return the frames of Isaac Replicator's BasicWriter, whose option ``camera_params`` is on."""
     frames = list[Frame]()
+    names = set[str]()
     for file in files_in(folder, options):
         match = re.fullmatch(r"camera_params_(\d+)\.json", file.name)
         if match is None:
             continue
-        place, i = file.parent, match[1]
         with within(file.name):
             pose, pinhole = _isaac_camera(parse_json(read_bytes(file, MOST_JSON_BYTES)))
             lens: Pinhole | Wide | None = pinhole
             if options.intrinsics:
                 lens = of_file(options.intrinsics, (int(pinhole.width), int(pinhole.height)))
-        paths = dict[str, Path]()
-        holds = dict[str, Files]()
-        listed: Path | None = None
-        for suffix in ("png", "jpg", "jpeg"):
-            if (lit := place / f"rgb_{i}.{suffix}").exists():
-                paths["lit"] = lit
-        for word, kind in _ISAAC_DEPTH:
-            if (depth := place / f"{word}_{i}.npy").exists() and "depth" not in paths:
-                paths["depth"] = depth
-                holds["depth"] = Files(kind=kind, unit="m")
-        for word, list_word in _ISAAC_MASKS:
-            mask, table = place / f"{word}_{i}.png", place / f"{list_word}_{i}.json"
-            if not mask.exists() or "object_mask" in paths:
-                continue
-            if not table.exists():
-                raise ArgumentError(f"{mask.name}: expected the list of its objects, {table.name}, got none")
-            paths["object_mask"] = mask
-            listed = table
-        frames.append(Frame(paths, pose, lens, holds, names=listed))
-    names = set[str]()
-    for frame in frames:
-        names.update(objects_of(frame.names).names() if frame.names else ())
+        paths, kind, listed = _isaac_files(file.parent, match[1])
+        frames.append(Frame(paths, pose, lens, {"depth": Files(kind=kind, unit="m")}, names=listed))
+        if listed is not None:
+            names.update(objects_of(listed).names())
     objects = ObjectTable({}, 0, {name: i for i, name in enumerate(sorted(names), start=1)})
     return Sequence(frames, objects, words=Words("opengl"))
+
+
+def _isaac_files(folder: Path, number: str) -> tuple[dict[str, Path], str, Path | None]:
+    """Return the pictures of a frame by mode, the kind of its depth, and the list of its objects."""
+    paths = dict[str, Path]()
+    for suffix in ("png", "jpg", "jpeg"):
+        if (lit := folder / f"rgb_{number}.{suffix}").exists():
+            paths["lit"] = lit
+    kind = "planar"
+    for word, own_kind in _ISAAC_DEPTH:
+        if (depth := folder / f"{word}_{number}.npy").exists():
+            paths["depth"], kind = depth, own_kind
+            break
+    for word, list_word in _ISAAC_MASKS:
+        mask = folder / f"{word}_{number}.png"
+        if not mask.exists():
+            continue
+        table = folder / f"{list_word}_{number}.json"
+        if not table.exists():
+            raise ArgumentError(f"{mask.name}: expected the list of its objects, {table.name}, got none")
+        return {**paths, "object_mask": mask}, kind, table
+    return paths, kind, None
 
 
 def _isaac_camera(data: Mapping[str, Any]) -> tuple[Pose, Pinhole]:

@@ -144,6 +144,7 @@ def _finders() -> dict[str, tuple[str, Callable[[Path, Options], Sequence]]]:
         "gaussian-splatting": ("cameras.json", listed_cameras.gaussian_splatting),
         "llff": ("poses_bounds.npy", listed_cameras.llff),
         "arkitscenes": ("*.traj", listed_cameras.arkit_scenes),
+        "hypersim": ("_detail/metadata_scene.csv", listed_cameras.hypersim),
         "isaac": ("**/camera_params_*.json", listed_cameras.isaac),
     }
     return finders | {name: ("", partial(panoramas, of_openexr=kind)) for name, kind in PANORAMAS.items()}
@@ -168,8 +169,12 @@ def find_sequence(path: Path, layout: str, options: Options) -> Sequence | None:
             find = partial(_of_layout, layout=read(Layout, parse_yaml(data)), strict=True)
         layout = Path(layout).stem
     elif layout == "auto":
-        named = (name for name, (found, _) in _finders().items() if found and any(path.glob(found)))
-        layout = next(named, "pinhole" if options.intrinsics else "latlong" if is_panoramas(path) else "")
+        there = (name for name, (found, _) in _finders().items() if found and any(path.glob(found)))
+        layout = next(there, "")
+        if not layout and options.intrinsics:
+            layout = "pinhole"
+        elif not layout and is_panoramas(path):
+            layout = "latlong"
     if find is None and layout not in _finders():
         return None
     try:
