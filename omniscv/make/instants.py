@@ -115,8 +115,11 @@ def places_of(job: Job, split: Split) -> Sequence[str]:
 
 
 def with_places(job: Job) -> Job:
-    """Return a job of one world whose poses have their places, which its parts would each divide anew."""
-    return replace(job, places=tuple(places_of(job, job.recipe.split or Split({"": 1.0}))))
+    """Return a job of one world whose poses, in arrays, have their places: its parts need not find them."""
+    if isinstance(job.poses, Poses) and job.places and all(job.places):
+        return job
+    places = tuple(places_of(job, job.recipe.split or Split({"": 1.0})))
+    return replace(job, places=places, poses=Poses.of(job.poses))
 
 
 def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
