@@ -41,6 +41,19 @@ def parsed(text: str, per_s: int = 1) -> int:
     return int((Decimal(text) * NS / per_s).to_integral_value())
 
 
+def all_parsed(texts: Iterable[str], per_s: int = 1) -> list[int]:
+    """Return what :func:`parsed` does of many texts, most of which are digits with a point at most."""
+    digits = len(str(NS // per_s)) - 1  # behind the point, of a nanosecond
+    return [_plain_digits(text, digits, per_s) for text in texts]
+
+
+def _plain_digits(text: str, digits: int, per_s: int) -> int:
+    whole, _, part = text.partition(".")
+    if len(part) <= digits and (whole + part).isdecimal() and whole.isascii() and part.isascii():
+        return int(whole + part.ljust(digits, "0"))
+    return parsed(text, per_s)
+
+
 def decimal(time_ns: int) -> str:
     """Return seconds with all their digits: ``1403715274.302142976``, ``0.5``, ``3``."""
     whole, part = divmod(abs(time_ns), NS)

@@ -10,6 +10,8 @@ columns, in a first line or a comment (``#``, ``%``), say what each is, and its 
 """
 
 import io
+import logging
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 from omniscv.arguments import shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry.pose import R_LEVEL, Array, Pose
-from omniscv.geometry.trajectory import NS, Poses, Trajectory, decimal, parsed
+from omniscv.geometry.trajectory import NS, Poses, Trajectory, all_parsed, decimal, parsed
 from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
 from omniscv.storage.bounded import MOST_JSON_BYTES, encoding_of, open_regular, parse_json, read_bytes
@@ -34,6 +36,8 @@ _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
 # Seconds from row to row: no camera is so slow; whole numbers are as often ms.
 _SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4
 _MOST_BYTES = 1 << 28
+_SAID_EVERY_S, _LOOKED_EVERY = 5.0, 1 << 14
+_log = logging.getLogger("omniscv")
 _FIRST = Pose(np.zeros(3), R_LEVEL)
 _SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
 _CONVERTED = "cameraposes.csv"
@@ -122,6 +126,16 @@ def _lines(path: Path) -> Iterator[str]:
         raise ArgumentError(str(cause)) from cause
 
 
+def _counted(lines: Iterator[str], path: Path) -> Iterator[str]:
+    """Yield lines, and say how far they are read every few seconds."""
+    next_s = time.monotonic() + _SAID_EVERY_S
+    for number, line in enumerate(lines, start=1):
+        if not number % _LOOKED_EVERY and time.monotonic() > next_s:
+            _log.warning("%s: %d rows read", path, number)
+            next_s += _SAID_EVERY_S
+        yield line
+
+
 def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dialect, Rows]:
     """Return how a file is written, and its rows.
 
@@ -146,21 +160,21 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
     with within(f"line {where or number}"):
         dialect, types = dialect_of(names, comments, text, keyed)
     # Decimals of seconds are kept as they are written: a float64 would lose some.
-    time = dialect.columns.index("time") if "time" in dialect.columns else -1
+    at = dialect.columns.index("time") if "time" in dialect.columns else -1
     try:
         with catch_warnings(action="error"):  # a fraction of a nanosecond
             table = np.loadtxt(
-                (line for line in chain([text], lines) if not line.isspace()),
-                np.dtype([(f"c{i}", "O" if i == time else kind) for i, kind in enumerate(types)]),
+                filter(str.strip, chain([text], _counted(lines, path))),
+                np.dtype([(f"c{i}", "O" if i == at else kind) for i, kind in enumerate(types)]),
                 comments=dialect.comment,
                 delimiter=dialect.separator,
                 quotechar='"' if keyed else None,
                 ndmin=1,
             )
         columns = {name: table[f"c{i}"] for i, name in enumerate(dialect.columns) if name}
-        written = None if time < 0 else columns["time"]
+        written = None if at < 0 else columns["time"]
         if written is not None:
-            columns["time"] = written.astype(types[time])
+            columns["time"] = written.astype(types[at])
     except (ValueError, OverflowError, DeprecationWarning) as cause:
         raise _wrong_line(path, dialect, types) from cause
 
@@ -229,7 +243,7 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
     per_s = UNITS[unit or "s"]
     if largest / per_s > _MOST_SECONDS:
         raise ArgumentError(f"time: expected seconds, got {largest / per_s:.15g}")
-    return np.array([parsed(text, per_s) for text in rows.written_times.tolist()]), says
+    return np.array(all_parsed(rows.written_times.tolist(), per_s)), says
 
 
 def _without_repeats(
@@ -269,7 +283,7 @@ def write_euroc(trajectory: Trajectory) -> str:
     """Return the text of a EuRoC ``data.csv``; poses without times are numbered from 0, in seconds."""
     names = "p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
     stamped = zip(map(str, _stamps(trajectory)), _timed_rows(trajectory), strict=True)
-    rows = ([time, *row[1:4], row[7], *row[4:7]] for time, row in stamped)
+    rows = ([stamp, *row[1:4], row[7], *row[4:7]] for stamp, row in stamped)
     return _text(f"#timestamp [ns],{names}", rows, ",")
 
 
@@ -285,7 +299,7 @@ def write_kitti(trajectory: Trajectory) -> str:
 
 def write_kitti_times(trajectory: Trajectory) -> str:
     """Return the text of KITTI's ``times.txt``: seconds, one per pose; without times, numbers from 0."""
-    return _text("", ([decimal(time)] for time in _stamps(trajectory)))
+    return _text("", ([decimal(stamp)] for stamp in _stamps(trajectory)))
 
 
 def plain(value: float) -> str:
@@ -299,8 +313,8 @@ def _stamps(trajectory: Trajectory) -> Sequence[int]:
 
 def _timed_rows(trajectory: Trajectory) -> Iterator[list[str]]:
     """Yield the texts of time, position and quaternion (x, y, z, w) of each pose."""
-    for time, pose in zip(_stamps(trajectory), trajectory, strict=True):
-        yield [decimal(time), *map(plain, (*pose.position.tolist(), *pose.quaternion()))]
+    for stamp, pose in zip(_stamps(trajectory), trajectory, strict=True):
+        yield [decimal(stamp), *map(plain, (*pose.position.tolist(), *pose.quaternion()))]
 
 
 def _text(header: str, rows: Iterable[Iterable[str]], separator: str = " ") -> str:

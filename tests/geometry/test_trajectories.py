@@ -11,7 +11,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry import trajectory_files as files
 from omniscv.geometry.instant import object_pose
-from omniscv.geometry.trajectory import Trajectory, nanoseconds
+from omniscv.geometry.trajectory import Trajectory, all_parsed, nanoseconds, parsed
 from omniscv.geometry.trajectory_files import read_trajectory
 from omniscv.job import load
 
@@ -265,3 +265,24 @@ def test_the_camera_on_a_body(tmp_path):
     job.write_text(f"{JOB}{{file: data.csv, frame: imu}}")
     with pytest.raises(ArgumentError, match=r"poses.frame: .*imu: expected a readable file"):
         load(job)
+
+
+@pytest.mark.parametrize("per_s", [1, 10**3, 10**6, 10**9])
+def test_many_times_are_read_as_each_alone(per_s):
+    """Digits and a point are read without decimal arithmetic; all else, and more digits, with it."""
+    rng = np.random.default_rng(5)
+    whole = [str(number) for number in rng.integers(0, 2**60, 200)]
+    texts = [*whole, *(f"{text[:7]}.{text[7 : 7 + i % 14]}" for i, text in enumerate(whole))]
+    texts += ["-3.25", "1e9", "12.", "+4", ".5", "1_0", "1403715273.262142976", "1.0000000005"]
+    assert all_parsed(texts, per_s) == [parsed(text, per_s) for text in texts]
+
+
+def test_a_long_file_says_how_far_it_is_read(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(files, "_SAID_EVERY_S", 0.0)
+    monkeypatch.setattr(files, "_LOOKED_EVERY", 100)
+    rows = "".join(f"{i} 0 0 {i} 0 0 0 1\n" for i in range(1000))
+    (tmp_path / "long.tum").write_text(rows)
+    assert len(read_trajectory(tmp_path / "long.tum")) == 1000
+    said = [record.getMessage() for record in caplog.records]
+    assert said[0] == f"{tmp_path / 'long.tum'}: 100 rows read"
+    assert 3 < len(said) < 10
