@@ -6,6 +6,7 @@ it, and zig links these for glibc 2.17. Equal sources and versions give equal by
 """
 
 import argparse
+import hashlib
 import importlib
 import json
 import os
@@ -14,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -68,7 +70,7 @@ def main() -> int:
             module = module_of(declared_kernels(package))
             (arguments.modules / package).write_text(module, encoding="ascii")
         return 0
-    files = {f"{package}/kernels/table.json": table_of(package) for package in PACKAGES}
+    files: dict[str, bytes] = {}
     names = arguments.platform or COMMITTED
     for cpu in sorted({TARGETS[name].numba_cpu for name in names}):
         modules = modules_for(cpu)
@@ -76,6 +78,8 @@ def main() -> int:
             if TARGETS[name].numba_cpu == cpu:
                 for package, module in modules.items():
                     files[f"{package}/kernels/{name}.so"] = library(module, TARGETS[name])
+    for package in PACKAGES:
+        files[f"{package}/kernels/table.json"] = table_of(package, files)
     differing = []
     for name, data in files.items():
         path = ROOT / name
@@ -99,10 +103,16 @@ def modules_for(cpu: str) -> dict[str, str]:
         return {package: Path(folder, package).read_text(encoding="ascii") for package in PACKAGES}
 
 
-def table_of(package: str) -> bytes:
-    """Return the table of a package's kernels: what they were built from, and with."""
+def table_of(package: str, files: Mapping[str, bytes]) -> bytes:
+    """Return the table of a package's kernels: what they were built from, and with, and their digests."""
+    libraries = {}
+    for name in TARGETS:
+        path = f"{package}/kernels/{name}.so"
+        data = files.get(path) or ((ROOT / path).read_bytes() if (ROOT / path).exists() else b"")
+        if data:
+            libraries[f"{name}.so"] = hashlib.sha256(data).hexdigest()
     kernels = {kernel.full_name: described(kernel) for kernel in declared_kernels(package)}
-    table = {"versions": versions(), "changing": [], "kernels": kernels}
+    table = {"versions": versions(), "libraries": libraries, "changing": [], "kernels": kernels}
     return (json.dumps(table, indent=1) + "\n").encode()
 
 

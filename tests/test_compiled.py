@@ -2,6 +2,7 @@
 
 import copy
 import ctypes
+import hashlib
 import json
 import logging
 import os
@@ -52,6 +53,14 @@ def test_libraries_have_the_code_of_the_sources(package):
     assert of_sources == {
         name: row for name, row in table["kernels"].items() if name not in table["changing"]
     }
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_libraries_are_those_of_their_table(package):
+    folder = ROOT / package / "kernels"
+    table = json.loads((folder / "table.json").read_text())
+    there = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.glob("*.so")}
+    assert there == table["libraries"]
 
 
 def run(source, folder, **environment):
