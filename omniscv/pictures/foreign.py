@@ -225,7 +225,8 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> tuple[Pixels, color_t
         _check_size(parts[part].width, parts[part].height)
         _check_spec(parts[part], name, kind, lossy)
         source.geterror()
-        form = str(parts[part].format) if str(parts[part].format) in _KEPT else "float"
+        stored = str(parts[part].channelformat(min(channels)))  # a file may have halves beside floats
+        form = stored if stored in _KEPT else "float"
         pixels = source.read_image(part, 0, min(channels), max(channels) + 1, form)
         if pixels is None or source.has_error:  # half a JPEG has pixels
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")

@@ -81,8 +81,8 @@ def parse_json(data: bytes, most: int = MOST_JSON_BYTES) -> Any:
     """
     if len(data) > most:
         raise ArgumentError(f"expected JSON of at most {most} bytes, got {len(data)}")
-    document = decode_text(data)
     try:
+        document = yaml_text.decoded(data)
         value = json.loads(document, parse_constant=_no_number)
         if "\\u" in document:  # which can write half of a surrogate pair
             json.dumps(value, ensure_ascii=False).encode()

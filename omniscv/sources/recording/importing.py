@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,9 +34,18 @@ from omniscv.sources.recording.posed_frames import (
     read_as,
     skipped_lines,
 )
+from omniscv.sources.recording.posed_frames import Sequence as PosedSequence
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
-_OF_LIGHT = (".exr", ".hdr", ".tif", ".tiff", ".npy")  # files whose colours may be negative or NaN
+_OF_LIGHT = (
+    ".exr",
+    ".hdr",
+    ".tif",
+    ".tiff",
+    ".npy",
+    ".hdf5",
+    ".h5",
+)  # files whose colours may be negative or NaN
 _TEXTS = (".txt", ".csv", ".json")
 _SEAMLESS = 1e-4  # grey levels across edges: both faces show the same points, on the edge
 
@@ -83,54 +92,71 @@ def import_pictures(pictures: Path | str, path: Path | str, layout: str = "auto"
         captures: Callable[[], Iterable[Capture]]
         if sequence := sequences.find_sequence(pictures, layout, options):
             sequence, asked = taken(sequence, options.trust_words)
-            lines, modes = (*sequence.lines(), *asked), {*sequence.modes}
+            lines = [*sequence.lines(), *asked]
+            modes = {*sequence.modes}
             captures = sequence.captures
         else:
-            faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
-            faces, found = faces_in(pictures, layout, options)
-            lines, modes = tuple(found), {mode for mode, *_ in faces}
-            turn_w, ray = turn_about_z(options.yaw_deg or 0.0), (options.depth or DepthForm()).ray
-            held = []
-            for mode, picture, R, fov_deg in faces:
-                pose = Pose(options.front.position, turn_w @ R)
-                view = View(pose, fov_deg, *picture.pixels.shape[1::-1])
-                provenance = {"server": "imported", "file": pictures.name}
-                held.append(capture_of(picture, mode, view, provenance, ray, options.transfer))
+            held, lines = _captures_of_faces(pictures, layout, options)
+            modes = {capture.mode for capture in held}
             captures = partial(iter, held)
-        colors = [file for mode, file in options.clipped if mode == "lit"]
-        colors += [str(frame.files.get("lit", "")) for frame in sequence.frames] if sequence else []
-        idle_if = {
-            "depth": (options.depth or options.missing) and "depth" not in modes,
-            "names": options.names and "object_mask" not in modes,
-            "poses": options.poses and not sequence,
-            "intrinsics": options.intrinsics and not sequence,
-            "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
-            "trust_words": options.trust_words and not (sequence and "depth" in modes),
-            "transfer": options.transfer and "lit" not in modes,
-            "frame or unit": (options.frame or options.unit) and not options.poses,
-        }
-        if idle := [name for name, is_idle in idle_if.items() if is_idle]:
-            got = f"pictures of {' and '.join(sorted(modes))}"
-            raise ArgumentError(f"{idle[0]}: expected pictures that it acts on, got {got}")
-        listed = objects_of(options.names) if options.names else None
-        known = listed or (sequence.objects if sequence else ObjectTable({}))
-        masks = _Masks(known)
+        _check_idle(options, modes, sequence)
+        known = objects_of(options.names) if options.names else ObjectTable({})
+        masks = _Masks(sequence.objects if sequence and not options.names else known)
         count = add_captures(path, lambda: map(masks.count, captures()), masks.objects)
-        masks.lines += skipped_lines(options)
-        said = Counter(line for lines in options.said.values() for line in lines)
-        masks.lines += [f"{line} ({count} files)" for line, count in said.items()]
-        clipped = Counter[str]()
-        for (mode, _), values in options.clipped.items():
-            clipped[mode] += values
-        if clipped["lit"]:
-            masks.lines.append(f"{clipped['lit']} negative or NaN values taken as 0")
-        if clipped["depth"]:
-            advice = "taken as no surface; --missing 0 keeps them"
-            masks.lines.append(f"depth: {clipped['depth']} pixels have the largest number there is, {advice}")
+        lines += [*masks.lines, *_lines_of_reading(options)]
         if replaced := masks.captures // 2 - count:  # they were read twice
-            what = "captures of a view that a later one shows, too: the last one stays"
-            masks.lines.append(f"{replaced} {what}")
-    return Imported(count, (*lines, *masks.lines))
+            lines.append(f"{replaced} captures of a view that a later one shows, too: the last one stays")
+    return Imported(count, tuple(lines))
+
+
+def _captures_of_faces(pictures: Path, layout: str, options: Options) -> tuple[list[Capture], list[str]]:
+    """Return the captures of six faces, in files of a folder or in one picture, and what was decided."""
+    faces_in = _faces_in_picture if pictures.is_file() else _faces_in_folder
+    faces, lines = faces_in(pictures, layout, options)
+    turn_w = turn_about_z(options.yaw_deg or 0.0)
+    ray = (options.depth or DepthForm()).ray
+    captures = []
+    for mode, picture, R, fov_deg in faces:
+        pose = Pose(options.front.position, turn_w @ R)
+        view = View(pose, fov_deg, *picture.pixels.shape[1::-1])
+        provenance = {"server": "imported", "file": pictures.name}
+        captures.append(capture_of(picture, mode, view, provenance, ray, options.transfer))
+    return captures, lines
+
+
+def _check_idle(options: Options, modes: Collection[str], sequence: PosedSequence | None) -> None:
+    """Raise ArgumentError for an option that acts on none of the pictures."""
+    colors = [file for mode, file in options.clipped if mode == "lit"]
+    colors += [str(frame.files.get("lit", "")) for frame in sequence.frames] if sequence else []
+    idle_if = {
+        "depth": (options.depth or options.missing) and "depth" not in modes,
+        "names": options.names and "object_mask" not in modes,
+        "poses": options.poses and not sequence,
+        "intrinsics": options.intrinsics and not sequence,
+        "clip": options.clip and not any(Path(file).suffix.lower() in _OF_LIGHT for file in colors),
+        "trust_words": options.trust_words and not (sequence and "depth" in modes),
+        "transfer": options.transfer and "lit" not in modes,
+        "frame or unit": (options.frame or options.unit) and not options.poses,
+    }
+    if idle := next((name for name, is_idle in idle_if.items() if is_idle), ""):
+        got = f"pictures of {' and '.join(sorted(modes))}"
+        raise ArgumentError(f"{idle}: expected pictures that it acts on, got {got}")
+
+
+def _lines_of_reading(options: Options) -> list[str]:
+    """Return what was skipped, converted and clipped when pictures were read, for people."""
+    lines = skipped_lines(options)
+    converted = Counter(line for of_file in options.said.values() for line in of_file)
+    lines += [f"{line} ({files} files)" for line, files in converted.items()]
+    clipped = Counter[str]()
+    for (mode, _), values in options.clipped.items():
+        clipped[mode] += values
+    if clipped["lit"]:
+        lines.append(f"{clipped['lit']} negative or NaN values taken as 0")
+    if clipped["depth"]:
+        advice = "taken as no surface; --missing 0 keeps them"
+        lines.append(f"depth: {clipped['depth']} pixels have the largest number there is, {advice}")
+    return lines
 
 
 class _Masks:

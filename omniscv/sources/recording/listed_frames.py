@@ -127,10 +127,9 @@ def _angles(pose: Pose) -> str:
     return f"yaw {yaw:g}, pitch {pitch:g}, roll {roll:g} (left, up and right side down +)"
 
 
-def nerfstudio(folder: Path, options: Options) -> Sequence:
-    """Return the frames of nerfstudio's transforms.json."""
+def _transforms(folder: Path) -> list[dict[str, Any]]:
+    """Return the documents of ``transforms.json``, or of those of a train and a test split."""
     from omniscv.calibration.documents import Content  # slow to load
-    from omniscv.calibration.parts import lens_of_frame
 
     files = sorted(folder.glob("transforms.json")) or sorted(folder.glob("transforms*.json"))
     documents = list[Any]()
@@ -149,12 +148,17 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
                     "frames: expected mappings with file_path and transform_matrix, got others"
                 )
             documents.append(content.values[0])
+    return documents
+
+
+def nerfstudio(folder: Path, options: Options) -> Sequence:
+    """Return the frames of nerfstudio's transforms.json."""
+    from omniscv.calibration.parts import lens_of_frame
+
+    documents = _transforms(folder)
     entries = [(data, entry) for data in documents for entry in data["frames"]]
     if not entries:
-        names = ", ".join(file.name for file in files)
-        raise ArgumentError(
-            f"{names or 'transforms.json'}: expected frames, got none: the list 'frames' is empty"
-        )
+        raise ArgumentError("transforms.json: expected frames, got an empty list, or no file")
     matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
     poses, frames = Rows.of_entries(keys).poses("opengl"), list[Frame]()
@@ -241,13 +245,19 @@ def is_panoramas(path: Path) -> bool:
     return False
 
 
-def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
-    """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file."""
+def _places_in(path: Path, options: Options) -> dict[tuple[str, ...], dict[str, Path]]:
+    """Return the pictures by mode of each place, which has the words of their names that are no mode's."""
     places: dict[tuple[str, ...], dict[str, Path]] = {}
     for file in pictures_in(path, options):
         mode, words = mode_of(file, path)
         if (other := places.setdefault(words, {}).setdefault(mode, file)) != file:
             raise ArgumentError(f"expected one of {mode} at a place, got {other.name} and {file.name}")
+    return places
+
+
+def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
+    """Return panoramas, or pictures of a lens, by words in their names, at one place or those of a file."""
+    places = _places_in(path, options)
     lens = None
     if options.intrinsics:
         files = next(iter(places.values()))
@@ -276,8 +286,12 @@ def panoramas(path: Path, options: Options, of_openexr: int = 0) -> Sequence:
     says = [] if lens else ["resampled to six faces"]
     says += [axes.line] if axes.line else []
     says += layer_lines(layers)
-    columns: Collection[str] = ("m0",)
-    if options.poses and options.poses.suffix.lower() != ".json":
-        columns = read_rows(options.poses, keyed=True)[1].columns
-    poses = words_of(columns, axes.frame, options.unit)
+    poses = words_of(_columns_in(options), axes.frame, options.unit)
     return Sequence(frames, says=tuple(says), of_openexr=of_openexr, words=poses, refused=axes.refused)
+
+
+def _columns_in(options: Options) -> Collection[str]:
+    """Return the columns of ``--poses``; those of a matrix for JSON, or without a file."""
+    if not options.poses or options.poses.suffix.lower() == ".json":
+        return ("m0",)
+    return read_rows(options.poses, keyed=True)[1].columns
