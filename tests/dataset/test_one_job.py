@@ -8,16 +8,19 @@ from dataclasses import replace
 import pytest
 from support.datasets import image, relisted, tree
 
-from omniscv import cameras, dataset, storage
+import mock_server
+from omniscv import Pose, cameras, dataset, open_source, record, storage
 from omniscv.cli import run
 from omniscv.compose.files import versions
 from omniscv.dataset import exporting, manifest
 from omniscv.dataset.origin import Origin
-from omniscv.errors import ArgumentError, DatasetError, SourceError
+from omniscv.errors import ArgumentError, DatasetError, RecordingError, SourceError
 from omniscv.frame import FileEntry
 from omniscv.job import load
 from omniscv.make import Part, finish, make, run_part
 from omniscv.make.frames import FrameMaker
+from omniscv.sources import Request, View
+from omniscv.sources.recording.folders import import_folder
 
 JOB = """
 source: {source}
@@ -130,6 +133,42 @@ def test_a_recording_is_of_one_source(job, tmp_path, capsys):
         assert "its source_options.exposure is 1.0, in the job 2.0; record into" in capsys.readouterr().err
     assert (tmp_path / "room.sqlite").read_bytes() == before
     assert other.out.exists() is False
+
+
+def test_a_recording_is_of_one_dialect(job, tmp_path, capsys):
+    """Also where nobody says what is recorded, as in a program."""
+    view = View(Pose.from_angles((0, 0, 1.5)), 90.0, 16, 16)
+    address = "mock://four-wall?size=16x16&dialect"
+    with (
+        open_source(f"{address}=N3") as live,
+        record(live, tmp_path / "r") as source,
+    ):
+        list(source.capture([Request(view, "lit")]))
+    turned = View(Pose.from_angles((0, 0, 1.5), 90), 90.0, 16, 16)
+    with (
+        open_source(f"{address}=0.3.10") as live,
+        record(live, tmp_path / "r") as source,
+        pytest.raises(RecordingError, match=r"expected captures of dialect N3, as those in it, got 0\.3\.10"),
+    ):
+        list(source.capture([Request(turned, "lit")]))
+
+
+def test_an_import_does_not_replace_other_captures(tmp_path, capsys):
+    for scene, name in (("four-wall", "first"), ("six-wall", "second")):
+        made = ["record", "--source", f"scene://{scene}", "--modes", "lit", "--set", "face_size=16"]
+        assert run([*made, "--out", str(tmp_path / f"{name}.sqlite")]) == 0
+        assert run(["recording", "export", str(tmp_path / f"{name}.sqlite"), str(tmp_path / name)]) == 0
+        (tmp_path / name / "scene.json").unlink(missing_ok=True)
+    path = tmp_path / "room.sqlite"
+    assert import_folder(tmp_path / "first", path) == 6
+    assert import_folder(tmp_path / "first", path) == 6  # the same captures again
+    before = path.read_bytes()
+    for entry in (index := json.loads((tmp_path / "second" / "captures.json").read_text())):
+        entry["provenance"].pop("scene", None)
+    (tmp_path / "second" / "captures.json").write_text(json.dumps(index))
+    with pytest.raises(RecordingError, match="expected the lit that was recorded before"):
+        import_folder(tmp_path / "second", path)
+    assert path.read_bytes() == before
 
 
 def test_a_job_with_another_seed_of_poses_is_refused(job):
@@ -411,3 +450,19 @@ def test_splits_that_are_too_near_are_found(job):
     relisted(made.out, change)
     says = "expected places 0.5 m apart in different splits, got 0.2 m"
     assert any(says in fault for fault in dataset.check(made.out))
+
+
+# -- worlds that are frozen ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shards", [(None, None), ((0, 2), (1, 2))], ids=["resumed", "shards"])
+def test_a_world_that_is_frozen_is_so_at_one_instant(shards, job):
+    with mock_server.serve("workshop") as server:
+        first = job(source=server.uri, poses=at(*PLACES[:1]), more="freeze: pause\n")
+        whole = job(source=server.uri, poses=at("0, 0, 1.5", "0.2, 0, 1.5"), more="freeze: pause\n")
+        make(first if shards[0] is None else whole, shard=shards[0])
+        with open_source(server.uri) as source:  # the world goes on
+            for _ in range(5):
+                list(source.capture([Request(View(Pose.from_angles((0, 0, 1.5)), 90.0, 16, 16), "lit")]))
+        with pytest.raises(ArgumentError, match=r"frozen is '.*', in the job '"):
+            make(whole, existing="resume", shard=shards[1])

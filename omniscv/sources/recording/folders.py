@@ -23,6 +23,7 @@ from omniscv.sources import tagged_colors
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, without_zeros
 from omniscv.sources.recording.operations import add_objects, opened_whole
+from omniscv.sources.recording.replay import in_words
 from omniscv.sources.recording.rows import Row, labelled_modes, view_from_dict
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.world_rows import (
@@ -75,7 +76,8 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     Raises:
         ArgumentError: the folder's index is missing or wrong; the message names the entry.
         BadReplyError: an image is not what its entry says.
-        RecordingError: the file is no recording, cannot be written, has other mask colours, or another scene.
+        RecordingError: the file is no recording, cannot be written, has other mask colours, other captures
+            of the same requests, or another scene.
     """
     folder = Path(folder)
     with within(folder / INDEX):
@@ -128,9 +130,23 @@ def add_captures(
         for name, state in states.items():
             store.set_state(name, state)
         for capture in captures():
-            store.add(capture)
+            if capture.request in requests or not _is_there(store, capture):
+                store.add(capture)
             requests.add(capture.request)
     return len(requests)
+
+
+def _is_there(store: Store, capture: Capture) -> bool:
+    """Return whether a recording has a capture already; RecordingError if it has another one."""
+    known = store.get_row(capture.request)
+    if known is None:
+        return False
+    row = Row.of(capture)
+    if (known.payload, known.encoding, known.captured) != (row.payload, row.encoding, row.captured):
+        view = in_words(capture.request.view)
+        expected = f"expected the {capture.mode} that was recorded before, {view}"
+        raise RecordingError(f"{expected}; got another; import into another file", store.path)
+    return True
 
 
 def _write_folder(store: Store, folder: Path) -> int:

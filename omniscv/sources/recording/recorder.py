@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from omniscv.errors import ArgumentError, MissingCaptureError, OtherMomentError, SourceError
+from omniscv.errors import ArgumentError, MissingCaptureError, OtherMomentError, OtherSceneError, SourceError
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.sources.base import (
@@ -64,6 +64,7 @@ class Recording(SourceWrapper):
         self._described_state = ""  # the last one that was written to the file
         self._requested: Instant | None = None
         self._owns_store = True
+        self._dialect: object = None  # of the file, once a capture is written
         self._made: set[Request] = set()  # captured since the file was opened
         self._new = 0  # captures of the instant that the file did not hold
         self._lock = threading.RLock()
@@ -184,6 +185,7 @@ class Recording(SourceWrapper):
         if self._scene != (scene := self._source.scene_identity):  # a game may have left the level
             self._store.set_scene(scene)
             self._scene = scene
+        self._check_dialect(capture)
         if capture.mode in labelled_modes():
             self.objects()  # a mask without them would take the names of others
         if capture.request.state:
@@ -192,6 +194,17 @@ class Recording(SourceWrapper):
         self._made.add(capture.request)
         if self._captured_anew is not None:
             self._captured_anew.add(capture.request)
+
+    def _check_dialect(self, capture: Capture) -> None:
+        """Refuse a capture of another dialect than those of the file, as its pictures mean something else;
+        those that are traced in this process mean what any server's should."""
+        dialect = capture.provenance.get("dialect")
+        if self._dialect is None:
+            self._dialect = self._store.dialect() or dialect
+        servers = {dialect, self._dialect} - {None, "scene"}
+        if len(servers) > 1:
+            expected = f"expected captures of dialect {self._dialect}, as those in it"
+            raise OtherSceneError(f"{expected}, got {dialect}; record into another file", self._store.path)
 
     def _write_state(self, state: str) -> None:
         """Write what is known of a state, once."""

@@ -270,6 +270,10 @@ class Store(files.Forkable):
         origin = (self._last_provenance() or {}).get(ORIGIN)
         return origin if isinstance(origin, dict) else None
 
+    def dialect(self) -> object:
+        """Return the dialect of the last capture's server; None without one."""
+        return (self._last_provenance() or {}).get("dialect")
+
     def _last_provenance(self, where: str = "") -> dict[str, Any] | None:
         """Return where the last capture came from; None without any."""
         last = f"{where} ORDER BY number DESC LIMIT 1"
