@@ -183,6 +183,11 @@ class Source(ABC):
         """
         return None if self.capabilities.moves else {}
 
+    def own_views(self) -> Mapping[str, View]:
+        """Return the views of the cameras that the scene itself has, by name, at this source's instant; by
+        default none."""
+        return {}
+
     def variable(self, kind: str) -> Mapping[str, Mapping[str, int]]:
         """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
         how many numbers each has. An object that cannot be moved can only be ``shown``.
@@ -286,6 +291,7 @@ class SourceWrapper(Source):
     variable = _forwarded(Source.variable)
     poses = _forwarded(Source.poses)
     own_poses = _forwarded(Source.own_poses)
+    own_views = _forwarded(Source.own_views)
     recorded_views = _forwarded(Source.recorded_views)
     recorded_in = _forwarded(Source.recorded_in)
     recorded = _forwarded(Source.recorded)

@@ -1,5 +1,6 @@
 """A MuJoCo model at an instant: what is placed, hidden and drawn; its objects, their boxes, and rays."""
 
+import math
 import threading
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -14,7 +15,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
 from omniscv.geometry.scene_geometry import ObjectBox
-from omniscv.sources.base import Traced
+from omniscv.sources.base import Traced, View
 from omniscv.sources.mujoco.drawn import (
     HIDDEN,
     SOFT,
@@ -72,6 +73,7 @@ class Model:
         self._track: Array | None = None
         self._start()
         check_finite(mujoco, model, data)
+        self._window_px = int(model.vis.global_.offwidth), int(model.vis.global_.offheight)
         self.far_m = max(FAR_M, _FAR_EXTENTS * float(model.stat.extent))
         self.planes = Planes.of(mujoco, model)
         visible = opacity(model) > 0
@@ -301,6 +303,26 @@ class Model:
         at, R = (self.d.xpos, self.d.xmat) if kind == "body" else (self.d.geom_xpos, self.d.geom_xmat)
         u, _, v = np.linalg.svd(R[i].reshape(3, 3))
         return Pose(at[i].copy(), u @ v)
+
+    def own_views(self) -> dict[str, View]:
+        """Return the views of the model's cameras by name, where they are now: perspective ones whose optical
+        axis is in the middle."""
+        views = {}
+        for i in range(self.m.ncam):
+            name = self.m.camera(i).name or f"camera {i}"
+            orthographic = getattr(self.m, "cam_projection", getattr(self.m, "cam_orthographic", None))
+            if (orthographic is not None and orthographic[i]) or self.m.cam_intrinsic[i, 2:].any():
+                continue
+            width, height = map(int, self.m.cam_resolution[i])
+            if width * height <= 1:  # not given
+                width, height = self._window_px
+            across = math.tan(math.radians(self.m.cam_fovy[i]) / 2) * width / height
+            if self.m.cam_sensorsize[i, 0]:
+                across = self.m.cam_sensorsize[i, 0] / 2 / self.m.cam_intrinsic[i, 0]
+            u, _, v = np.linalg.svd(self.d.cam_xmat[i].reshape(3, 3) * (1, -1, -1))  # MuJoCo: y up, z back
+            fov_deg = math.degrees(2 * math.atan(across))
+            views[name] = View(Pose(self.d.cam_xpos[i].copy(), u @ v), fov_deg, width, height)
+        return views
 
     def movable(self) -> list[str]:
         """Return the names of the objects that physics moves."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omniscv.arguments import shown
+from omniscv.arguments import one_of, shown
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.instant import Instant
@@ -154,6 +154,12 @@ class MujocoSource(Rendered):
                 raise ArgumentError(f"{self._name}: {expected}, got {soft[fixed[0]].kind} {shown(fixed[0])}")
         return super().at(instant)
 
+    def own_views(self) -> Mapping[str, View]:
+        """Return the views of the model's own cameras. One on a body moves with it. Left out are orthographic
+        cameras, and those whose optical axis is not in the middle."""
+        with self._shown() as model:
+            return model.own_views()
+
     def with_state(self, data: MjData) -> Source:
         """Return a source of the same model in the state of another ``MjData``, which is copied.
 
@@ -222,7 +228,9 @@ def open_mujoco(address: str, **options: Any) -> Source:
     Raises ArgumentError for a wrong one, or a file that is no model, SourceError where MuJoCo is not
     installed.
     """
-    path, written = split_address(address, {"time": float, "numslices": int, **dict.fromkeys(_TEXTS, str)})
+    readers = {"time": float, "numslices": int, "camera": str, **dict.fromkeys(_TEXTS, str)}
+    path, written = split_address(address, readers)
+    wanted = written.pop("camera", None)
     mujoco = _mujoco(address)
     try:
         binary = path.endswith(".mjb")
@@ -239,7 +247,24 @@ def open_mujoco(address: str, **options: Any) -> Source:
         source = from_model(model, None, Path(path).stem, **options, **written)
     except ArgumentError as wrong:
         raise ArgumentError(f"{path}: {wrong.message}") from wrong
+    if wanted is not None:
+        with source:
+            raise _advice_on_camera(source.own_views(), path, wanted)
     return ProcessBound(source, address)
+
+
+def _advice_on_camera(known: Mapping[str, View], path: str, name: str) -> ArgumentError:
+    """Return the error of an address that names one of the model's cameras: what a job has in its place."""
+    one_of(f"source: {path}: camera", name, known)
+    view = known[name]
+    yaw, pitch, roll = (round(angle, 9) + 0.0 for angle in view.pose.angles())
+    position = ", ".join(f"{value:.6g}" for value in view.pose.position)
+    pose = f"position: [{position}], yaw_deg: {yaw:.10g}, pitch_deg: {pitch:.10g}, roll_deg: {roll:.10g}"
+    lens = f"model: pinhole, width: {view.width}, height: {view.height}, fov_deg: {view.fov_deg:.9g}"
+    instead = f"write poses: [{{{pose}}}] and cameras: {{{name}: {{{lens}}}}}"
+    moving = "if it moves, Source.own_views() has its pose at each instant"
+    got = f"expected no camera in the address, got {shown(name)}"
+    return ArgumentError(f"source: {path}: {got}; {instead}; {moving}")
 
 
 _TEXTS = ("keyframe", "qpos", "groups", "by", "data", "headlight", "fog")
