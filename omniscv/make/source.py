@@ -74,11 +74,13 @@ def captured_of(job: Job, source: Source) -> dict[str, Any]:
     Replayed captures are of what was recorded.
     """
     known = source.recorded_origin or {}
+    world = known.get("world") if known else source.world_digest
     options = {**known.get("source_options", {}), **without_delivery(job.source_options)}
     return {
         "source": known.get("source") or described(job.sources),
         "source_options": options,
-        "world": known.get("world") or source.world_digest or None,
+        "world": world or None,
+        "freeze": known.get("freeze") or job.freeze or "",
     }
 
 
@@ -89,7 +91,8 @@ def _check_recorded(path: Path, origin: Mapping[str, Any]) -> None:
         return
     with closing(Store(path)) as store:
         known = store.origin()
-    if known is not None and (difference := world_difference(known, origin)):
+    same = {"freeze": ""}  # captures of an instant are the same, however the world is kept there
+    if known is not None and (difference := world_difference({**known, **same}, {**origin, **same})):
         expected = "expected a recording of the same captures"
         raise ArgumentError(f"record: {path}: {expected}; its {difference}; record into another file")
 
@@ -151,7 +154,6 @@ def origin_of(job: Job, source: Source) -> dict[str, Any]:
     described_frames = [numbers.hexdigest(), job.times_ns, job.places, list(job.cameras), job.epoch_ns]
     return {
         **captured_of(job, source),
-        "freeze": job.freeze or "",
         "scene": "/".join(part for part in (identity.name, identity.level) if part) or None,
         "frozen": digest(frozen) if frozen else None,
         "sampling": {} if job.sampled is None else {type(job.sampled).__name__: _settings(job.sampled)},
