@@ -15,11 +15,13 @@ from contextlib import closing, nullcontext
 from pathlib import Path
 
 import omniscv
+import omniscv.dataset.formats.webdataset  # what exporting imports  # noqa: F401
 import omniscv.sources.unreal.source  # what opening a source imports  # noqa: F401
+from omniscv import dataset
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
 from omniscv.job import load
-from omniscv.make import make
+from omniscv.make import make, run
 from omniscv.sources import Request, View
 from omniscv.sources.recording import folders
 from omniscv.sources.recording.files import publish, target_of, written_for
@@ -89,6 +91,15 @@ def warm():
         omniscv.render(camera, Pose((0, 0, 1.5), R_LEVEL), source, MODES, face_size=32)
 
 
+def write(out):
+    """Add frames to a dataset by a writer."""
+    camera = omniscv.cameras.create("equirectangular", width=48, height=24)
+    with omniscv.open_source("scene://four-wall") as source, dataset.Writer(out, resume=True) as writer:
+        for i, center in enumerate(CENTERS):
+            image = omniscv.render(camera, Pose(center, R_LEVEL), source, MODES, face_size=32)
+            writer.add(f"frame-{i}", image)
+
+
 ACTIONS = {
     "record": lambda address, path: record(omniscv.open_source(address), path),
     "import": folders.import_folder,
@@ -96,6 +107,10 @@ ACTIONS = {
     "change": change,
     "states": record_states,
     "make": lambda job: make(load(Path(job)), existing="resume"),
+    "overwrite": lambda job: make(load(Path(job)), existing="replace"),
+    "render": lambda job: run(load(Path(job))),
+    "write": write,
+    "export": lambda folder, out: dataset.export(folder, "webdataset", out, max_count=1),
 }
 
 
