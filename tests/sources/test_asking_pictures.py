@@ -2,6 +2,7 @@
 
 import json
 from contextlib import closing
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from support.overlapping import MISDESCRIBED, WORLDS, asked, convention, noisy, room, written
 
 from omniscv import cli
+from omniscv.diagnostics import posed_pictures
 from omniscv.errors import ArgumentError
 from omniscv.sources.base import Request
-from omniscv.sources.recording.conventions import Words
+from omniscv.sources.recording.conventions import Convention, Verdict, Words
 from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.sources.recording.store import Store
@@ -197,3 +199,36 @@ def test_sound_folders_are_never_refused(kind, world):
         for each in (shots, noisy(shots, seed, 2.5, 0.06)):
             for quaternions in (False, True):
                 assert not asked(each, Words(quaternions=quaternions)).contradicts
+
+
+@pytest.mark.parametrize(
+    ("words", "median", "ratio", "metres", "per_m"),
+    [
+        (Words(), 3.0, 1000.0, 0.001, 1.0),  # floats of plausible metres: positions are in mm
+        (Words(), 3000.0, 0.001, 1.0, 1000.0),  # no plausible metres: depth is in mm
+        (Words(per_m=1000.0), 3.0, 0.25, 1.0, 4000.0),  # whole numbers of another known unit
+        (Words(per_m=1000.0), 3.0, 0.3, 1 / 0.3, 1000.0),  # of an unknown one: positions
+        (Words(metres=0.01), 3000.0, 1e-9, 0.01 / 1e-9, 1.0),  # depth that is never plausible
+    ],
+    ids=["positions in mm", "depth in mm", "depth in quarters", "no known unit", "nowhere plausible"],
+)
+def test_a_ratio_is_one_of_depth_where_that_is_known_and_plausible_else_of_positions(
+    words, median, ratio, metres, per_m
+):
+    found = Verdict(words, median=median).units(Convention(ratio=ratio))
+    assert found == pytest.approx((metres, per_m))
+
+
+@pytest.mark.parametrize("has_best", [False, True])
+def test_pictures_that_cannot_tell_their_convention_name_no_fault(has_best, monkeypatch):
+    """Whether a convention scored best, or none did."""
+    score = SimpleNamespace(convention=Convention(), mean=0.9)
+    best = score if has_best else None
+    verdict = Verdict(Words(), best, best, why="too few frames overlap" if has_best else "")
+    monkeypatch.setattr(posed_pictures, "ask", lambda pictures, words: verdict)
+    monkeypatch.setattr(posed_pictures, "_values", lambda *_: [])
+    (found,) = posed_pictures.examine_pictures(
+        SimpleNamespace(R=np.eye(3)[None], t=np.zeros((1, 3))), Words()
+    )
+    assert (found.name, found.verdict) == ("convention", "warning")
+    assert found.value.startswith("cannot tell their convention")

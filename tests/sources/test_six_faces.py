@@ -287,3 +287,26 @@ def test_masks_that_a_list_cannot_name_are_refused(masks, names, says, tmp_path,
     assert says in error
     assert "; list the " in error
     assert not file.exists()
+
+
+def test_six_faces_of_depth_have_the_unit_that_is_said(tmp_path, file):
+    """Whole numbers: millimetres, of planar depth."""
+    folder = written(tmp_path / "sky")
+    views = [View(Pose(AT, face.R_w_c), 90, EDGE, EDGE) for face in LAYOUTS["faces"].arrangement]
+    for word, view in zip(WORDS.split(), views, strict=True):
+        depth = np.round(1000 * seen(view)[2]).astype(np.uint16)
+        put(folder / "depth" / f"{word}.png", depth)
+    import_pictures(folder, file, position=AT, depth="planar-mm")
+    with omniscv.open_source(file) as source:
+        for view in views:
+            (capture,) = source.capture([omniscv.sources.Request(view, "depth")])
+            np.testing.assert_allclose(capture.pixels, seen(view)[2], atol=6e-4)
+
+
+def test_a_face_in_a_strip_is_named_by_its_number(tmp_path, file):
+    faces = pictures()
+    faces[1], faces[4] = faces[4], faces[1]
+    put(tmp_path / "strip.png", np.concatenate(faces, axis=1))
+    found = import_pictures(tmp_path / "strip.png", file, position=AT)
+    named = {line.partition(" shows ")[0] for line in found.lines if "put right" in line}
+    assert named == {"face 2", "face 5"}, found.lines

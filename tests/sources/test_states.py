@@ -23,6 +23,7 @@ from omniscv.sources import ObjectTable, SceneIdentity, SourceWrapper
 from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
+from omniscv.sources.recording.world_rows import WorldState
 from omniscv.sources.scene import SceneSource
 
 LATER, EMPTIER = STATES[1:]
@@ -307,3 +308,30 @@ def test_masks_are_never_recorded_without_their_objects(tmp_path):
         with omniscv.record(Plain(ObjectTable(other)), path) as source, refused:
             list(source.capture(face_requests(size=16, modes=("object_mask",), center=(1.0, 0.0, 0.0))))
         assert contents(path) == before
+
+
+@pytest.mark.parametrize("anew", [False, True])
+def test_the_description_of_a_state_is_written_once_and_anew_when_it_is_captured_anew(anew, scene, recorded):
+    """What a file says of a state stays with what it shows of it; captured anew, both are new."""
+    state = LATER.state
+    with closing(Store(recorded, write=True)) as store:
+        moving = {*store.state(state).poses}
+        store.set_state(state, WorldState())
+    assert len(moving) > 2
+    with omniscv.record(scene.at(Instant()), recorded, anew=anew) as recording, recording.at(LATER) as source:
+        list(source.capture(requests(SMALL, state)[12:]))
+    with closing(Store(recorded)) as store:
+        assert {*store.state(state).poses} == (moving if anew else set())
+
+
+def test_the_still_world_is_no_state_also_after_others_were_captured(tmp_path):
+    path = tmp_path / "room.sqlite"
+    with omniscv.open_source("mock://four-wall") as live, omniscv.record(live, path) as source:
+        with source.world.changes():
+            source.world.hide("Sofa")
+            hidden = source.state
+            list(source.capture(requests(SMALL, hidden)[:2]))
+        assert source.state == ""
+        list(source.capture(requests(SMALL)[:2]))
+    with closing(Store(path)) as store:
+        assert set(store.states()) == {hidden}
