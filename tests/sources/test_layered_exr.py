@@ -96,3 +96,18 @@ def test_colours_are_those_that_the_renderer_ends_with(tmp_path):
                 for layer, value in (("DiffCol", 0.2), ("Combined", 0.6)) for name in "RGB"}  # fmt: skip
     write(tmp_path / "a.exr", channels | {name: np.full((4, 8), 0.9) for name in CRYPTO})
     np.testing.assert_allclose(read_picture(tmp_path / "a.exr").pixels, 0.6, rtol=1e-6)
+
+
+def test_depth_in_half_floats_beside_floats_keeps_its_precision(tmp_path):
+    """A file has the widest type of its channels, and depth has its own."""
+    spec = OpenImageIO.ImageSpec(8, 4, 4, "float")
+    spec.channelnames = ("R", "G", "B", "Z")
+    spec.channelformats = ("float", "float", "float", "half")
+    output = OpenImageIO.ImageOutput.create(str(tmp_path / "a.exr"))
+    assert output.open(str(tmp_path / "a.exr"), spec)
+    assert output.write_image(np.full((4, 8, 4), 2.2003, np.float32))
+    output.close()
+    picture = read_picture(tmp_path / "a.exr", "depth")
+    assert picture.half_m == 1
+    np.testing.assert_array_equal(picture.pixels, np.float32(np.float16(2.2003)))
+    np.testing.assert_allclose(read_picture(tmp_path / "a.exr").pixels, 2.2003, rtol=1e-6)

@@ -11,6 +11,7 @@ from support.published import views
 import omniscv
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.recording.posed_frames import Options
 from omniscv.sources.recording.sequences import find_sequence
 
@@ -156,3 +157,27 @@ def test_a_panorama_with_depth_that_leans_needs_the_word_too(tmp_path, capsys):
     )
     assert run(*words, "--trust-words") == 2
     assert run(*words, "--frame", "body") == 0
+
+
+@pytest.mark.parametrize(
+    ("masks", "ids", "says"),
+    [
+        (
+            np.full((4, 4, 3), 9, np.uint8),
+            {"Sofa": 7},
+            r"captures\.json\[0\]: expected ids, as masks\.json lists",
+        ),
+        (np.full((4, 4), 7, np.uint16), {}, r"captures\.json\[0\]: expected colours, as objects\.json lists"),
+    ],
+    ids=["colours beside ids", "ids beside colours"],
+)
+def test_captures_whose_masks_a_list_cannot_name_are_refused(masks, ids, says, tmp_path):
+    np.save(tmp_path / "m.npy", masks)
+    view = {"position": [0, 0, 1], "fov_deg": 90, "width": 4, "height": 4}
+    entry = {"file": "m.npy", "mode": "object_mask", "view": view}
+    (tmp_path / "captures.json").write_text(json.dumps([entry]))
+    if not ids:
+        (tmp_path / "objects.json").write_text(json.dumps({"Sofa": [9, 9, 9]}))
+    (tmp_path / "masks.json").write_text(json.dumps({"ids": ids}))
+    with pytest.raises(ArgumentError, match=says):
+        import_folder(tmp_path, tmp_path / "a.sqlite")

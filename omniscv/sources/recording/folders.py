@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -85,10 +85,20 @@ def import_folder(folder: Path | str, path: Path | str) -> int:
     wheres = [f"{folder / INDEX}[{i}]" for i in range(len(index))]
     entries = {where: read(_Entry, entry, where) for where, entry in zip(wheres, index, strict=True)}
     with within(folder):
+        objects = _objects(folder)
+
+        def captures() -> Iterator[Capture]:
+            for where, entry in entries.items():
+                capture = _capture(folder, where, entry)
+                if entry.provenance is None:
+                    with within(where):
+                        _check_mask(capture, objects, (folder / OBJECTS).exists())
+                yield capture
+
         return add_captures(
             path,
-            lambda: (_capture(folder, where, entry) for where, entry in entries.items()),
-            _objects(folder),
+            captures,
+            objects,
             _read_optional(folder / GEOMETRY, SceneGeometry.from_dict),
             _read_optional(folder / STATES, _states) or {},
             _read_optional(folder / SCENE, partial(read, SceneIdentity)),
@@ -263,6 +273,19 @@ def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
         error = BadReplyError if isinstance(cause, BadReplyError) else ArgumentError
         raise error(f"{where}: {shown(entry.file)}: {cause}") from cause
     return capture
+
+
+def _check_mask(capture: Capture, objects: ObjectTable, has_colors: bool) -> None:
+    """Raise ArgumentError for a mask of colours where objects are listed by id alone, and for the reverse."""
+    if capture.mode not in labelled_modes() or not objects.colors:
+        return
+    holds_ids = capture.pixels.ndim == 2
+    if objects.ids if holds_ids else has_colors:
+        return
+    if holds_ids:
+        raise ArgumentError(f"expected colours, as {OBJECTS} lists, got ids; list the ids in {MASKS}")
+    expected = f"expected ids, as {MASKS} lists, got colours"
+    raise ArgumentError(f"{expected}; write grey pixels with the encoding 'png ids', or list colours only")
 
 
 def _as_srgb(payload: bytes) -> bytes:
