@@ -104,4 +104,5 @@ def _write_camera(
         files = [(frame.split, entry["file_path"]) for frame, entry in zip(frames, entries, strict=True)]
         for split in _SPLITS:
             content[f"{split}_filenames"] = [file for mine, file in files if mine == split]
-    return [*written, write_json(folder / "transforms.json", {**content, "frames": entries})]
+    distinct = dict.fromkeys(written)  # a camera's only frame has its name, and the mask of both is one file
+    return [*distinct, write_json(folder / "transforms.json", {**content, "frames": entries})]
