@@ -9,8 +9,10 @@ import secrets
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from typing import Any
 
 from distributed import Client, Lock, WorkerPlugin
+from distributed.protocol.pickle import dumps
 
 from omniscv.cluster.inside import JobPlugin, ServerPlugin, make_part, with_poses
 from omniscv.cluster.tasks import PATIENCE_S, Task, Tasks
@@ -22,6 +24,9 @@ from omniscv.storage import is_url
 from omniscv.storage.remote import scheme_of
 
 __all__ = ["PATIENCE_S", "Progress", "Workers", "make", "scheduler_at", "workers_of"]
+
+_ANSWER_S, _CLOSED_S = 60.0, 15.0
+"""Seconds for all workers to take a plugin; and at the end to close their servers, which goes on later."""
 
 _LOCK_WAIT_S = 40.0
 """Longer than Dask keeps the lock of a client that was killed."""
@@ -127,14 +132,38 @@ class _Run:
 
     @contextmanager
     def registered(self, plugin: WorkerPlugin) -> Iterator[None]:
-        """Give every worker a plugin, also those that join later."""
+        """Give every worker a plugin, also those that join later.
+
+        The scheduler waits for the answers of all workers. The client's own calls would wait for a frozen one
+        for ever.
+        """
+        scheduler = self._client.scheduler
         try:
-            self._client.register_plugin(plugin)
+            plugin_bytes = dumps(plugin)
+            self._sync(
+                _ANSWER_S,
+                scheduler.register_worker_plugin,
+                plugin=plugin_bytes,
+                idempotent=False,
+                name=plugin.name,
+            )
             yield
         finally:
             if self._client.status == "running":
-                with suppress(OSError, ValueError):  # the scheduler is gone, or it was not registered
-                    self._client.unregister_worker_plugin(plugin.name)
+                with suppress(OSError, ValueError, ClusterError):  # it is gone, or was not registered
+                    self._sync(_CLOSED_S, scheduler.unregister_worker_plugin, name=plugin.name)
+
+    def _sync(self, seconds: float, call: Callable[..., Any], **arguments: Any) -> None:
+        """Call the scheduler, and raise what a worker answers, or that one does not."""
+        try:
+            answers = self._client.sync(call, **arguments, callback_timeout=seconds)
+        except TimeoutError as cause:
+            wanted = f"expected all workers to answer in {seconds:.0f} s"
+            raise ClusterError(f"--cluster: {wanted}, one is frozen, or unreachable; end it") from cause
+        for answer in answers.values():
+            if answer["status"] == "error":
+                got = answer.get("exception_text", answer)
+                raise ClusterError(f"--cluster: expected workers that take the job, got: {got}")
 
     def with_poses(self, job: Job) -> Job:
         """Return a job with the poses that are sampled in a worker's sources, and the places of all."""

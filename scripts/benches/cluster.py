@@ -5,6 +5,9 @@ seconds and no processor. The scheduler and the client share this process, as in
 that scheduling takes. All waiting workers share another. Local workers are processes with a mock server each:
 what they take of the cores for an image is compared with one process without Dask. Where there are cores for
 all of them, the time by the clock is shared among them.
+
+Jobs of more and more poses are planned, and a part of each is made a second time, which finds all of its
+frames: what it takes then is what a part takes beside its frames. ``scripts/draw-growth`` draws these.
 """
 
 import asyncio
@@ -14,8 +17,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import AsyncExitStack, contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -24,11 +29,16 @@ from distributed import Client, LocalCluster, Worker, as_completed
 
 from benches import Figure, Reference
 from omniscv.cluster.workers import RESOURCE, settings
+from omniscv.errors import OmniscvError
+from omniscv.job import load
+from omniscv.make import parts_of, run_part, with_places
+from omniscv.sources.registry import open_source
 
 EACH = 5  # parts of a worker
 OPTIONS = {"resources": RESOURCE, "pure": False}  # of tasks, as of a run's
 ELSEWHERE = {"distributed.admin.system-monitor.interval": "60s"}  # else, each on cores of its own
 FEW, MANY = 32, 160  # images
+PLAN, BESIDE = "plan of many poses", "a part of a job of many poses, beside its frames"
 JOB = """
 source: mock://four-wall
 cameras: {{pano: {{model: equirectangular, width: 32, height: 16}}}}
@@ -48,6 +58,7 @@ def measure(quick: bool) -> Iterator[Figure]:
         ideal = Reference("workers alone", count / part_s)
         yield Figure("waiting parts", f"{count} workers", "parts/s", EACH * count / seconds, limit=ideal)
         yield Figure("waiting parts", f"{count} workers: Dask", "ms of the processor a part", 1e3 * processor)
+    yield from growth((100,) if quick else (1_000, 10_000, 50_000))
     if not quick:
         yield from local()
 
@@ -105,6 +116,43 @@ def run(client: Client, parts: int, part_s: float) -> tuple[float, float]:
 def wait(part_s: float) -> None:
     """Take as long as a part whose server answers once a tick."""
     time.sleep(part_s)
+
+
+def growth(counts: Sequence[int]) -> Iterator[Figure]:
+    """Yield what jobs of more and more poses take: to plan, and for a part beside its frames."""
+    with TemporaryDirectory() as folder, ProcessPoolExecutor(1, get_context("spawn")) as alone:
+        for count in counts:
+            path = Path(folder) / f"poses-{count}.yaml"
+            text = JOB.format(out=path.stem, rate=(count - 0.5) / 2)
+            path.write_text(f"{text}split: {{train: 0.8, val: 0.2}}\n".replace("mock:", "scene:"))
+            seconds, megabytes = planned(path)
+            yield Figure(PLAN, f"{count} poses", "CPU s", seconds)
+            yield Figure(PLAN, f"{count} poses", "MB at most", megabytes)
+            yield Figure(BESIDE, f"{count} poses", "ms", alone.submit(beside_frames, path).result())
+
+
+def planned(path: Path) -> tuple[float, float]:
+    """Return the processor's seconds and the memory, MB, of ``omniscv plan``."""
+    command = [sys.executable, "-c", "from omniscv.cli import main; main()", "plan", path]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        raise OmniscvError(f"{path}: expected a plan, got code {os.waitstatus_to_exitcode(status)}")
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3
+
+
+def beside_frames(path: Path) -> float:
+    """Return the processor's ms of a part whose frames are there, the least of some."""
+    job = with_places(load(path))
+    last = parts_of(job)[-1]
+    taken = []
+    with open_source(job.sources[0]) as source:
+        run_part(job, last, source=source)
+        for _ in range(5):
+            before = time.process_time()
+            run_part(job, last, source=source)
+            taken.append(1e3 * (time.process_time() - before))
+    return min(taken)
 
 
 def local() -> Iterator[Figure]:

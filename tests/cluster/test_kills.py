@@ -63,8 +63,8 @@ def workers_of(process):
 
 @pytest.mark.soak
 def test_killed_workers_and_servers_stop_nothing_and_ctrl_c_leaves_a_dataset_that_goes_on(tmp_path):
-    make(load(job_of(tmp_path, "single", rate=12)))
     with mock_server.serve("four-wall", latency_ms=10) as first, ExitStack() as games:
+        make(load(job_of(tmp_path, "single", first.uri, rate=12)))
         second = games.enter_context(mock_server.serve("four-wall", latency_ms=10))
         job = job_of(tmp_path, "stopped", f"[{first.uri}, {second.uri}]", 12)
         out = tmp_path / "stopped"
@@ -105,7 +105,7 @@ def test_every_worker_launches_a_game_of_its_own_and_one_that_is_killed_again(tm
     game.parent.mkdir(parents=True)
     game.write_text(f"#!{sys.executable}\n{STAND_IN.read_text()}")
     game.chmod(0o755)
-    make(load(job_of(tmp_path, "single", rate=12)))
+    make(load(job_of(tmp_path, "single", f"launch:{game}", 12)))
     job, out = job_of(tmp_path, "launched", f"launch:{game}", 12), tmp_path / "launched"
     with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:2") as process:
         wait_for_frames(process, out, 2)

@@ -146,6 +146,34 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     assert tree(tmp_path / "clustered") == tree(tmp_path / "single")
 
 
+def test_a_limit_and_many_worlds_are_the_bytes_of_one_machine(job, tmp_path):
+    worlds = tmp_path / "worlds.yaml"
+    one = "source: scene://four-wall, poses: [{position: [0, 0, 1.5]}, {position: [0.5, 0, 1.5]}]"
+    box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
+    other = f"source: scene://six-wall, poses: {{random: {{count: 3, {box}}}}}"
+    cameras = "cameras: {pano: {model: equirectangular, width: 32, height: 16}}"
+    worlds.write_text(
+        f"worlds: {{a: {{{one}}}, b: {{{other}}}}}\n{cameras}\nmodes: [lit]\nface_size: 16\nout: out\n"
+    )
+    for described, limit in ((load(worlds), None), (replace(job, source="scene://four-wall"), 5)):
+        here = replace(described, out=tmp_path / f"single-{limit}")
+        there = replace(described, out=tmp_path / f"clustered-{limit}")
+        if described.worlds:
+            here, there = (
+                replace(each, worlds=tuple(replace(world, out=each.out) for world in each.worlds))
+                for each in (here, there)
+            )
+        assert make(here, limit=limit).written == 5
+        assert cluster.make(there, threads, limit=limit).written == 5
+        assert tree(there.out) == tree(here.out)
+
+
+def test_memory_of_one_process_is_refused(job):
+    with pytest.raises(ArgumentError, match=r"a folder or store that all workers reach, got memory://rooms"):
+        cluster.make(replace(job, out="memory://rooms"), threads)
+    assert not OPENED
+
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "cluster" / "slurm-array.sh"
 
 

@@ -1,6 +1,7 @@
 """What goes wrong on many machines is said soon, by name, and ends: real workers, each a process."""
 
 import json
+import logging
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from distributed import LocalCluster
 from support.datasets import tree
 from support.processes import OMNISCV, started
 from support.trouble import environment
@@ -230,3 +232,16 @@ def test_two_runs_at_one_scheduler_are_apart(tmp_path):
         assert code == 0
         assert "complete" in output
     assert (tmp_path / "first" / "frames.jsonl").exists()
+
+
+@pytest.mark.soak
+def test_a_cluster_that_adapts_starts_with_no_workers(tmp_path):
+    quiet = {"silence_logs": logging.CRITICAL, "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(
+        n_workers=0, threads_per_worker=1, host="127.0.0.1", resources={"server": 1}, **quiet
+    ) as adapting:
+        adapting.adapt(minimum=0, maximum=2)
+        job = job_of(tmp_path, "adapted", rate=39.75)
+        code, output, _ = made(job, "--cluster", adapting.scheduler_address, "--patience", 120)
+    assert code == 0
+    assert "80 frames made, 0 kept; complete" in output
