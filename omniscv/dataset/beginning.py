@@ -181,6 +181,9 @@ def _check_free(
 def _extended(current: Manifest, wanted: Manifest) -> Manifest:
     """Return the manifest of a dataset that is continued, with what is new; exports may be others."""
     new = {key: plain(wanted.settings[key]) for key in ("exports",) if key in wanted.settings}
+    watch = wanted.settings.get("options", {}).get("watch")
+    if current.origin is None and watch is not None:  # version 0.2 did not write it
+        new["options"] = {**current.settings["options"], "watch": watch}
     before = current.origin or Origin(runs=(current.versions,))
     return replace(
         current,
@@ -240,6 +243,8 @@ def _difference(
     if wanted.settings:
         settings = {key: plain(value) for key, value in wanted.settings.items() if key != "exports"}
         known = {key: current.settings.get(key) for key in settings}
+        if current.origin is None:  # version 0.2 did not write whether it watched
+            settings = {**settings, "options": {**settings["options"], "watch": None}}
         if line := next(differences(known, settings), ""):
             return line
     return _difference_of_worlds(current, wanted, planned) or (

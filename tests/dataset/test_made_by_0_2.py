@@ -48,6 +48,15 @@ def test_a_pose_is_appended(made):
     assert len(dataset.manifest.read(made / "job").origin.runs) == 1  # the same version
 
 
+def test_whether_it_watched_is_not_known(made):
+    job = load(made / "job.yaml")
+    watched = replace(job, recipe=replace(job.recipe, watch="mark"))
+    for _ in range(2):
+        assert make(watched, existing="resume").written == 0
+    with pytest.raises(ArgumentError, match="watch is 'mark', in the job None"):
+        make(job, existing="resume")
+
+
 def test_one_that_was_interrupted_is_finished(made):
     complete = tree(made / "job")
     for path in [*(made / "job").glob("pano-2.*"), made / "job" / "frames.jsonl"]:
