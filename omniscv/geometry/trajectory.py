@@ -24,11 +24,15 @@ SINCE_1970_NS = 10**8 * NS
 """Times beyond are those since 1970: sources have clocks that start with them."""
 
 
+_LEAST_EXPONENT = -30  # of seconds
+
+
 def exact_seconds(seconds: float | Decimal) -> Decimal:
-    """Return seconds as they are written: of a float its shortest text, unless it has its own from a file."""
-    if isinstance(seconds, Decimal):
-        return seconds
-    return Decimal(getattr(seconds, "written", "") or repr(float(seconds)))
+    """Return seconds as they are written: of a float its shortest text, unless it has its own from a file.
+    What is far below a nanosecond is 0: a text may have any exponent."""
+    if not isinstance(seconds, Decimal):
+        seconds = Decimal(getattr(seconds, "written", "") or repr(float(seconds)))
+    return seconds if seconds.adjusted() > _LEAST_EXPONENT else Decimal(0)
 
 
 def nanoseconds(seconds: float | Decimal) -> int:

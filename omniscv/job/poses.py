@@ -89,7 +89,7 @@ def _seconds(name: str, value: Any) -> Decimal:
     if isinstance(value, Decimal):
         return value
     number(name, value)
-    return Decimal(value.strip()) if isinstance(value, str) else exact_seconds(value)
+    return exact_seconds(Decimal(value.strip()) if isinstance(value, str) else value)
 
 
 @record

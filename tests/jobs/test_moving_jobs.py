@@ -161,6 +161,11 @@ def test_times_are_the_nanoseconds_that_are_written(door, written, tmp_path):
     assert job.times_ns == (WRITTEN[written],)
 
 
+@pytest.mark.parametrize("written", ["1e-999999999", "'1e-999999999'", "0.0000000000000000000001e-99999"])
+def test_times_of_any_exponent_are_read_at_once(written, tmp_path):
+    assert job_of(tmp_path, f"times: [{written}]", poses="[{position: [0, 0, 1]}]").times_ns == (0,)
+
+
 def test_a_rate_makes_times_without_drift(tmp_path):
     job = job_of(
         tmp_path, "times: {start: 1700000000.05, rate: 0.3, count: 4}", poses="[{position: [0, 0, 1]}]"
