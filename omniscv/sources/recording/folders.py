@@ -19,7 +19,6 @@ from omniscv.geometry.scene_geometry import SceneGeometry
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.pictures import color_tags, png
 from omniscv.records import checked, listed, mapping, named, optional, read, record
-from omniscv.sources import tagged_colors
 from omniscv.sources.base import Capture, ObjectTable, Request, SceneIdentity, View
 from omniscv.sources.codecs import decode, without_zeros
 from omniscv.sources.recording.operations import add_objects, opened_whole
@@ -293,6 +292,8 @@ def _as_srgb(payload: bytes) -> bytes:
     tags = color_tags.of_png(payload)
     if tags.is_plain:
         return payload
+    from omniscv.sources import tagged_colors  # compiled
+
     pixels, line = tagged_colors.converted(png.decode(payload), tags)
     return png.encode(np.ascontiguousarray(pixels[..., :3])) if line else payload
 
