@@ -186,10 +186,12 @@ class _Run:
                 self._progress(Progress(*counts, workers=self._tasks.workers))
 
         with self.registered(JobPlugin(self.name, job, chosen)):
-            for _, result in self._tasks.results(tasks, job.failures.skip * frames, report):
+            for task, result in self._tasks.results(tasks, job.failures.skip * frames, report):
                 made, lines = result
-                written += made.written
-                kept += made.kept
+                # The last attempt finds frames that earlier ones have made.
+                earlier = 0 if task.missing is None else task.missing - made.failed - made.written
+                written += made.written + max(0, earlier)
+                kept += made.kept - max(0, earlier)
                 failed += made.failed
                 finished += 1
                 for line in lines:

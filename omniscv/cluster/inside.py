@@ -166,19 +166,23 @@ def _done(run: str, task: int, how: How, work: Callable[..., T]) -> T | Failure:
     worker = get_worker()
     names = worker.address, str(worker.name)
     last_s = 0.0
+    is_counted = False
 
-    def tell(frame: str) -> None:
+    def tell(frame: str, missing: int | None = None) -> None:
         nonlocal last_s
         last_s = time.monotonic()
-        worker.log_event(run, {"task": task, "worker": names, "frame": frame})
+        event = {"task": task, "name": names[1], "frame": frame, "missing": missing}
+        worker.log_event(run, event)  # Dask adds the worker's address
 
     def begins(frame: str) -> None:
         tell(frame)
         time.sleep(_SLOW_FLUSH_S if how.carefully else _FLUSH_S)
 
     def heard(progress: Progress) -> None:
-        if time.monotonic() - last_s > _NEWS_EVERY_S:
-            tell("")
+        nonlocal is_counted
+        if not is_counted or time.monotonic() - last_s > _NEWS_EVERY_S:
+            is_counted = True
+            tell("", progress.of_images)
 
     begins("")
     try:

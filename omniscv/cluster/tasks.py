@@ -48,6 +48,7 @@ class Task:
         frame: that this worker has begun last; empty before.
         deaths: of workers, by the frame that they had begun.
         lost: frames that are left out, with the error of each.
+        missing: how many frames the first attempt had to make; None if it did not say.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Task:
     frame: str = ""
     deaths: Counter[str] = field(default_factory=Counter)
     lost: dict[str, str] = field(default_factory=dict)
+    missing: int | None = None
 
 
 class Tasks:
@@ -185,8 +187,10 @@ class Tasks:
         self._heard()
         for number, task in self._running.values():
             if number == event["task"]:
-                task.worker = event["worker"][0], event["worker"][1]
+                task.worker = event["worker"], event["name"]
                 task.frame = event["frame"] or task.frame
+                if task.missing is None:
+                    task.missing = event["missing"]
 
     def _heard(self) -> None:
         self._heard_s = time.monotonic()

@@ -155,7 +155,7 @@ def test_a_worker_that_freezes_is_said_and_given_up(tmp_path):
     with scheduler(tmp_path, "0", env=env) as (_, address):
         code, _, lines = made(job, "--cluster", address, "--patience", 70, env=env)
     assert code == 1
-    assert any(re.search(r"nothing for 6\d s, waiting for workers 0 at pano-0", line) for line in lines)
+    assert any(re.search(r"nothing for 6\d s, waiting for workers 0 at pano-00; ", line) for line in lines)
     assert "got 1 workers, and nothing for 70 s" in lines[-1]
 
 
