@@ -37,6 +37,7 @@ from omniscv.arguments import one_of, shown, within
 from omniscv.arguments import stem as start_of_name
 from omniscv.compose import saved
 from omniscv.compose.layers import as_halves
+from omniscv.compose.saved import OBJECTS as OBJECTS
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.modalities import Modality
 from omniscv.parallel import side_by_side
@@ -46,7 +47,6 @@ from omniscv.sources.base import ObjectTable
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 from omniscv.storage.local import locked, whole_file
 
-OBJECTS = "objects.json"
 DEPTH_FORMATS = ("exr", "tiff", "npy")
 """Suffixes of depth, its bounds and normals: as float32, in EXR bounds as half floats."""
 STORES = ("files", "fast")
@@ -132,11 +132,11 @@ def write(
         written = list(write_layers(layers, out, stem, transfer, **written_as).values())
         facts = {**description, "blank": blank(layers), "versions": versions(), "files": names}
         written.append(write_json(out / f"{stem}.json", facts))
-    if objects is not None:
-        with locked(out):  # others may save images into this folder at the same time
-            existing, merged = _objects_with(out / OBJECTS, objects)
-            same = existing == merged  # as for most images of a folder
-            written.append(out / OBJECTS if same else write_json(out / OBJECTS, merged))
+        if objects is not None:
+            with locked(out):  # others may save images into this folder at the same time
+                existing, merged = _objects_with(out / OBJECTS, objects)
+                same = existing == merged  # as for most images of a folder
+                written.append(out / OBJECTS if same else write_json(out / OBJECTS, merged))
     return written
 
 

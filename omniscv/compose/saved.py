@@ -4,8 +4,10 @@
 process, the next one knows them.
 """
 
+import os
+import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,10 @@ from omniscv.errors import ArgumentError
 from omniscv.pictures.forms import ARRAY, FORMS
 from omniscv.storage import folder, in_the_way
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
+from omniscv.storage.local import remove_parts
+
+OBJECTS = "objects.json"
+"""The file of the objects of all images in a folder."""
 
 _DESCRIBED = {"blank", "versions"}
 """Keys of the ``STEM.json`` of every image; that of a dataset's frame has neither."""
@@ -50,7 +56,12 @@ def replacing(out: Path, stem: str, names: Iterable[str]) -> Iterator[None]:
     new = set(names)
     own = {name for name in _own(out, stem) if (out / name).exists()}
     journal = _journal(out, stem)
+    if _is_abandoned(journal):
+        for name in (OBJECTS, f"{stem}.json", *_layer_names(stem)):
+            remove_parts(out / name)
     journal.touch()
+    with suppress(OSError):  # of a full disk, which the first layer names
+        journal.write_text(str(os.getpid()), encoding="utf-8")
     try:
         yield
     except BaseException:
@@ -60,6 +71,19 @@ def replacing(out: Path, stem: str, names: Iterable[str]) -> Iterator[None]:
     for name in own - new:
         (out / name).unlink(missing_ok=True)
     journal.unlink(missing_ok=True)
+
+
+def _is_abandoned(journal: Path) -> bool:
+    """Return whether a process that wrote an image has been killed."""
+    if sys.platform == "win32" or not journal.exists():  # there, signal 0 would end a process
+        return False
+    try:
+        os.kill(int(journal.read_text(encoding="utf-8")), 0)
+    except (ProcessLookupError, ValueError):
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def _own(out: Path, stem: str) -> set[str]:
