@@ -10,6 +10,7 @@ from omniscv.dataset.belongings import SCRATCH, Belongings, is_listing, roll_bac
 from omniscv.dataset.exporting import Export
 from omniscv.dataset.manifest import (
     DATASET,
+    FAILED,
     FRAMES,
     PLANNED,
     Manifest,
@@ -74,8 +75,14 @@ def replace_dataset(folder: Folder) -> None:
 
 def _remove(folder: Folder, belongings: Belongings) -> None:
     exported.remove_exports(folder, belongings.exported())
-    folder.remove_files(belongings.files())
-    folder.remove(DATASET)  # the last: until then the next run knows the others by it
+    files = belongings.files()
+    lists = [name for name in files if is_listing(name)]
+    described = [name for name in files if name.endswith(".json") and name not in lists]
+    # What lists others goes after them: a process that is killed leaves nothing that nobody knows.
+    folder.remove_files([name for name in files if name not in {*lists, *described}])
+    folder.remove_files(described)
+    folder.remove_files(lists)
+    folder.remove(DATASET)
 
 
 def _is_written(folder: Folder) -> bool:
@@ -309,5 +316,5 @@ def tidy(folder: Folder) -> None:
     """
     if folder.local is not None:
         remove_scratch(folder.local, SCRATCH)
-        for name in (DATASET, FRAMES):
+        for name in (DATASET, FRAMES, PLANNED, FAILED):
             remove_parts(folder.local / name)

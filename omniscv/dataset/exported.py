@@ -19,7 +19,7 @@ from omniscv.errors import ArgumentError, DamagedFileError, MissingFileError, Om
 from omniscv.frame import Frame, FrameFiles
 from omniscv.storage import Folder, in_the_way
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
-from omniscv.storage.local import folder_beside, locked
+from omniscv.storage.local import folder_beside, locked, remove_parts
 
 LISTS = ".exported.json"
 """The file in the folder of exports that lists the files of each, by its format."""
@@ -157,6 +157,8 @@ def _move(
         within_dataset: whether the place is a folder of a dataset, which is that of one export.
     """
     format, names = new.export.format, set(new.files)
+    if target.local is not None:  # which is locked
+        remove_parts(target.local / LISTS)
     there = set(target.names())
     lists = read_lists(target)
     if lists is None:  # in a dataset of version 0.2, which kept no list, names of the new one are its own

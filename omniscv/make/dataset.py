@@ -54,6 +54,7 @@ from omniscv.sources.base import Source
 from omniscv.sources.recording import part_file
 from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
+from omniscv.storage.local import remove_parts
 
 _PARTS = "parts"
 _FRAMES = 16
@@ -404,7 +405,11 @@ def finish(job: Job, count: int, warn: Callable[[str], None] | None = None) -> N
         for line in exported.renew_exports(folder, exports, written):
             if warn:
                 warn(line)
-        folder.remove_files(_markers(folder))
+        markers = _markers(folder)
+        if folder.local is not None:
+            for name in markers:
+                remove_parts(folder.local / name)
+        folder.remove_files(markers)
         tidy(folder)
 
 
