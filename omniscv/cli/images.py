@@ -41,7 +41,11 @@ def render(
     if stem is not None:
         if loaded.rig is not None or len(loaded.cameras) != 1:
             raise ArgumentError(f"--stem: expected a job with one camera, got {len(loaded.cameras)}")
-        loaded = replace(loaded, cameras=dict(zip([stem], loaded.cameras.values(), strict=True)))
+        cameras = dict(zip([stem], loaded.cameras.values(), strict=True))
+        own_cameras = dict(
+            zip([stem], loaded.own_cameras.values(), strict=False)
+        )  # of one camera, or of none
+        loaded = replace(loaded, cameras=cameras, own_cameras=own_cameras)
     images: list[tuple[float, float | None, Any]] = []
     with display("images", progress) as show:
         files = run(

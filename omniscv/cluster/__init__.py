@@ -166,8 +166,9 @@ class _Run:
                 raise ClusterError(f"--cluster: expected workers that take the job, got: {got}")
 
     def with_poses(self, job: Job) -> Job:
-        """Return a job with the poses that are sampled in a worker's sources, and the places of all."""
-        if any(world.sampling is not None for world in job.each) or job.worlds:
+        """Return a job with the poses that a worker's sources give, and the places of all."""
+        opens = any(world.sampling is not None or world.own_cameras for world in job.each)
+        if opens or job.worlds:
             task = Task("poses", with_poses, (job,))
             ((_, job),) = self._tasks.results([task], 1.0)
         return job if job.worlds else with_places(job)

@@ -14,6 +14,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry.trajectory import NS, SINCE_1970_NS, Curve, Trajectory
 from omniscv.geometry.trajectory_columns import FRAMES
 from omniscv.job.job import Exposure, FailureLimit, Job, within_path
+from omniscv.job.own_cameras import split_own_cameras
 from omniscv.job.poses import Posed, PoseFile, at_times
 from omniscv.job.readers import KnownOptions
 from omniscv.job.recipe import Media, Recipe, Split
@@ -162,6 +163,10 @@ def _read_worlds(worlds: Mapping[str, Any], shared: Mapping[str, Any], folder: P
         split = own.pop("split", "")
         with within(f"worlds.{name}"):
             job = _read_one({**shared, **own}, folder, name)
+            for camera, followed in job.own_cameras.items():
+                if not followed.has_lens:
+                    wanted = "expected width, height and fov_deg, with which all worlds are seen"
+                    raise ArgumentError(f"cameras.{camera}: {wanted}, got those of a scene's camera")
             jobs.append(replace(job, world_split=split and stem("split", split)))
     cameras: dict[str, Camera] = {}
     for job in jobs:
@@ -195,6 +200,7 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     vary = read_record(Vary, values.get("vary") or {}, "vary")
     if vary.cameras:
         values = {**values, "cameras": vary.draw_cameras(values.get("cameras", {}), world)}
+    values, own_cameras = split_own_cameras(values)
     options = RenderOptions(**{key: values.pop(key) for key in _RENDER if key in values})
     recipe = read_record(Recipe, {key: values.pop(key) for key in _RECIPE if key in values})
     given = _one_exposure(read_fields(Job, values), values.get("sensor"))
@@ -217,7 +223,7 @@ def _read_one(values: dict[str, Any], folder: Path, world: str = "") -> Job:
     given |= {"source": address(given["source"], folder), "out": out if is_url(out) else folder / out}
     given |= posed._replace(assumed="\n".join(filter(None, lines)))._asdict()
     track = None if imu is None or path is None else ImuTrack(imu, path)
-    given |= {"path": path, "imu": track, "clock": times is not None}
+    given |= {"path": path, "imu": track, "clock": times is not None, "own_cameras": own_cameras}
     return within_path(Job(**given, options=options, recipe=recipe, world=world))
 
 

@@ -16,6 +16,7 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Motion
 from omniscv.geometry.trajectory import SINCE_1970_NS, Trajectory, decimal, nanoseconds
+from omniscv.job.own_cameras import OwnCamera, check_own_cameras
 from omniscv.job.poses import read_epoch, read_motions, read_poses, read_times
 from omniscv.job.readers import (
     read_brackets,
@@ -105,6 +106,8 @@ class Job:
         times_ns: of the poses, whole nanoseconds; None if they are not known.
         epoch_ns: what was added to all times of the file, whole nanoseconds.
         path: of the rig, or of the cameras, which moves them while an image is made; None if they rest.
+        own_cameras: the cameras that follow those of the scene itself.
+        own_poses: of these, one for each of ``poses``; empty until the source is open.
         own_motions: of objects that move by themselves in the open source, at the times of images.
         imu: what the rig carries, and that path; None without one.
         worlds: a job for each world; this job then has the cameras of all, and otherwise equals the first.
@@ -132,7 +135,9 @@ class Job:
         read_poses, help="a list of poses, a trajectory file, or random, grid, path"
     )
     cameras: Mapping[str, Camera] = checked(
-        read_cameras, default_factory=dict, help="by name: model and parameters, or a calibration file"
+        read_cameras,
+        default_factory=dict,
+        help="by name: model and parameters, or a calibration file; of: a camera of the scene",
     )
     out: Path | str = checked(text, default="out", help="folder to write into, or the URL of a dataset")
     modes: tuple[str, ...] = checked(texts, default=("lit",), help="some of lit, object_mask, depth, normals")
@@ -196,6 +201,8 @@ class Job:
     options: RenderOptions = RenderOptions()
     recipe: Recipe = Recipe()
     path: Trajectory | None = None
+    own_cameras: Mapping[str, OwnCamera] = field(default_factory=dict)
+    own_poses: Mapping[str, Sequence[Pose]] = field(default_factory=dict)
     own_motions: Mapping[str, Motion] = field(default_factory=dict)
     places: tuple[str, ...] | None = None
     sampling: SampledPoses | None = None
@@ -216,6 +223,8 @@ class Job:
             self._check_times(count)
         rolling = [name for name, camera in self.cameras.items() if readout_of(camera)]
         self._check_exposure()
+        per_place = self.vary is not None and self.vary.per == "place" and bool(self.vary.rules)
+        check_own_cameras(self.own_cameras, self.cameras, self.exposure.seconds, per_place)
         if self.sensor is not None:
             self.sensor.to_dict()  # refuses a file of shading that cannot be read
             for camera in self.cameras.values():

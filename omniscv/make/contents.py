@@ -171,8 +171,9 @@ def _check_accuracy(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> Non
     """Refuse an accuracy of no use, and budgets below what the first captures of an image take."""
     options = job.options
     has_budget = options.most_captures is not None or options.most_megapixels is not None
-    for camera in job.cameras.values() if has_budget or options.accuracy is not None else ():
-        plan = replace(renderer.plan(camera, job.poses[0], options), modes=modes).by_rays()
+    for name, camera in job.cameras.items() if has_budget or options.accuracy is not None else ():
+        pose = job.own_poses.get(name, job.poses)[0]
+        plan = replace(renderer.plan(camera, pose, options), modes=modes).by_rays()
         if plan.aim is not None and has_budget:
             plan.make(plan.modes)
 

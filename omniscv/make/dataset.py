@@ -270,6 +270,7 @@ def _run(
                 frames = [frame for shared in planned for frame in shared.frames]
                 frames = [frame for frame in frames if chosen is None or frame.key in chosen]
                 renderer = Renderer(live)
+                cameras = job.cameras if job.worlds else world.cameras
                 check_source(world, contents[at], renderer, planned)
                 if not job.worlds:
                     check_faults(job, planned)
@@ -287,7 +288,7 @@ def _run(
                     image_format=job.image_format,
                     store=job.store,
                     depth_format=job.depth_format,
-                    begun=Manifest(job.cameras, known, contents[0].classes, settings, origin=origin),
+                    begun=Manifest(cameras, known, contents[0].classes, settings, origin=origin),
                     closed=part.count > 1,
                     media=job.recipe.media,
                 )

@@ -133,6 +133,14 @@ def _varied(job: Job, i: int, place: str) -> tuple[Mapping[str, Any], str]:
         return {}, fault.message
 
 
+def instants_of(job: Job) -> Iterator[Instant]:
+    """Yield what the world shows at each pose of a job; nothing is drawn for its places."""
+    path = JobPath(job)
+    for i in range(len(job.poses)):
+        varied, _ = _varied(job, i, "")
+        yield path.instant_at(None if job.times_ns is None else job.times_ns[i], varied)
+
+
 def keys_of(job: Job, indices: Iterable[int] | None = None) -> Iterator[str]:
     """Yield the keys of the frames at some poses; at all if not given."""
     for i in range(len(job.poses)) if indices is None else indices:
@@ -184,7 +192,10 @@ class JobPath:
             if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
                 pose = job.path.at(time_ns, steps_beyond=1)
             camera = self._on_path(camera, mounted.pose, time_ns)
-            camera_pose = pose @ mounted.pose if name in mounts else pose
+            if name in job.own_poses:
+                camera_pose = job.own_poses[name][i]
+            else:
+                camera_pose = pose @ mounted.pose if name in mounts else pose
             yield Frame(key, name, camera, camera_pose, time_ns=time_ns, world=job.world)
             pose = job.poses[i]
 
@@ -196,13 +207,16 @@ class JobPath:
 
     def instant(self, frame: Frame, after: float = 0.0) -> Instant:
         """Return the instant that a frame shows, or one some seconds after it."""
-        if not self.job.moves:
-            return Instant.drawn(frame.varied)
         time_ns = None if frame.time_ns is None else frame.time_ns + nanoseconds(after)
+        return self.instant_at(time_ns, frame.varied)
+
+    def instant_at(self, time_ns: int | None, varied: Mapping[str, Any]) -> Instant:
+        """Return the instant of a time, with what is drawn for it."""
+        if not self.job.moves:
+            return Instant.drawn(varied)
         poses = {name: motion.at(time_ns) for name, motion in self.job.motions.items()}
-        return Instant.drawn(
-            frame.varied, poses, None if time_ns is None else (time_ns - self.job.clock_start_ns) / NS
-        )
+        seconds = None if time_ns is None else (time_ns - self.job.clock_start_ns) / NS
+        return Instant.drawn(varied, poses, seconds)
 
     def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
         """Yield what is captured for images of one instant: first at their time, then during their exposure,

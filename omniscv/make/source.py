@@ -23,6 +23,7 @@ from omniscv.geometry.trajectory import NS, Poses, Trajectory, nanoseconds
 from omniscv.job import Job, within_path
 from omniscv.job.sampling import SampledPoses
 from omniscv.job.vary import COMMAND, Draws
+from omniscv.make.own_cameras import with_own_cameras
 from omniscv.planning import RenderOptions
 from omniscv.sources.base import Source, SourceView
 from omniscv.sources.brackets import bracketed
@@ -129,6 +130,7 @@ def opened(job: Job, live: Source | None = None) -> Iterator[tuple[Job, Source]]
             job = within_path(job)
         if job.vary is not None and job.vary.rules:
             job = replace(job, draws=draws_of(job, still))
+        job = with_own_cameras(job, still)
         if job.exposure.instants == "auto" and job.clock:
             job = replace(job, own_motions=_own_motions(job, still))
         # Of the whole job, so that its parts are exposed alike.
@@ -151,6 +153,9 @@ def origin_of(job: Job, source: Source) -> dict[str, Any]:
     poses = Poses.of(job.poses)
     numbers = hashlib.sha256(np.ascontiguousarray(poses.positions).tobytes())
     numbers.update(np.ascontiguousarray(poses.rotations).tobytes())
+    for own in map(Poses.of, job.own_poses.values()):
+        numbers.update(np.ascontiguousarray(own.positions).tobytes())
+        numbers.update(np.ascontiguousarray(own.rotations).tobytes())
     described_frames = [numbers.hexdigest(), job.times_ns, job.places, list(job.cameras), job.epoch_ns]
     return {
         **captured_of(job, source),
@@ -231,7 +236,8 @@ def _sampled(job: Job, sampling: SampledPoses, source: Source) -> tuple[Trajecto
 
     def share(pose: Pose) -> float:
         mounted = {} if job.rig is None else job.rig.poses(pose, None)
-        return max(space.share(camera, mounted.get(name, pose)) for name, camera in job.cameras.items())
+        placed = {name: camera for name, camera in job.cameras.items() if name not in job.own_cameras}
+        return max(space.share(camera, mounted.get(name, pose)) for name, camera in placed.items())
 
     found = sampling.poses(space.is_free, lambda pose: share(pose) >= visible.share)
     wanted = f"expected a pose that shows {visible.share:g} of {visible.name}, got {{:.3g}} at the last drawn"

@@ -262,7 +262,7 @@ def _advice_on_camera(known: Mapping[str, View], path: str, name: str) -> Argume
     pose = f"position: [{position}], yaw_deg: {yaw:.10g}, pitch_deg: {pitch:.10g}, roll_deg: {roll:.10g}"
     lens = f"model: pinhole, width: {view.width}, height: {view.height}, fov_deg: {view.fov_deg:.9g}"
     instead = f"write poses: [{{{pose}}}] and cameras: {{{name}: {{{lens}}}}}"
-    moving = "if it moves, Source.own_views() has its pose at each instant"
+    moving = f"or, where it moves, no poses and cameras: {{{name}: {{model: pinhole, of: {name}}}}}"
     got = f"expected no camera in the address, got {shown(name)}"
     return ArgumentError(f"source: {path}: {got}; {instead}; {moving}")
 
