@@ -18,6 +18,10 @@ from omniscv.errors import ArgumentError
 app = Typer(add_completion=False)
 
 _COMMENT_COLUMN = 38  # of the example of a job
+_UNCHECKED = (
+    "an accuracy knows nothing of what no capture shows, such as slits and poles narrower than a captured "
+    "pixel; --set checks=beat compares captures of a second size"
+)
 _OVERSCAN_HELP = "Additional px on each side of a capture. [default: of a cube map, 1/16 of its faces]"
 
 
@@ -191,9 +195,12 @@ def plan(
     in fine relief more; megapixels and seconds are of the furnished room.
     """
     from omniscv.make import check_worlds, costs, measured_price
+    from omniscv.render_options import COMPARED
 
     found = []
+    unchecked = False
     for world in check_worlds(job.load(), dataset=False).each:
+        unchecked |= world.options.checks != "beat" and not set(COMPARED).isdisjoint(world.modes)
         if measure:
             price = measured_price(world)
             console.error(f"measured: capture_ms=[{price.request:.2f},{price.megapixel:.2f}]")
@@ -217,6 +224,8 @@ def plan(
     ]  # fmt: skip
     columns = ("strategy", "captures", "Mpx", "seconds", "marked %")
     console.table(("world", *columns) if found[-1][0] else columns, rows)
+    if unchecked and any(cost.way.endswith("%") for _, cost in found):
+        console.error(_UNCHECKED)
 
 
 # -- job -------------------------------------------------------------------------------------------------

@@ -155,6 +155,24 @@ def test_plan_lists_strategies_and_accuracies_and_what_is_marked_where_it_is_kno
     assert [row[-1] for row in few.values()] == ["3", "1", "0.3", "0.1", "unknown", "unknown"]
 
 
+BEAT = "narrower than a captured pixel; --set checks=beat compares captures of a second size"
+
+
+@pytest.mark.parametrize(
+    ("options", "lines"),
+    [
+        (("--modes", "lit,depth"), 1),
+        (("--modes", "depth", "--set", "checks=beat"), 0),
+        (("--modes", "lit"), 0),  # nothing to compare
+        (("--modes", "depth", "--json"), 0),
+    ],
+    ids=["unchecked", "checked", "colours", "json"],
+)
+def test_plan_says_what_an_accuracy_does_not_know(capsys, options, lines):
+    assert run(["plan", "--size", "32x16", "--set", "face_size=16", *options]) == 0
+    assert capsys.readouterr().err.count(BEAT) == lines
+
+
 def loaded(job, **values):
     values = {name.replace("-", "_"): value for name, value in values.items()}
     return JobArguments(job, IMAGES, values, frozenset(values)).load()
