@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from omniscv import modalities
 from omniscv.dataset.manifest import Manifest
@@ -101,6 +100,8 @@ def _near_places(whole: Manifest, frames: Sequence[Frame]) -> Iterator[str]:
     splits = whole.settings.get("splits")
     if not splits or splits.get("by") != "place":
         return
+    from scipy.spatial import cKDTree  # slow to load
+
     positions: dict[tuple[str, str], list[tuple[str, list[float]]]] = defaultdict(list)
     for frame in frames:
         if frame.split and _POSITION.fullmatch(frame.place.rpartition("/")[2]):
