@@ -50,7 +50,9 @@ def split_own_cameras(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[s
     if own and own.keys() == cameras.keys() and values.get("rig") is None:
         if values.get("poses") is not None:
             wanted = "expected none, as every camera is 'of' one of the scene, which has a pose"
-            raise ArgumentError(f"poses: {wanted}, got {shown(values['poses'])}; leave them out")
+            raise ArgumentError(
+                f"poses: {wanted}, got {shown(values['poses'])}; write a job's file without them"
+            )
         values["poses"] = [_ANYWHERE]
     return values, own
 
