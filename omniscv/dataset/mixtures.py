@@ -97,6 +97,8 @@ def _times(frames: Sequence[Frame]) -> Iterator[str]:
 
 def _near_places(whole: Manifest, frames: Sequence[Frame]) -> Iterator[str]:
     """Yield a line if frames of two splits are nearer to each other than places are."""
+    from scipy.spatial import cKDTree  # slow to load
+
     splits = whole.settings.get("splits")
     if not splits or splits.get("by") != "place":
         return
