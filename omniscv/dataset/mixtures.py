@@ -102,7 +102,6 @@ def _near_places(whole: Manifest, frames: Sequence[Frame]) -> Iterator[str]:
     splits = whole.settings.get("splits")
     if not splits or splits.get("by") != "place":
         return
-    from scipy.spatial import cKDTree  # slow to load
 
     positions: dict[tuple[str, str], list[tuple[str, list[float]]]] = defaultdict(list)
     for frame in frames:

@@ -272,7 +272,8 @@ def test_each_line_is_the_path_and_the_world_at_its_time(tmp_path, more, traces,
     job, shared, image = image_of(on_the_way(tmp_path, more, traces), 1)
     assert len(shared.captured) in counts
     wrong, marked = judged(tmp_path, (job, shared, image), job.cameras["pano"].base.unproject().directions)
-    assert wrong.mean() < 0.015 < marked.mean() < 0.22 or traces
+    # Labels are marked where depth may be off by more than 1 %, too: in an exposure a quarter of them.
+    assert wrong.mean() < 0.015 < marked.mean() < 0.27 or traces
 
 
 @pytest.mark.parametrize("traces", [0, 1])

@@ -15,8 +15,9 @@ from omniscv.sources.unreal.protocol import numbers
 
 _OFF_CM, _SINGLE = 1.0, 2.0**-22
 """How far a camera may be from where it was set: cm, and a share of its coordinates, of single precision."""
-_VIEWS = 4
-"""Views that stand alone at their places, from which on equal pictures are evidence: two may look alike."""
+_DIRECTIONS = 4
+"""Directions of views that stand alone at their places, from which on equal pictures are evidence: two may
+look alike. Views of one direction that pass along a plain wall are equal and right."""
 
 
 def check_location(address: str, view: View, reply: str) -> None:
@@ -41,24 +42,25 @@ class Unmoved:
     def __init__(self, address: str) -> None:
         self._address = address
         self._first: list[Capture] = []  # of a row of views that stand alone at their places
-        self._count = 0
+        self._directions: set[Hashable] = set()
 
     def check(self, captures: Sequence[Capture]) -> None:
         """Refuse captures that show a place in several directions with equal pictures in all modes; and equal
-        pictures of many views, each alone at its place."""
+        pictures in many directions, each from a place of its own."""
         for center, group in groupby(captures, lambda capture: capture.view.key().position):
             here = list(group)
-            count = len({capture.view.key().rotation for capture in here})
-            if count > 1:
-                self._first, self._count = [], 0
+            directions: set[Hashable] = {capture.view.key().rotation for capture in here}
+            if len(directions) > 1:
+                self._first = []
                 if all_alike(here):
-                    raise self._refused(count, f"directions at {_metres(np.array(center))}")
+                    raise self._refused(len(directions), f"directions at {_metres(np.array(center))}")
                 continue
             if not self._first or not all_alike([*self._first, *here]):
-                self._first, self._count = here, 0
-            self._count += 1
-            if self._count >= _VIEWS:
-                raise self._refused(self._count, "views")
+                self._first = here
+                self._directions = set()
+            self._directions |= directions
+            if len(self._directions) >= _DIRECTIONS:
+                raise self._refused(len(self._directions), "directions")
 
     def _refused(self, count: int, what: str) -> MisplacedCameraError:
         expected = f"expected other pictures in {count} {what}, got the same to the byte in all modes"

@@ -50,6 +50,13 @@ def seen(image, name):
     return (image.labels == image.objects.label(name)) & ~image["label_edge"]
 
 
+def walls(image):
+    """The walls of which an image has enough sure pixels: one is at the rim of the fisheye alone."""
+    names = [name for name in WALLS if seen(image, name).sum() > 20]
+    assert len(names) >= len(WALLS) - 1
+    return names
+
+
 def test_every_pixel_shows_an_object_or_the_window(image):
     """What is behind the panes is the sky, which is no object."""
     names = image.objects.names()
@@ -66,10 +73,10 @@ def test_every_pixel_shows_an_object_or_the_window(image):
 
 def test_the_walls_are_where_they_were_built(image):
     points = points_w(image)
-    for name, (normal, along) in WALLS.items():
+    for name in walls(image):
+        normal, along = WALLS[name]
         here = seen(image, name)
         off = np.abs(points[here] @ normal - along)
-        assert len(off) > 20
         assert np.median(off - image["depth_error"][here] / 32) <= LENS_M, name  # depth is rounded so far
         assert np.max(off - image["depth_error"][here]) <= LENS_M, name
 
@@ -78,7 +85,8 @@ def test_the_walls_are_where_they_were_built(image):
 def test_normals_are_those_of_the_walls(image):
     """The ceiling's paint is smooth; plaster has bumps, of which shading normals show the slopes."""
     normals_w = image.normals @ image.pose.R_w_c.T
-    for name, (normal, _) in WALLS.items():
+    for name in walls(image):
+        normal, _ = WALLS[name]
         found = normals_w[seen(image, name)]
         assert np.abs(np.linalg.norm(found, axis=-1) - 1).max() <= 1e-5
         slope_deg = np.degrees(np.arccos(np.clip(found @ normal, -1, 1)))

@@ -355,7 +355,7 @@ def test_remedies_are_options_of_the_commands_that_capture(tmp_path):
     named = set(re.findall(r"(record )?(--\S+) ([\w.=]+)", remedies))
     assert {option for _, option, _ in named} == {"--set", "--overscan"}
     source = ["--source", "mock://four-wall", "--modes", "lit", "--set", "face_size=16"]
-    for only, option, value in named:
-        assert run(["record", *source, option, value, "--out", str(tmp_path / "room.sqlite")]) == 0
+    for number, (only, option, value) in enumerate(named):
+        assert run(["record", *source, option, value, "--out", str(tmp_path / f"room-{number}.sqlite")]) == 0
         if not only:
             assert run(["render", *source, option, value, "--size", "32x16", "--out", str(tmp_path)]) == 0

@@ -72,7 +72,7 @@ def test_pictures_that_stay_while_the_pose_reads_back_as_set_are_evidence(dialec
     poses = [{"position": [0.1 * i, 0, 1.5], "yaw_deg": 10 * i} for i in range(6)]
     views = {"eye": {"model": "pinhole", "width": 32, "height": 24, "fov_deg": 60}}
     room = {"eye": {"model": "equirectangular", "width": 32, "height": 16}}
-    for cameras, says in ((room, "6 directions at"), (views, "in 4 views")):
+    for cameras, says in ((room, "6 directions at"), (views, "in 4 directions")):
         with serve(dialect) as server:
             job = load({"source": server.uri, "cameras": cameras, "poses": poses, "modes": list(MODES)})
             with pytest.raises(MisplacedCameraError, match=f"{says}.*in all modes: the camera does not move"):
