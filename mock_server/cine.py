@@ -112,7 +112,10 @@ class Cine:
     def intrinsics(self, width: int, height: int) -> str:
         """Return the reply to ``cine/intrinsics``."""
         fx, fy, cx, cy = self.projection(width, height)
-        m00, m11, m20, m21 = 2 * fx / width, 2 * fy / height, 2 * cx / width - 1, 1 - 2 * cy / height
+        m00 = 2 * fx / width
+        m11 = 2 * fy / height
+        m20 = 2 * cx / width - 1
+        m21 = 1 - 2 * cy / height
         return json.dumps({
             "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy,
             **_angles(m00, m11), "projection_offset": [m20, m21],

@@ -29,7 +29,10 @@ _DEPTH_RANGE_M = 100.0
 TONES = ("srgb", "film", "linear")
 _MIDDLE_GREY = {"": 0.5, "srgb": 0.18, "film": 0.18, "linear": 0.18}
 _BLOOM = 1 / 8  # standard deviation, of the picture's width
-_TOE, _SHOULDER, _LINE = -0.390277, -0.606186, 0.901641  # log10 of light; film curve
+# log10 of light; film curve
+_TOE = -0.390277
+_SHOULDER = -0.606186
+_LINE = 0.901641
 
 
 def turned(rotation: Triple, degrees: float) -> Triple:
@@ -145,8 +148,11 @@ class Film:
         self._tone = str(tone.value) if tone else ""
         if tone and self._tone not in TONES:
             raise ValueError(f"fault tone: expected one of {', '.join(TONES)}; got {self._tone!r}")
-        self._faults, self._gain, self._adapts = faults, 1.0, True
-        self._vignette, self._bloom = faults.get("vignette"), faults.get("bloom")
+        self._faults = faults
+        self._gain = 1.0
+        self._adapts = True
+        self._vignette = faults.get("vignette")
+        self._bloom = faults.get("bloom")
 
     def on_command(self, text: str) -> None:
         """End the faults that a console command ends."""
@@ -155,7 +161,8 @@ class Film:
         if re.fullmatch(r"vrun r\.BloomQuality 0\s*", text):
             self._bloom = None
         if re.fullmatch(r"vrun r\.EyeAdaptationQuality 0\s*", text):
-            self._adapts, self._gain = False, 1.0
+            self._adapts = False
+            self._gain = 1.0
 
     def expose(self, color: Bytes, manual: bool = False, bias: float = 0.0) -> Bytes:
         """Return (H, W, 3) codes of a picture without faults, at a bias in stops; manual exposure holds."""
@@ -189,7 +196,8 @@ def blended(pane: ViewHits, behind: ViewHits) -> Array:
 
 def mirrored(view: ViewHits, at: Any, rays: Array, center: Array, trace: Callable[..., Any]) -> Array:
     """Return (H, W, 3) colours where pixels ``at`` mirror what they face, with half of the light."""
-    color, normal = view.paint(), view.normal[at]
+    color = view.paint()
+    normal = view.normal[at]
     rays = rays[at]
     points = center + rays * view.distance[at][:, None]
     away = rays - 2 * (rays * normal).sum(axis=-1, keepdims=True) * normal

@@ -41,7 +41,12 @@ _FIXED = ((False, False, True), (False, True, False), (False, True, True), (True
 def axes(rotation: Triple) -> Array:
     """Return (3, 3) columns forward, right, up in Unreal's axes."""
     p, y, r = map(math.radians, rotation)
-    sp, cp, sy, cy, sr, cr = math.sin(p), math.cos(p), math.sin(y), math.cos(y), math.sin(r), math.cos(r)
+    sp = math.sin(p)
+    cp = math.cos(p)
+    sy = math.sin(y)
+    cy = math.cos(y)
+    sr = math.sin(r)
+    cr = math.cos(r)
     forward = (cp * cy, cp * sy, sp)
     right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
     up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
@@ -137,7 +142,8 @@ class Objects:
     def __init__(self, scene: Scene) -> None:
         self.scene = self._unscaled = scene
         self._palette = palette()
-        self._time_s, self._late = scene.time, False
+        self._time_s = scene.time
+        self._late = False
         self._actors: list[SceneObject] = []
         known = getattr(scene, "colors", {})  # of a recorded scene
         for key, color in zip(scene.objects, self._palette, strict=False):
@@ -188,7 +194,8 @@ class Objects:
         key = f"{_LAST}{self._spawned:06}"
         self._unscaled = self._unscaled.joined(key, _CUBE)
         cube = SceneObject(name or f"CubeActor_{self._spawned}", next(self._palette), key, location)
-        cube.annotated, cube.class_name = False, "CubeActor"
+        cube.annotated = False
+        cube.class_name = "CubeActor"
         self._spawned += 1
         self._actors.append(cube)
         self.by_name[cube.name] = cube

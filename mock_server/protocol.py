@@ -15,7 +15,8 @@ MAX_PAYLOAD = 1 << 24
 """The most bytes of a request; dialect N2 allows sixteen times as many, the others any number."""
 
 _HEADER = struct.Struct("<II")
-_BLOCK, _PIECES = 1 << 16, 50
+_BLOCK = 1 << 16
+_PIECES = 50
 _INT32 = 1 << 31
 _INT64_DIGITS = 18
 
@@ -74,7 +75,9 @@ class Transport:
     """Sends frames with faults. ``wait(seconds)`` returns True if the server is stopping."""
 
     def __init__(self, connection: socket.socket, faults: Faults, wait: Callable[[float], bool]) -> None:
-        self._connection, self._faults, self._wait = connection, faults, wait
+        self._connection = connection
+        self._faults = faults
+        self._wait = wait
 
     def greet(self, text: str) -> None:
         """Send the greeting, a frame without an id."""

@@ -107,10 +107,12 @@ class Scene:
     def __init__(self, name: str, description: Mapping[str, object]) -> None:
         file = scene_file.read(description, name)
         self.name = name
-        self._sky, self._pattern = np.array(file.sky), file.pattern
+        self._sky = np.array(file.sky)
+        self._pattern = file.pattern
         self._whole_room: Room | None = file.room
         self._moving = file.moving
-        self.moving, self.static = tuple(sorted(file.moving)), frozenset(file.static)
+        self.moving = tuple(sorted(file.moving))
+        self.static = frozenset(file.static)
         self.time = 0.0
         self._describe(np.array(file.rows).reshape(-1, COLUMNS), file.names, file.textures)
 
@@ -197,7 +199,8 @@ class Scene:
     def scaled(self, name: str, factors: ArrayLike) -> Scene:
         """Return another scene, with an object scaled along the world's axes by three factors, about the
         centre of its box; see :func:`mock_server.solids.scaled`."""
-        result, rows = copy.copy(self), self._owner == name
+        result = copy.copy(self)
+        rows = self._owner == name
         result._described = self._described.copy()
         result._described[rows] = solids.scaled(self._described[rows], np.array(factors), self._center(name))
         result._move({})
@@ -211,7 +214,8 @@ class Scene:
         """
         if name in self.objects:
             raise ValueError(f"object: expected a name that is not taken, got {name!r}")
-        added, result = scene_file.read({"objects": {name: description}}, self.name), copy.copy(self)
+        added = scene_file.read({"objects": {name: description}}, self.name)
+        result = copy.copy(self)
         used = [self._textures[index] for index in self._texture_of[:-1]]
         result._moving = self._moving | added.moving
         result.moving = tuple(sorted(result._moving))
@@ -221,14 +225,16 @@ class Scene:
 
     def _move(self, poses: Poses) -> None:
         """Move objects from their description to these poses, or to those of their motions at this time."""
-        self.solids, self.room = self._described, self._whole_room
+        self.solids = self._described
+        self.room = self._whole_room
         self._tree: solids.Tree | None = None  # made when rays are traced
         self._poses: dict[str, tuple[Array, Array]] = {}
         for name in self.moving:
             if name not in poses:
                 function, axis = self._moving[name]
                 offset, turn_deg = function.at(self.time)
-                R, center = scene_file.turned(turn_deg), self._center(name)
+                R = scene_file.turned(turn_deg)
+                center = self._center(name)
                 pivot = center if axis is None else np.array([*axis, 0.0])
                 self._poses[name] = R, R @ (center - pivot) + pivot + offset
         for name, (R_w_o, target) in poses.items():
@@ -275,14 +281,19 @@ class Scene:
         Returns:
             Hits of shape (...). A ray that starts inside a solid hits its wall from inside.
         """
-        o, d = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+        o = np.asarray(origins, dtype=np.float64)
+        d = np.asarray(directions, dtype=np.float64)
         shape = np.broadcast_shapes(o.shape, d.shape)
         o, d = (np.array(np.broadcast_to(array, shape), order="C").reshape(-1, 3) for array in (o, d))
-        shown, count = ~np.isin(self._owner, list(hidden)), len(d)
+        shown = ~np.isin(self._owner, list(hidden))
+        count = len(d)
         if self._tree is None:
             self._tree = solids.tree(self.solids)
-        rows, tree = self.solids, self._tree
-        distance, normal, row = np.full(count, np.inf), np.zeros((count, 3)), np.full(count, -1, np.int64)
+        rows = self.solids
+        tree = self._tree
+        distance = np.full(count, np.inf)
+        normal = np.zeros((count, 3))
+        row = np.full(count, -1, np.int64)
 
         def chunk(part: slice) -> None:
             nearest_hits(o[part], d[part], rows, tree, shown, distance[part], row[part], normal[part])
@@ -307,13 +318,16 @@ class Scene:
         texture_of = self._texture_of[row]
         order = np.argsort(texture_of, kind="stable")  # -1 first: rays that hit nothing
         ends = np.cumsum(np.bincount(texture_of + 1, minlength=1))
-        missed, color, o = order[: ends[0]], np.empty_like(d), np.ascontiguousarray(o)
+        missed = order[: ends[0]]
+        color = np.empty_like(d)
+        o = np.ascontiguousarray(o)
         color[: ends[0]] = self._sky if self._pattern is None else self._pattern(d[missed])
         for index, (start, stop) in enumerate(pairwise(ends)):
             if start < stop:
                 hits = order[start:stop]
                 # take() copies rows in a fifth of the time of an index in brackets
-                facing, points = normal.take(hits, axis=0), d.take(hits, axis=0)
+                facing = normal.take(hits, axis=0)
+                points = d.take(hits, axis=0)
                 points *= distance[hits, None]
                 points += o.take(hits, axis=0)
                 points, normals = self._as_described(points, facing, row[hits])
@@ -326,7 +340,8 @@ class Scene:
         """Return points and normals (N, 3) before their objects were moved: textures move with objects."""
         if not self._poses:
             return points, normals
-        turned, labels = normals.copy(), self._labels[row + 1]
+        turned = normals.copy()
+        labels = self._labels[row + 1]
         for name, (R, center) in self._poses.items():
             hits = labels == self.label(name)
             points[hits] = (points[hits] - center) @ R + self._center(name)

@@ -67,7 +67,8 @@ class Waypoints:
 def turned(turn_deg: float) -> Array:
     """Return (3, 3) the rotation about the vertical by degrees to the left."""
     angle = math.radians(math.remainder(turn_deg, 360.0))
-    c, s = math.cos(angle), math.sin(angle)
+    c = math.cos(angle)
+    s = math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -77,7 +78,10 @@ Motion = Steady | Swing | Waypoints
 Moving = tuple[Motion, tuple[float, ...] | None]
 """A motion, and X and Y of its vertical axis of rotation; None: through the centre of the box."""
 
-_MOST_SOLIDS, _MOST_CORNERS, _MOST_POINTS, _LONGEST_NAME = 10_000, 256, 10_000, 100
+_MOST_SOLIDS = 10_000
+_MOST_CORNERS = 256
+_MOST_POINTS = 10_000
+_LONGEST_NAME = 100
 _RANGES: Mapping[Range, tuple[float, float]] = {
     "from -1e9 to 1e9": (-1e9, 1e9),
     "from 1e-9 to 1e9": (1e-9, 1e9),
@@ -253,7 +257,8 @@ def _moving(value: object, where: str) -> Moving:
 
 
 def _waypoints(data: Mapping[str, object], where: str) -> Motion:
-    name, repeat = f"{where}: points", _truth(data, "repeat", False, where)
+    name = f"{where}: points"
+    repeat = _truth(data, "repeat", False, where)
     listed = _list(data.get("points"), 2, name)
     if len(listed) > _MOST_POINTS:
         raise ValueError(f"{name}: expected at most {_MOST_POINTS}, got {len(listed)}")
@@ -299,13 +304,15 @@ def _add_room(scene: SceneFile, value: object, where: str) -> None:
     for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
         length = float(np.linalg.norm(step))
         x, y = step / length
-        center, axes = [*(corner + step / 2), height / 2], [[x, y, 0], [0, 0, 1], [y, -x, 0]]
+        center = [*(corner + step / 2), height / 2]
+        axes = [[x, y, 0], [0, 0, 1], [y, -x, 0]]
         half = [length / 2, height / 2, 0.0]
         scene.add(scene.room.walls[i], walls[i % len(walls)], RECTANGLE, center, axes, half)
     for key, name, z in (("floor", scene.room.floor, 0.0), ("ceiling", scene.room.ceiling, height)):
         texture = _texture(data.get(f"{key}_texture", {}), f"{where}: {key}_texture")
         for low, high in rectangles:
-            center, half = [*((low + high) / 2), z], [*((high - low) / 2), 0.0]
+            center = [*((low + high) / 2), z]
+            half = [*((high - low) / 2), 0.0]
             scene.add(name, texture, RECTANGLE, center, np.eye(3), half)
 
 
@@ -333,8 +340,12 @@ def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, whe
     center = _numbers(data.get("at"), 3, f"{where}: at")
     angles = [_numbers(data.get(key, 0.0), 1, f"{where}: {key}")[0] for key in ("turn_deg", "tilt_deg")]
     for x, y, z, turn_deg, tilt_deg in _copies(data.get("copies"), np.array([*center, *angles]), where):
-        turn, tilt = math.radians(turn_deg), math.radians(tilt_deg)
-        c, s, ahead, up = math.cos(turn), math.sin(turn), math.cos(tilt), math.sin(tilt)
+        turn = math.radians(turn_deg)
+        tilt = math.radians(tilt_deg)
+        c = math.cos(turn)
+        s = math.sin(turn)
+        ahead = math.cos(tilt)
+        up = math.sin(tilt)
         axes = [[ahead * c, ahead * s, 0.0 - up], [-s, c, 0.0], [up * c, up * s, ahead]]
         scene.add(name, texture, kind, [x, y, z], axes, half)
 

@@ -31,13 +31,16 @@ PATIENCE_S = 10.0
 """How long a client may be silent within a request, and before its first one if another client waits."""
 
 _OVERHEAD = 256  # bytes of memory per request beside its text
-_MAX_TEXTS, _MAX_TEXT = 100_000, 200
+_MAX_TEXTS = 100_000
+_MAX_TEXT = 200
 
-_GRACE_S, _STOP_S = 0.5, 1.0
+_GRACE_S = 0.5
+_STOP_S = 1.0
 """Seconds that a stopping server waits for a reply to be sent, and for an image to be traced."""
 
 _BACKLOG = 1
-_POLL_S, _SILENT_S = 0.02, 0.2
+_POLL_S = 0.02
+_SILENT_S = 0.2
 
 
 class Requests:
@@ -45,7 +48,8 @@ class Requests:
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
-        self._lock, self._waiting = threading.Lock(), 0
+        self._lock = threading.Lock()
+        self._waiting = 0
 
     def put(self, payload: bytes) -> bool:
         """Add a request; return False if too many wait."""
@@ -259,7 +263,8 @@ def replies(
     """
     pending: deque[tuple[int, float, int, Later]] = deque()  # frame, request's time, id, reply
     batch: list[Request] = []
-    dialect.held, clicked = 0, time.monotonic()
+    dialect.held = 0
+    clicked = time.monotonic()
     for frame in itertools.takewhile(lambda _: not stopping.is_set(), itertools.count()):
         for request in _received(dialect, requests):
             if request is None:

@@ -157,7 +157,9 @@ def _divided(part: Ints, low: Floats, high: Floats) -> tuple[Ints, int, int]:
     """
     axis = int(np.ptp(low + high, axis=0).argmax())
     ranks = np.argsort(low[:, axis] + high[:, axis], kind="stable")
-    low, high, count = low[ranks], high[ranks], np.arange(1, len(part))
+    low = low[ranks]
+    high = high[ranks]
+    count = np.arange(1, len(part))
     first = np.maximum.accumulate(high) - np.minimum.accumulate(low)
     last = (np.maximum.accumulate(high[::-1]) - np.minimum.accumulate(low[::-1]))[::-1]
     areas = [(size * np.roll(size, 1, axis=1)).sum(axis=1) for size in (first[:-1], last[1:], first[-1:])]
@@ -286,7 +288,9 @@ def _world(solids: Floats, s: int, v: Vector) -> Vector:
 
 def extents(rows: Floats, frame: Floats) -> tuple[Floats, Floats]:
     """Return the least and the greatest coordinates (N, 3) of each solid along the rows of ``frame``."""
-    kind, axes, half = rows[:, 0], rows[:, 5:14].reshape(-1, 3, 3) @ frame.T, rows[:, 14:17]
+    kind = rows[:, 0]
+    axes = rows[:, 5:14].reshape(-1, 3, 3) @ frame.T
+    half = rows[:, 14:17]
     reach = np.abs(axes * half[:, :, None]).sum(axis=1)
     disc = half[:, :1] * np.hypot(axes[:, 0], axes[:, 1]) + np.abs(axes[:, 2]) * half[:, 2:]
     reach[kind == CYLINDER] = disc[kind == CYLINDER]
@@ -312,7 +316,8 @@ def points(rows: Floats) -> Floats:
     sphere."""
     meshes = []
     for row in rows:
-        unit, (a, b, c) = _MESHES[int(row[0])], row[14:17]
+        unit = _MESHES[int(row[0])]
+        (a, b, c) = row[14:17]
         half = {SPHERE: (a, a, a), CYLINDER: (a, a, c)}.get(int(row[0]), (a, b, c))
         meshes.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
     return np.concatenate(meshes)
@@ -332,7 +337,8 @@ def scaled(rows: Floats, factors: Floats, pivot: Floats) -> Floats:
     Boxes and rectangles take the factors of the nearest axes. Round solids stay round, by the least factor
     across their axis, as an engine scales collision shapes.
     """
-    result, sizes = rows.copy(), np.maximum(np.abs(factors), _THINNEST)
+    result = rows.copy()
+    sizes = np.maximum(np.abs(factors), _THINNEST)
     result[:, 2:5] = (rows[:, 2:5] - pivot) * factors + pivot
     for row in result:
         along = sizes[np.abs(row[5:14].reshape(3, 3)).argmax(axis=1)]

@@ -70,7 +70,8 @@ def paint(texture: Texture, points: Array, normals: Array, facing: Array) -> Arr
     shade = (0.85 + 0.15 * (facing @ _LIGHT))[:, None]
     if texture.kind == "plain":
         return np.asarray(texture.first * shade)
-    p, scale = points - _NUDGE * normals, texture.scale
+    p = points - _NUDGE * normals
+    scale = texture.scale
     colors = np.array([texture.first, texture.second])
     if texture.kind == "wood":
         ring = np.hypot(p[:, 1], p[:, 2] + 0.3) / scale + 0.15 * np.sin(0.9 * p[:, 0] / scale)
@@ -126,8 +127,10 @@ def _pictured(pixels: NDArray[np.uint8], p: Array, normals: Array) -> Array:
     right = np.where(level, -y * np.sign(normals[:, 2]), p[:, 0] * -normals[:, 1] + y * normals[:, 0])
     up = np.where(level, x, z) * width / height
     u, v = right % 1.0 * width - 0.5, -up % 1.0 * height - 0.5
-    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
-    a, b = (u - i)[:, None], (v - j)[:, None]
+    i = np.floor(u).astype(int)
+    j = np.floor(v).astype(int)
+    a = (u - i)[:, None]
+    b = (v - j)[:, None]
 
     def pixel(j: NDArray[np.intp], i: NDArray[np.intp]) -> Array:
         return np.asarray(pixels[j % height, i % width] / 255.0)

@@ -32,7 +32,9 @@ _MOST_PIXELS = 1 << 24
 _KEPT_MOMENTS = 64
 _SLOMO = re.compile(r"vrun slomo ([-+]?(?:\d*\.)?\d+)\s*", re.ASCII)
 _SETRES = re.compile(r"vrun (?:r\.)?setres (\d{1,5})x(\d{1,5})[wf]*\s*", re.ASCII | re.IGNORECASE)
-_SLOWEST, _FASTEST = 1e-4, 20.0  # of the engine's slow motion
+# of the engine's slow motion
+_SLOWEST = 1e-4
+_FASTEST = 20.0
 _STEEPEST_DEG = 89.9
 """The largest pitch and roll that the engine's controller accepts, degrees."""
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
@@ -49,7 +51,8 @@ class Player:
     """
 
     def __init__(self, location: Triple) -> None:
-        self.location, self.rotation = location, _ORIGIN
+        self.location = location
+        self.rotation = _ORIGIN
         self._poses: deque[Pose] = deque([(location, _ORIGIN)] * 4, maxlen=4)
 
     def limit(self) -> None:
@@ -125,27 +128,36 @@ class World:
     """
 
     def __init__(self, scene: Scene, settings: Settings, faults: Faults) -> None:
-        self.scene, self.faults, self._size, self._fov_deg = scene, faults, settings.size, settings.fov_deg
+        self.scene = scene
+        self.faults = faults
+        self._size = settings.size
+        self._fov_deg = settings.fov_deg
         self.player = Player(_START_CM)
         self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
-        self.viewmode, self.window = "lit", settings.window or settings.size
+        self.viewmode = "lit"
+        self.window = settings.window or settings.size
         self.vertex_colors = settings.dialect in ("L", "0.3.10") or "mask-gamma" in faults
-        self.paused, self.time_s, self._step_s, self._slomo = False, scene.time, settings.time_step_s, 1.0
+        self.paused = False
+        self.time_s = scene.time
+        self._step_s = settings.time_step_s
+        self._slomo = 1.0
         self.placed_objects = Objects(scene)
         self._may_have_changed = True  # an object, since the last frame
         self._moments = deque([self.placed_objects.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[tuple[Any, ...], ViewHits] = OrderedDict()
         self.vanished: list[tuple[tuple[float, ...], frozenset[str]]] = []  # by place, one after the other
         self._made_here: set[tuple[object, ...]] = set()
-        dome, self._dome = faults.get("sky-dome"), SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
+        dome = faults.get("sky-dome")
+        self._dome = SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
         self._dome_radius = dome.amount() if dome else math.inf
         if dome:
             self.placed_objects.by_name[self._dome.name] = self._dome
         if missing := self._object_with("object-missing"):
             self.objects[missing].annotated = False
         self._glass, self._gloss = self._object_with("glass"), self._object_with("gloss")
-        self._film, self._depth_scale = Film(faults), 1.0
+        self._film = Film(faults)
+        self._depth_scale = 1.0
         self._history: dict[int, Array] = {}  # by camera, its last light
         self._shown: dict[int | str, Pose] = {}
         self._lag: dict[int | str, int] = {}
@@ -184,7 +196,8 @@ class World:
 
     def spawn(self) -> str:
         """Add a camera, and return its actor's name."""
-        location, actor = self.cameras[0].location, f"FusionCameraActor_{self._spawned}"
+        location = self.cameras[0].location
+        actor = f"FusionCameraActor_{self._spawned}"
         self._spawned += 1
         self.cameras.append(Camera("FusionCameraSensor", location, _ORIGIN, self._fov_deg, self._size, actor))
         return actor
@@ -267,7 +280,8 @@ class World:
             rest = self._traced(camera, moment, hidden | moment.missing)
             view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
         if self._gloss:
-            rays, center = camera.rays()[0], camera.center_m()
+            rays = camera.rays()[0]
+            center = camera.center_m()
             trace = partial(moment.shown.trace, hidden=moment.hidden)
             at = view.label == moment.shown.label(self._gloss)
             view = dataclasses.replace(view, paint=partial(flaws.mirrored, view, at, rays, center, trace))
@@ -280,7 +294,8 @@ class World:
         """Return the objects that the fault ``vanishing`` leaves out of an image."""
         if "vanishing" not in self.faults:
             return frozenset()
-        image, place = (mode, tuple(camera.rotation), camera.fov), tuple(camera.location)
+        image = (mode, tuple(camera.rotation), camera.fov)
+        place = tuple(camera.location)
         if not self.vanished or self.vanished[-1][0] != place or image in self._made_here:
             names = frozenset(name for name in self.objects if self.faults.strike("vanishing"))
             self.vanished.append((place, names))
@@ -325,7 +340,8 @@ class World:
         lit = self._film.expose(view.codes, manual, camera.bias if camera else 0.0)
         if not (ghost := self.faults.strike("temporal")):
             return lit
-        key, light = id(camera), lit.astype(np.float64)
+        key = id(camera)
+        light = lit.astype(np.float64)
         if key in self._history and self._history[key].shape == light.shape:
             light += ghost.amount() * (self._history[key] - light)
         self._history[key] = light
@@ -351,7 +367,8 @@ class World:
         view = (camera.location, camera.rotation, camera.fov_h_deg(), camera.projection())
         key = (camera.size, *view, moment.scene, moment.time_s, moment.placed, hidden, near_m)
         if key not in self._views:
-            center, rays = camera.center_m(), camera.rays()
+            center = camera.center_m()
+            rays = camera.rays()
             self._views[key] = moment.shown.view(center, *rays, hidden, near_m)
         self._views.move_to_end(key)
         while len(self._views) > _KEPT_VIEWS or (

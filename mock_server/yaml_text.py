@@ -16,12 +16,18 @@ from typing import Any, NoReturn
 
 import yaml
 
-MOST_BYTES, MOST_VALUES, MOST_LEVELS, LONGEST_NUMBER = 1 << 20, 100_000, 32, 64
+MOST_BYTES = 1 << 20
+MOST_VALUES = 100_000
+MOST_LEVELS = 32
+LONGEST_NUMBER = 64
 """Bytes of a file; values, aliases expanded; levels of nesting; characters of a number."""
-MOST_SCENE_BYTES, MOST_SCENE_VALUES = 1 << 22, 500_000
+MOST_SCENE_BYTES = 1 << 22
+MOST_SCENE_VALUES = 500_000
 """The same of the file of a scene, for 10,000 objects."""
 
-_PLAIN, _TEXT = "plain", "text"  # the tags of values without a tag
+# the tags of values without a tag
+_PLAIN = "plain"
+_TEXT = "text"
 _WORDS = dict.fromkeys(("", "~", "null", "Null", "NULL")) | {
     **dict.fromkeys(("true", "True", "TRUE"), True),
     **dict.fromkeys(("false", "False", "FALSE"), False),
@@ -30,7 +36,8 @@ _WHOLE = re.compile(r"[-+]?[0-9]+")
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?|[-+]?\.inf|\.nan", re.IGNORECASE)
 _EXACT_DIGITS = 15  # that every float has
 _SHORT = reprlib.Repr()
-_SHORT.maxlevel, _LONGEST_SHOWN = 2, 120
+_SHORT.maxlevel = 2
+_LONGEST_SHOWN = 120
 
 
 class Written(float):

@@ -18,7 +18,9 @@ Reader = Callable[[str, Any], Any]
 """``reader(name, value)`` returns a value checked, or raises ArgumentError with the name in it."""
 
 _SHORT = reprlib.Repr()
-_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 80, 80
+_SHORT.maxlevel = 2
+_SHORT.maxstring = 80
+_SHORT.maxother = 80
 _LONGEST_SHOWN = 120
 _LONGEST_NUMBER = 64  # characters; a float64 needs at most 25
 _LONGEST_LABEL = 200  # characters
@@ -193,9 +195,11 @@ def stems(name: str, values: Iterable[object], *, dots: bool = False) -> None:
         same = folded.setdefault(file_key(stem(name, value, dots=dots)), str(value))
         if same == value:
             continue
-        wanted, pair = "the case of letters", f"{same} and {value}"
+        wanted = "the case of letters"
+        pair = f"{same} and {value}"
         if same.casefold() != str(value).casefold():
-            wanted, pair = "how Unicode composes letters", f"{same!a} and {value!a}"
+            wanted = "how Unicode composes letters"
+            pair = f"{same!a} and {value!a}"
         raise ArgumentError(f"{name}: expected names of files that differ in more than {wanted}, got {pair}")
 
 

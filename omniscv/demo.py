@@ -45,7 +45,8 @@ _POSES = {
 }
 """Camera poses by a model's usual pitch: mirrors hang above a camera that looks up, plans look down."""
 
-_SQUARE_PX, _WIDE_PX = 256, 512
+_SQUARE_PX = 256
+_WIDE_PX = 512
 """Widths of square images and of panoramas."""
 _FACE_PX = 256
 """Width of a 90 degree face."""
@@ -122,7 +123,8 @@ def run_demo(out: Path, progress: Report | None = None, scale: int = 1) -> DemoR
 
 def _room(name: str, out: Path, meter: Meter, scale: int) -> DemoReport:
     """Capture and compose all images of a room, and compare them with those recomposed from its recording."""
-    recording, images = out / f"{name}.sqlite", {}
+    recording = out / f"{name}.sqlite"
+    images = {}
     with open_source(f"mock://{name}") as live, record(live, recording) as source:
         for stem, image in _compose(source, meter, scale):
             image.save(out / name, stem=stem)

@@ -103,7 +103,9 @@ class RecordingError(OmniscvError):
     def __init__(self, reason: str, path: object = None, advice: str = "") -> None:
         start = "" if path is None else f"{path}: "
         super().__init__(f"{start}{reason}{advice and '; '}{advice}")
-        self.reason, self.path, self.advice = reason, path, advice
+        self.reason = reason
+        self.path = path
+        self.advice = advice
 
     def at(self, path: object, advice: str = "") -> Self:
         """Return the same error of a recording at a path."""

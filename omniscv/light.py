@@ -28,10 +28,17 @@ _BINS = 1 << 12
 """Bins of light from 0 to 1 that a search for a code starts at: of sRGB each holds two codes at most."""
 _CHOSEN = 80
 """Pixels of each picture by which a response is solved."""
-_JUDGED, _NAMED, _LEAST = (20, 235), 0.03, 1e-9
+_JUDGED = (20, 235)
+_NAMED = 0.03
+_LEAST = 1e-9
 """Codes by which a response is compared with named ones, how far the logarithm of light may be off, and the
 least light that has one."""
-_SLOPE, _TOE, _SHOULDER, _BLACK_CLIP, _WHITE_CLIP, _GREY = 0.88, 0.55, 0.26, 0.0, 0.04, 0.18
+_SLOPE = 0.88
+_TOE = 0.55
+_SHOULDER = 0.26
+_BLACK_CLIP = 0.0
+_WHITE_CLIP = 0.04
+_GREY = 0.18
 """The film curve's defaults, as the engine's documentation of FilmStockSettings gives them."""
 
 
@@ -52,7 +59,8 @@ def film_curve(light: Any) -> NDArray[np.float64]:
 
     A straight line in the logarithm of light between two logistic curves, the toe and the shoulder.
     """
-    toe, shoulder = 1 + _BLACK_CLIP - _TOE, 1 + _WHITE_CLIP - _SHOULDER
+    toe = 1 + _BLACK_CLIP - _TOE
+    shoulder = 1 + _WHITE_CLIP - _SHOULDER
     middle = (_GREY + _BLACK_CLIP) / toe - 1
     toe_at = np.log10(_GREY) - 0.5 * np.log((1 + middle) / (1 - middle)) * toe / _SLOPE
     straight = (1 - _TOE) / _SLOPE - toe_at
@@ -122,14 +130,17 @@ def merge(
     light = light_of_codes(np.arange(256), transfer)
     step = np.diff(light_of_codes(np.arange(257) - 0.5, transfer))
     step[[0, 255]] = np.inf  # of no weight; a response ends there
-    total, weights = np.zeros(pictures[0].shape), np.zeros(pictures[0].shape)
+    total = np.zeros(pictures[0].shape)
+    weights = np.zeros(pictures[0].shape)
     fallback = (light / 2.0 ** max(stops))[pictures[int(np.argmax(stops))]]
     for i in np.argsort(stops)[::-1]:
-        codes, time = pictures[i], 2.0 ** stops[i]
+        codes = pictures[i]
+        time = 2.0 ** stops[i]
         shown = (light / time)[codes]
         bright = (codes == 255).any(axis=-1, keepdims=True)
         weight = ((time / step) ** 2)[codes] * ~(bright | (codes == 0).any(axis=-1, keepdims=True))
-        total, weights = total + weight * shown, weights + weight
+        total = total + weight * shown
+        weights = weights + weight
         fallback = np.where(bright, shown, fallback)
     return np.asarray(np.where(weights > 0, total / np.maximum(weights, 1e-300), fallback), np.float32)
 

@@ -132,7 +132,9 @@ if hasattr(os, "register_at_fork"):
 
 
 # The parameters of glibc's mallopt(3).
-_TRIM_THRESHOLD, _TOP_PAD, _MMAP_THRESHOLD = -1, -2, -3
+_TRIM_THRESHOLD = -1
+_TOP_PAD = -2
+_MMAP_THRESHOLD = -3
 _MB = 1 << 20
 
 

@@ -59,7 +59,10 @@ class Meter:
     """
 
     def __init__(self, of_images: int, report: Report | None) -> None:
-        self._sum, self._of_images, self._report, self._lock = Progress(), of_images, report, Lock()
+        self._sum = Progress()
+        self._of_images = of_images
+        self._report = report
+        self._lock = Lock()
 
     def part(self) -> Report:
         """Return the callback of a part, to be called with that part's progress."""
@@ -68,7 +71,8 @@ class Meter:
         def report(now: Progress) -> None:
             nonlocal last
             with self._lock:
-                self._sum, last = self._sum + (now - last), now
+                self._sum = self._sum + (now - last)
+                last = now
                 if self._report:
                     self._report(replace(self._sum, of_images=self._of_images))
 

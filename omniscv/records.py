@@ -23,7 +23,9 @@ from omniscv.arguments import Reader, did_you_mean, one_of, shown, text
 from omniscv.errors import ArgumentError
 
 T = TypeVar("T")
-_READER, _KEY, _HELP = "omniscv.reader", "omniscv.key", "omniscv.help"
+_READER = "omniscv.reader"
+_KEY = "omniscv.key"
+_HELP = "omniscv.help"
 
 
 def checked(

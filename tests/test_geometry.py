@@ -64,7 +64,8 @@ def test_unreal_or_angles_and_back_is_the_same_pose(location, pitch_deg, yaw, ro
 def test_up_right_in_unreal_is_up_right_here(location, pitch_deg, yaw, roll, target):
     """A point's coordinates along Unreal's forward, right and up are ours along z, x and -y."""
     p, y, r = np.radians((pitch_deg, yaw, roll))
-    (sp, sy, sr), (cp, cy, cr) = np.sin((p, y, r)), np.cos((p, y, r))
+    (sp, sy, sr) = np.sin((p, y, r))
+    (cp, cy, cr) = np.cos((p, y, r))
     # Roll, then pitch, then yaw about fixed axes, written out as three turns (not the closed form).
     turn_yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     turn_pitch = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])

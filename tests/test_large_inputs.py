@@ -23,7 +23,8 @@ def room(tmp_path):
 
 def counted(monkeypatch, module, name):
     """Count the calls of a function of a module: a list of their first arguments."""
-    function, calls = getattr(module, name), []
+    function = getattr(module, name)
+    calls = []
 
     def called(*values, **options):
         calls.append(values[0] if values else None)

@@ -145,7 +145,8 @@ def test_opencv_reads_the_pixels_and_so_do_we(pixels, mirrored):
     order = {3: [2, 1, 0], 4: [2, 1, 0, 3]}.get(read.shape[2] if read.ndim == 3 else 1)
     read = read[..., order] if order else read
     np.testing.assert_array_equal(read.reshape(pixels.shape), pixels, strict=True)
-    found, depth = png_files.header(payload[: png_files.HEADER_BYTES]), 8 * pixels.itemsize
+    found = png_files.header(payload[: png_files.HEADER_BYTES])
+    depth = 8 * pixels.itemsize
     assert (found.height, found.width, found.bits) == (*pixels.shape[:2], depth)
     read = png_files.decode(payload, depth)
     np.testing.assert_array_equal(read, pixels.reshape(read.shape), strict=True)

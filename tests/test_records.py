@@ -69,7 +69,8 @@ every_record = pytest.mark.parametrize("name", RECORDS)
 @every_record
 def test_fields_refuse_what_they_do_not_declare(name):
     for field in fields(RECORDS[name]):
-        key, reader = key_of(field), reader_of(field)
+        key = key_of(field)
+        reader = reader_of(field)
         function, limits = (reader.func, reader.keywords) if isinstance(reader, partial) else (reader, {})
         for value in beyond(function, limits) if reader else ():
             with pytest.raises(ArgumentError) as refused:

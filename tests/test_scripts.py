@@ -74,7 +74,8 @@ def pinned(lock):
 
 
 def test_both_locks_have_the_same_versions_and_hashes():
-    needed, tested = pinned("requirements.lock"), pinned("requirements-test.lock")
+    needed = pinned("requirements.lock")
+    tested = pinned("requirements-test.lock")
     assert needed.items() <= tested.items()
     assert all(needed.values())
     names = {name.partition("==")[0] for name in needed}

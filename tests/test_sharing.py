@@ -178,7 +178,8 @@ def test_what_was_begun_is_finished_if_the_next_item_cannot_be_had():
 
 
 def test_cores_can_be_limited():
-    every, here = cores(), threading.get_ident()
+    every = cores()
+    here = threading.get_ident()
     try:
         limit(1)
         assert cores() == 1

@@ -72,7 +72,9 @@ class Command:
     """
 
     def __init__(self, template: str, description: str, handler: Callable[..., Any]) -> None:
-        self.template, self.description, self.handler = template, description, handler
+        self.template = template
+        self.description = description
+        self.handler = handler
         self.verb = template.partition(" ")[0]
         parts = re.split(r"(\[(?:str|uint|float)\])", template)
         patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
@@ -97,7 +99,9 @@ class OutputFolder:
     """
 
     def __init__(self, folder: Path | None = None, anywhere: bool = False) -> None:
-        self._folder, self._anywhere, self._numbers = folder, anywhere, itertools.count(1)
+        self._folder = folder
+        self._anywhere = anywhere
+        self._numbers = itertools.count(1)
         self._opened = contextlib.ExitStack()
         self.close = self._opened.close
 
@@ -153,8 +157,11 @@ class Dialect(ABC):
     """Whether the player's camera follows the pawn while the game is paused."""
 
     def __init__(self, world: World, settings: Settings, port: int, files: OutputFolder) -> None:
-        self.settings, self.port, self.files = settings, port, files
-        self.project, self.on_unix = world.scene.name, False
+        self.settings = settings
+        self.port = port
+        self.files = files
+        self.project = world.scene.name
+        self.on_unix = False
         self.held = 0
         """How many requests the next frames hold until all of them have come."""
         self._next_world: World | None = None
@@ -253,7 +260,8 @@ class Dialect(ABC):
 
     def window_png(self, times: int = 1) -> bytes:
         """Return what the window shows, as PNG; empty if it is too large."""
-        camera, mode = self.window(times), self.world.viewmode
+        camera = self.window(times)
+        mode = self.world.viewmode
         if not camera.has_pixels():
             return b""
         return pixels.png(self.world.image(self.world.capture(camera), mode, camera))
@@ -346,7 +354,8 @@ def color(o: SceneObject) -> str:
 
 def paint(o: SceneObject, r: int, g: int, b: int) -> None:
     """Set an object's colour, which also annotates it; the engine keeps 8 bits of each number."""
-    o.color, o.annotated = (r % 256, g % 256, b % 256), True
+    o.color = (r % 256, g % 256, b % 256)
+    o.annotated = True
 
 
 def numbers(values: Iterable[float], form: str = "{:.3f}") -> str:

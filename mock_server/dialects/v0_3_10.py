@@ -46,9 +46,14 @@ class Plugin0310(Dialect):
         super().begin(world)
 
     def rows(self) -> list[Row]:
-        obj, at, unpainted = self.with_object, "/object/[str]", "error Object {} not exist"
-        camera, cam, player = self.with_camera, "/camera/[uint]", self.world.player
-        image, npy = f"vget {cam}", partial(self._data, "npy")
+        obj = self.with_object
+        at = "/object/[str]"
+        unpainted = "error Object {} not exist"
+        camera = self.with_camera
+        cam = "/camera/[uint]"
+        player = self.world.player
+        image = f"vget {cam}"
+        npy = partial(self._data, "npy")
         sets_eyes = partial(setattr, self, "_eyes_cm")
         return [
             ("vrun [str]", "Runs an alias", ok),
@@ -114,14 +119,17 @@ class Plugin0310(Dialect):
     def _pose(self, location: Any, rotation: Any = ()) -> None:
         player = self.world.player
         if not self.world.faults.strike("ignore-pose"):
-            player.location, player.rotation = location or player.location, rotation or player.rotation
+            player.location = location or player.location
+            player.rotation = rotation or player.rotation
 
     def tick(self) -> None:
         super().tick()
         if self.settings.right_eye:
             left, right = self.world.cameras
             x, y, z = (left.location + int(self._eyes_cm) * axes(left.rotation)[:, 1]).tolist()
-            right.location, right.rotation, right.fov = (x, y, z), left.rotation, left.fov
+            right.location = (x, y, z)
+            right.rotation = left.rotation
+            right.fov = left.fov
 
     def _set_fov(self, index: int, fov: float) -> Reply:
         if index > 0:
@@ -158,7 +166,8 @@ class Plugin0310(Dialect):
             return f"error Invalid camera id {index}"
         if mode == "lit":
             self.world.viewmode = "lit"
-        ending, camera = name.lower()[-4:], self.world.cameras[index]
+        ending = name.lower()[-4:]
+        camera = self.world.cameras[index]
         if name and ending not in (".png", ".exr"):
             return self._saved(bytes, name)
         return self._saved(lambda: self._encoded(camera, mode, "exr" if ending == ".exr" else "png"), name)
@@ -172,7 +181,8 @@ class Plugin0310(Dialect):
 
     def window(self, times: int = 1) -> Camera:
         """Return the window's camera; its field of view is the first, or a CameraActor's."""
-        pose, size = self.world.player.delayed(0, 0), super().window(times).size
+        pose = self.world.player.delayed(0, 0)
+        size = super().window(times).size
         fov = self.world.cameras[0].fov if self.settings.camera_actor else self.settings.fov_deg
         return Camera("viewport", *pose, fov, size)
 

@@ -48,8 +48,10 @@ class Plugin1(Dialect):
     taken = "object exsit"
 
     def rows(self) -> list[Row]:
-        obj, at = self.with_object, "/object/[str]"
-        camera, cam = self.with_camera, "/camera/[uint]"
+        obj = self.with_object
+        at = "/object/[str]"
+        camera = self.with_camera
+        cam = "/camera/[uint]"
         script = "vget /persistent_level/level_script_actor/id"
         strict = partial(camera, missing=BAD_ARGUMENT)
         return [
@@ -142,7 +144,8 @@ class Plugin1(Dialect):
         refused = mode == "object_mask" and self.world.faults.strike("refuse-mask")
         if refused or not camera.has_pixels():
             return "error Captured data is empty"
-        view, shown = self.world.capture(camera, mode=mode), self.world.viewmode
+        view = self.world.capture(camera, mode=mode)
+        shown = self.world.viewmode
         if mode == "depth":
             depth = 100 * self.world.depth(view, along_ray=False)
             data = pixels.npy(pixels.stored(depth, self.settings.depth == "half"))
@@ -223,10 +226,12 @@ class Branch52(Plugin1):
 
     def rows(self) -> list[Row]:
         rows = super().rows()
-        alias, one_word = 0, [row[0] for row in rows].index("vrun [str]", 1)
+        alias = 0
+        one_word = [row[0] for row in rows].index("vrun [str]", 1)
         rows[alias] = ("vrun [str]", "Runs an alias", "error Unrecognised alias '{}'".format)
         rows[one_word] = ("vcmd [str]", "Runs a console command of one word", self.console)
-        strict, at = partial(self.with_camera, missing=BAD_ARGUMENT), "vset /camera/[uint]"
+        strict = partial(self.with_camera, missing=BAD_ARGUMENT)
+        at = "vset /camera/[uint]"
         flow = partial(self._image, "optical_flow")
         return [
             *rows,
@@ -280,10 +285,13 @@ class Plugin11(Branch52):
     version = "1.1.0"
 
     def rows(self) -> list[Row]:
-        camera, cam = self.with_camera, "/camera/[uint]"
-        strict, bones = partial(camera, missing=BAD_ARGUMENT), self.with_object(_bones)
+        camera = self.with_camera
+        cam = "/camera/[uint]"
+        strict = partial(camera, missing=BAD_ARGUMENT)
+        bones = self.with_object(_bones)
         cine = f"{cam}/cine"
-        spawn, cube = "vset /objects/spawn", partial(self._spawn, "CubeActor")
+        spawn = "vset /objects/spawn"
+        cube = partial(self._spawn, "CubeActor")
         rows: list[Row] = [
             *super().rows()[1:],
             ("vrun [str]", "Runs a console command", self.console),

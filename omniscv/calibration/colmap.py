@@ -76,7 +76,8 @@ def _lenses(content: Content) -> dict[str, Values]:
 
 def _of_binary(data: bytes) -> str:
     """Return the text of a ``cameras.bin``; "" for other bytes."""
-    lines, at = [], 8
+    lines = []
+    at = 8
     try:
         for _ in range(struct.unpack_from("<Q", data)[0]):
             camera_id, model, width, height = struct.unpack_from("<IIQQ", data, at)
@@ -164,7 +165,8 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
     _, count, *words = lines[0]
     sensors: dict[str, RigCamera] = {}
     while words:
-        (sensor, name), words = words[:2], words[2:]
+        (sensor, name) = words[:2]
+        words = words[2:]
         pose = ORIGIN
         with within(f"rigs.txt: sensor {name}"):
             if sensor != "CAMERA" or name not in known or name in sensors:
@@ -172,7 +174,8 @@ def rig_from_colmap(cameras: str, rigs: str) -> Rig:
             if sensors:
                 if words[:1] != ["1"]:
                     raise ArgumentError(f"expected HAS_POSE 1, got {shown(words[:1])}")
-                pose, words = pose_of(words[1:8]), words[8:]
+                pose = pose_of(words[1:8])
+                words = words[8:]
             sensors[name] = RigCamera(known[name], pose)
     if len(sensors) != whole("NUM_SENSORS", count):
         raise ArgumentError(f"rigs.txt: NUM_SENSORS: expected {len(sensors)}, as listed, got {count}")

@@ -139,13 +139,15 @@ def _from_lines(text: str) -> dict[str, Any]:
     values: dict[str, Any] = {}
     if not (_SECTION.search(text) or re.search(r"^[ \t]*\w[\w .]*=", text, re.MULTILINE)):
         return values
-    section, key = values, ""
+    section = values
+    key = ""
     for number, line in enumerate(text.split("\n"), start=1):
         line = re.sub(r"^\s*[#;%].*" if "[" in line else r"(^|\s)[#;%].*", "", line)
         if not line.strip():
             continue
         if _SECTION.fullmatch(line):
-            section, key = {}, ""
+            section = {}
+            key = ""
             put_once(values, line.partition("]")[0].strip(" \t["), section)
         elif pair := _PAIR.fullmatch(line):
             key = pair[1]

@@ -142,7 +142,8 @@ def read_values(
     The size, px, counts where the values do not hold it; ``shift_px`` is added to the principal point to make
     it ours, if it is not that of the format.
     """
-    form, node = FORMS[format], Node(values)
+    form = FORMS[format]
+    node = Node(values)
     form = form if shift_px is None else replace(form, shift=shift_px)
     held = any(node.has(path) for path in form.size.split())
     return form.entry(node, None if held else size).camera

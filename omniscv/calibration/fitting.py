@@ -19,7 +19,8 @@ _SCALED_PX = 256  # longer side of the image in which the numbers are fitted: th
 _GRID = 25  # fitted rays across and down
 _MOST_RAYS = 1 << 20  # rays whose errors are measured, at most
 _STEPS = 60  # iterations of least squares, at most
-_MATRIX, _ONE_FOCAL = ("fx", "fy", "cx", "cy"), ("focal", "cx", "cy")
+_MATRIX = ("fx", "fy", "cx", "cy")
+_ONE_FOCAL = ("focal", "cx", "cy")
 _UNBOUNDED = (-np.inf, np.inf)
 
 
@@ -113,7 +114,9 @@ class _Fitting:
     """A fit. Numbers belong to the image scaled to a longer side of 256 px."""
 
     def __init__(self, camera: Camera, model: str, names: tuple[str, ...], axis: Floats) -> None:
-        self._camera, self._model, self._names = camera, model, names
+        self._camera = camera
+        self._model = model
+        self._names = names
         self._family = _FAMILIES[model]
         self._scale = _SCALED_PX / max(camera.width, camera.height)
         self._axis = axis * self._scale
@@ -200,7 +203,8 @@ class _Fitting:
             float(targets[near, i] @ slope[near] / max(np.square(slope[near]).sum(), 1e-12))
             for i, slope in enumerate((x / z, y / z))
         ]
-        r, r_d = np.hypot(x, y) / z, np.hypot(*(targets / np.maximum(focal, 1e-6)).T)
+        r = np.hypot(x, y) / z
+        r_d = np.hypot(*(targets / np.maximum(focal, 1e-6)).T)
         powers = r[:, None] ** [2, 4, 6]
         terms = np.hstack([r[:, None] * powers, -r_d[:, None] * powers]) / (1 + r[:, None] ** 7)
         k1, k2, k3, k4, k5, k6 = nnls(terms, (r_d - r) / (1 + r**7))[0]

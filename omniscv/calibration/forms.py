@@ -143,7 +143,8 @@ class Form:
             for path, node in marked(document, self.mark.split()):
                 name = next((part for part in reversed(path) if _names(part)), "cam0")
                 name = f"cam{path[-1]}" if path and isinstance(path[-1], int) else name
-                stem, numbers = name, count(len(found))
+                stem = name
+                numbers = count(len(found))
                 while name in found:
                     name = f"cam{next(numbers)}" if stem.startswith("cam") else f"{stem}-{next(numbers)}"
                 found[name] = node
@@ -180,7 +181,8 @@ class Form:
             seconds = unit * number(path, node.take(path, 0) or 0, least=0) * (height if of_line else 1)
             if seconds:
                 camera = RollingShutter(width, height, camera, seconds)
-        pose, late = self._pose(node), 0.0
+        pose = self._pose(node)
+        late = 0.0
         if self.time is not None:
             late = self.time[1] * number(self.time[0], node.take(self.time[0], 0.0, outer=True) or 0.0)
         return Entry(camera, pose, late, node.check_rest(self.harmless))
@@ -198,7 +200,8 @@ class Form:
             known = ", ".join(dict.fromkeys(row.words[0] for row in self.rows if row.words))
             got = f"expected one of {known}; got {shown(word)}".replace("+", "-")
             raise ArgumentError(f"{self.word.partition('|')[0].replace(' ', '-')}: {got}")
-        read, errors = [], []
+        read = []
+        errors = []
         before = set(node.used)
         node.modelled = {plain(path) for row in fitting for key in row.keys for path in key.paths.split("|")}
         for row in fitting:
@@ -318,7 +321,8 @@ class Form:
         return self.dump(document) if self.dump is not None else SYNTAXES[self.syntax](document)
 
     def _put_pose(self, values: Values, mounted: RigCamera) -> None:
-        path, kind = self.poses[0][0].partition("|")[0], self.poses[0][1]
+        path = self.poses[0][0].partition("|")[0]
+        kind = self.poses[0][1]
         if kind in ("T_b_c", "T_c_b"):
             put(values, path, matrix_of_pose(mounted.pose if kind == "T_b_c" else mounted.pose.inverse()))
         else:
@@ -352,7 +356,8 @@ def pose_of_matrix(value: object) -> Pose:
 
 def matrix_3x4(name: str, R: object, T: object) -> Array:
     """Return [R | T] of nine numbers and three."""
-    rows, ends = floats(name, R), floats(name.replace("R", "T"), T)
+    rows = floats(name, R)
+    ends = floats(name.replace("R", "T"), T)
     if (len(rows), len(ends)) != (9, 3):
         raise ArgumentError(f"{name}: expected a 3 x 3 matrix and T of three, got {shown(R)}, {shown(T)}")
     return np.column_stack([np.reshape(rows, (3, 3)), ends])

@@ -28,11 +28,15 @@ class Kalibr(Form):
     """The row of Kalibr, with what no row says: chains."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        entries, nodes = super().read(content, size), self.nodes(content)
+        entries = super().read(content, size)
+        nodes = self.nodes(content)
         of_body = {name: entry.pose for name, entry in entries.items()}
-        first, poses = "cam0", {"cam0": ORIGIN}
+        first = "cam0"
+        poses = {"cam0": ORIGIN}
         for i in range(1, len(nodes) + 1 if first in nodes else 0):
-            name, before, T_body_0 = f"cam{i}", poses.get(f"cam{i - 1}"), of_body[first]
+            name = f"cam{i}"
+            before = poses.get(f"cam{i - 1}")
+            T_body_0 = of_body[first]
             if name not in nodes:
                 continue
             if before is not None and nodes[name].has("T_cn_cnm1"):

@@ -54,7 +54,8 @@ class Node:
     """
 
     def __init__(self, values: Mapping[str, Any], outer: Sequence[Mapping[str, Any]] = ()) -> None:
-        self.values, self.outer = values, outer
+        self.values = values
+        self.outer = outer
         self.used: set[str] = set()
         self.absent: set[str] = set()  # what models have and the file has not
         self.modelled: set[str] = set()  # what another model of the form has
@@ -174,7 +175,8 @@ def floats(name: str, value: object) -> list[float]:
     if isinstance(value, Mapping):
         if "data" not in value:
             raise ArgumentError(f"{name}: missing key 'data'")
-        name, value = f"{name}: data", value["data"]
+        name = f"{name}: data"
+        value = value["data"]
     if isinstance(value, str):
         text = re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", value.strip())
         value = re.split(r"[\s,;]+", text.strip()) if text.strip() else []
@@ -326,10 +328,12 @@ def keys_of(text: str) -> tuple[Key, ...]:
     Names are ours, the path's last word by default; ``;`` is where a list may end, too; a digit is a value
     that must be there, ``_`` one that does not matter.
     """
-    keys, before = [], ""
+    keys = []
+    before = ""
     for word in text.split():
         paths, equals, names = word.partition("=")
-        optional, paths = paths.endswith("?"), paths.removesuffix("?")
+        optional = paths.endswith("?")
+        paths = paths.removesuffix("?")
         paths = "|".join(before + path[1:] if path.startswith(".") else path for path in paths.split("|"))
         head, dot, last = paths.partition("|")[0].rpartition(".")
         before = head + dot

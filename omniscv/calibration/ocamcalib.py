@@ -69,7 +69,8 @@ def _numbers(node: Node, word: str, values: Numbers, width: int, height: int) ->
     a, b, c, g, t, v = (number(key, node.take(key, 0)) for key in "abcgtv")
     if g or t:
         raise ArgumentError(f"g, t: expected no shear (it is not modelled), got {g:.15g} and {t:.15g}")
-    unit, angle = min(width, height) / 2, np.radians(number("v", v, above=0, most=360))
+    unit = min(width, height) / 2
+    angle = np.radians(number("v", v, above=0, most=360))
     first = 1 - a - b - c
     if word == "0":
         if a or c:
@@ -164,7 +165,8 @@ def _inverse(polynomial: Array, affine: Array, center: tuple[float, float], size
     angle = np.arctan2(polyval(rho, polynomial), rho)
     # Beyond its maximum the angle repeats rays of other pixels.
     rising = np.logical_and.accumulate(np.diff(angle, prepend=-np.inf) > 0)
-    rho, angle = rho[rising], angle[rising]
+    rho = rho[rising]
+    angle = angle[rising]
     error = np.inf
     for degree in range(3, 33):
         inverse = Polynomial.fit(angle, rho, degree).convert().coef

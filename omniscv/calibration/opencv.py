@@ -39,7 +39,8 @@ K = (
     "camera_matrix_row_major|camera_mat|M|matrix|cmtx|K_matrix|intrinsics_matrix|camera_intrinsic|camera_matrix_K|camMatrix|intr|intri|new_K"
 )
 _FOUR = "intrinsics|intrinsic|camera_intrinsics|cam_intrinsics=fx,fy,cx,cy"
-_UPRIGHT, _SKEWED = "fx,0,cx,0,fy,cy,0,0,1", "fx,s,cx,0,fy,cy,0,0,1"
+_UPRIGHT = "fx,0,cx,0,fy,cy,0,0,1"
+_SKEWED = "fx,s,cx,0,fy,cy,0,0,1"
 _SIZES = f"{WIDTH} {HEIGHT}"
 _WORDS = "distortion_model|distortion_type|lens_model|lens_type"
 _LOOSE_WORDS = (
@@ -171,7 +172,8 @@ class OpenCV(Form):
 
 
 def _form(name: str, programs: str, models: str, **constant: int) -> OpenCV:
-    harmless, poses = "^(rectification|projection)matrix$", ((_STEREO, "T_c_b"),)
+    harmless = "^(rectification|projection)matrix$"
+    poses = ((_STEREO, "T_c_b"),)
     return OpenCV(name, programs, K, models, size=_SIZES, poses=poses, harmless=harmless, constant=constant)
 
 
@@ -211,7 +213,8 @@ class Ros(Form):
     """``camera_info``: the camera of the raw picture; and of the rectified one, where that is turned."""
 
     def read(self, content: Content, size: tuple[int, int] | None = None) -> dict[str, Entry]:
-        entries, nodes = super().read(content, size), self.nodes(content)
+        entries = super().read(content, size)
+        nodes = self.nodes(content)
         for name, node in nodes.items():
             turn = floats("rectification_matrix", node.take("rectification_matrix|R|rectification", []) or [])
             P = floats("projection_matrix", node.take("projection_matrix|P|projection", []) or [])

@@ -134,7 +134,8 @@ def kitti(content: Content) -> dict[str, Any]:
                 P = np.array(floats(f"P_{name}", lens["p"]))
                 if P.size != 12 or not P[0]:
                     raise wrong(f"P_{name}", "3 x 4 numbers of a camera", lens["p"])
-                P, offset = P.reshape(3, 4), np.eye(4)
+                P = P.reshape(3, 4)
+                offset = np.eye(4)
                 offset[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
                 label = name.replace("rect", "rect_") if "rect" in name else f"P{name}"
                 T_c_0 = (offset @ upright)[:3].ravel().tolist()
@@ -196,7 +197,8 @@ def aria(content: Content) -> dict[str, Any]:
     """Return the cameras by their labels; their quaternions as four numbers."""
     cameras: dict[str, Any] = {}
     for node in mappings(content, "CameraCalibrations"):
-        entries, sizes = node.take("CameraCalibrations"), node.take("ImageSizes", None)
+        entries = node.take("CameraCalibrations")
+        sizes = node.take("ImageSizes", None)
         if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
             raise wrong("CameraCalibrations", "a list of cameras", entries)
         if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(entries)):
@@ -297,7 +299,8 @@ def dso(content: Content) -> dict[str, Any]:
     match = _DSO.fullmatch(content.text.replace("\t", " "))
     if match is None:
         return {}
-    values, size = floats("numbers", match[2]), [int(match[3]), int(match[4])]
+    values = floats("numbers", match[2])
+    size = [int(match[3]), int(match[4])]
     if len(values) > 4 and values[2] < 1 and values[3] < 1:  # in parts of the size
         values[:4] = [value * side for value, side in zip(values[:4], size * 2, strict=True)]
         values[2:4] = [value - 0.5 for value in values[2:4]]
@@ -306,7 +309,8 @@ def dso(content: Content) -> dict[str, Any]:
 
 def write_dso(values: Mapping[str, Any]) -> str:
     """Return the four lines of a camera; pictures are cropped where the lens bends them."""
-    size, model = " ".join(map(str, values["size"])), values["model"]
+    size = " ".join(map(str, values["size"]))
+    model = values["model"]
     numbers = " ".join(f"{value:.17g}" for value in values["numbers"])
     return f"{model} {numbers}\n{size}\n{'none' if model == 'Pinhole' else 'crop'}\n{size}\n"
 

@@ -59,7 +59,9 @@ def grid_axes(pixels: Array) -> tuple[Array, Array]:
 def vectors(x: Array, y: Array, z: Array) -> Array:
     """Return vectors (..., 3) of coordinates that broadcast, such as rows and columns of a grid."""
     xyz = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
-    xyz[..., 0], xyz[..., 1], xyz[..., 2] = x, y, z
+    xyz[..., 0] = x
+    xyz[..., 1] = y
+    xyz[..., 2] = z
     return xyz
 
 

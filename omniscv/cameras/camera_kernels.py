@@ -150,7 +150,9 @@ Solver = tuple[Coefficients, float, float, float, float, Array]
 radius of its rim; rounding error; radii whose distorted radii by the radial terms are equally spaced."""
 
 _STEPS = 3  # of Newton's: mostly enough
-_RADII, _AZIMUTHS, _FINE_AZIMUTHS = 256, 48, 360
+_RADII = 256
+_AZIMUTHS = 48
+_FINE_AZIMUTHS = 360
 
 
 @njit(nogil=True, error_model="numpy")

@@ -59,7 +59,8 @@ class CatadioptricParabolic(SphereModel):
 
     name = "catadioptric-parabolic"
     typical_focal = 0.39
-    xi, _one_less_xi_squared = 1.0, 0.0
+    xi = 1.0
+    _one_less_xi_squared = 0.0
 
     def __init__(self, width: int, height: int, *, semi_latus_rectum: float = 1.0, **circle: Any) -> None:
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
@@ -88,7 +89,8 @@ class CatadioptricHyperbolic(SphereModel):
         self.distance = number("distance", distance, above=0)
         self.semi_latus_rectum = number("semi_latus_rectum", semi_latus_rectum, above=0)
         root = float(np.hypot(self.distance, self.semi_latus_rectum))
-        self.xi, self.eta = self.distance / root, -self.semi_latus_rectum / root
+        self.xi = self.distance / root
+        self.eta = -self.semi_latus_rectum / root
         self._one_less_xi_squared = self.eta**2
         # d / 2a = (D + 2p) / d, because D^2 - (2p)^2 = d^2; t^2 = (d / 2a)^2 - 1.
         edge = np.sqrt(2 * self.semi_latus_rectum * (root + self.semi_latus_rectum)) / self.distance
@@ -106,5 +108,7 @@ class CatadioptricPlanar(SphereModel):
     """
 
     name = "catadioptric-planar"
-    xi, eta, _one_less_xi_squared = 0.0, -1.0, 1.0
+    xi = 0.0
+    eta = -1.0
+    _one_less_xi_squared = 1.0
     typical: ClassVar = {"fov_deg": 100}

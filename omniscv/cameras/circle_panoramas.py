@@ -42,7 +42,8 @@ class CirclePanorama(AngularGrid):
     def _project(self, points: Array) -> tuple[Array, Mask]:
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         from_axis = np.hypot(x, z)
-        theta, reach = np.arctan2(x, z), from_axis
+        theta = np.arctan2(x, z)
+        reach = from_axis
         inner = abs(self._tangential)
         if inner:  # distance of the ray's line from the axis
             sine = np.clip(self._tangential / from_axis, -1, 1)

@@ -87,7 +87,8 @@ def increasing_root(value: Callable[..., Array], low: Array, high: Array, *other
     at the end that it keeps as Anderson and Björck do. Converged roots are set aside when they are the
     majority, so that a few slow ones cost little.
     """
-    below, above = value(low, *others), value(high, *others)
+    below = value(low, *others)
+    above = value(high, *others)
     root = np.where(below > 0, low, high)
     index = np.flatnonzero((below <= 0) & (above >= 0))
     each = [values[index] for values in (low, high, below, above, *others)]
@@ -107,7 +108,8 @@ def increasing_root(value: Callable[..., Array], low: Array, high: Array, *other
         low, high = np.where(rises, x, low), np.where(rises, high, x)
         each = [low, high, np.where(rises, y, below * kept), np.where(rises, above * kept, y), *others_of]
         if 2 * np.count_nonzero(moving) <= index.size:
-            index, each = index[moving], [values[moving] for values in each]
+            index = index[moving]
+            each = [values[moving] for values in each]
     return root
 
 
@@ -128,7 +130,8 @@ class Distortion:
 
     def __init__(self, coefficients: Array) -> None:
         k1, k2, p1, p2, k3, k4, k5, k6, *prism = coefficients.tolist()
-        self._numerator, self._denominator = np.array([1, k1, k2, k3]), np.array([1, k4, k5, k6])
+        self._numerator = np.array([1, k1, k2, k3])
+        self._denominator = np.array([1, k4, k5, k6])
         self._radial_only = not any((p1, p2, *prism))
         self.coefficients = (k1, k2, p1, p2, k3, k4, k5, k6, *prism)
         self.solver: tuple[Any, ...] = ()
@@ -173,10 +176,13 @@ class Distortion:
 
     def _first_turn(self) -> float:
         """Return the radius where r c turns back or has its first pole; infinity if there is none."""
-        N, D, twice = self._numerator, self._denominator, 2 * np.arange(4)
+        N = self._numerator
+        D = self._denominator
+        twice = 2 * np.arange(4)
         # The slope by r of r N / D times D^2, with s = r^2: N D + 2 s (N' D - N D').
         slope = np.convolve(N, D) + np.convolve(twice * N, D) - np.convolve(N, twice * D)
-        turn, pole = first_positive_root(slope), first_positive_root(D)
+        turn = first_positive_root(slope)
+        pole = first_positive_root(D)
         return float(np.sqrt(np.minimum(turn, pole)))
 
     def _radius_reaching(self, end: float, beyond: float) -> float:

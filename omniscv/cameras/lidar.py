@@ -66,7 +66,8 @@ class LidarTable:
 
     def __post_init__(self) -> None:
         elevation_deg = np.asarray(self.elevation_deg)
-        count, order = len(elevation_deg), np.argsort(-elevation_deg, kind="stable")
+        count = len(elevation_deg)
+        order = np.argsort(-elevation_deg, kind="stable")
         for name, values in vars(self).items():
             if isinstance(values, np.ndarray | tuple):
                 values = np.asarray(values)
@@ -83,7 +84,8 @@ class LidarTable:
 
 def _velodyne(elevation_deg: Array, cycle_s: float, laser_s: float) -> LidarTable:
     """Return the table of a sensor whose lasers, in the order given, fire one after the other."""
-    delay_s, turn_deg = laser_s * np.arange(len(elevation_deg)), -360 * _RATE
+    delay_s = laser_s * np.arange(len(elevation_deg))
+    turn_deg = -360 * _RATE
     beams = {"elevation_deg": elevation_deg, "azimuth_deg": turn_deg * delay_s, "delay_s": delay_s}
     steps = {"step_deg": turn_deg * cycle_s, "columns": int(1 / (_RATE * cycle_s)), "ring_from_below": True}
     return read(LidarTable, {**beams, **steps})
@@ -91,7 +93,9 @@ def _velodyne(elevation_deg: Array, cycle_s: float, laser_s: float) -> LidarTabl
 
 def _off_axis(elevation: Any, azimuth_deg: Array, axis_mm: float, up_mm: float, **more: Any) -> LidarTable:
     """Return the table of beams that start on a circle around the axis, at the azimuth of their column."""
-    angle, axis_m, up_m = np.radians(azimuth_deg), axis_mm / 1e3, np.full(len(azimuth_deg), up_mm / 1e3)
+    angle = np.radians(azimuth_deg)
+    axis_m = axis_mm / 1e3
+    up_m = np.full(len(azimuth_deg), up_mm / 1e3)
     start = {"along_m": axis_m * np.cos(angle), "across_m": -axis_m * np.sin(angle), "up_m": up_m}
     return read(LidarTable, {"elevation_deg": elevation, "azimuth_deg": azimuth_deg, **start, **more})
 
@@ -219,15 +223,21 @@ class Lidar(Camera):
         u, v = grid_axes(pixels)
         azimuth, (along, across, up), elevation = self._beam(v * self._channels_a_row - 0.5)
         azimuth = self._start + (u - 0.5) * self._step + azimuth
-        cos, sin, level = np.cos(azimuth), np.sin(azimuth), np.cos(elevation)
+        cos = np.cos(azimuth)
+        sin = np.sin(azimuth)
+        level = np.cos(elevation)
         origins = vectors(across * -cos - along * sin, -up, along * cos - across * sin)
         return origins, vectors(-level * sin, -np.sin(elevation), level * cos), True
 
     def _project(self, points: Array) -> tuple[Array, Mask]:
-        X, Y, Z = points[..., 2], -points[..., 0], -points[..., 1]
+        X = points[..., 2]
+        Y = -points[..., 0]
+        Z = -points[..., 1]
         from_axis = np.hypot(X, Y)
         row = np.interp(-np.arctan2(Z, from_axis), -self._elevation, self._rows)
-        moved, reach, across = np.full(row.shape, np.inf), from_axis, np.zeros_like(from_axis)
+        moved = np.full(row.shape, np.inf)
+        reach = from_axis
+        across = np.zeros_like(from_axis)
         for _ in range(_STEPS):  # the start of the ray depends on the row: a fixed point
             if not (moved > _FOUND * len(self._azimuth)).any():
                 break
@@ -235,7 +245,8 @@ class Lidar(Camera):
             reach = np.sqrt((from_axis - across) * (from_axis + across))
             elevation = np.arctan2(Z - up, reach - along)
             again = np.interp(-elevation, -self._elevation, self._rows)
-            moved, row = np.abs(again - row), again
+            moved = np.abs(again - row)
+            row = again
         azimuth, (along, across, up), _ = self._beam(row)
         elevation = np.arctan2(Z - up, reach - along)
         inside = (elevation <= self._elevation[0] + _FOUND) & (elevation >= self._elevation[-1] - _FOUND)
@@ -286,13 +297,16 @@ def _table(preset: str) -> LidarTable:
 def _of_ouster(keys: Mapping[str, Any]) -> LidarTable:
     """Metadata of an Ouster sensor. Source: ``xyzlut.cpp``."""
     columns, rate = map(int, str(keys.get("lidar_mode", "1024x10")).split("x"))
-    origin_mm, up_mm = keys.get("lidar_origin_to_beam_origin_mm"), 0.0
+    origin_mm = keys.get("lidar_origin_to_beam_origin_mm")
+    up_mm = 0.0
     if "beam_to_lidar_transform" in keys:
         matrix = numbers("beam_to_lidar_transform", keys["beam_to_lidar_transform"], (16,)).reshape(4, 4)
-        origin_mm, up_mm = matrix[0, 3], matrix[2, 3]
+        origin_mm = matrix[0, 3]
+        up_mm = matrix[2, 3]
     to_sensor = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
     matrix = numbers("lidar_to_sensor_transform", keys.get("lidar_to_sensor_transform", to_sensor), (16,))
-    turn, moved_mm = matrix.reshape(4, 4)[:3, :3], matrix.reshape(4, 4)[:3, 3]
+    turn = matrix.reshape(4, 4)[:3, :3]
+    moved_mm = matrix.reshape(4, 4)[:3, 3]
     if np.abs(turn - _HALF_TURN).max() > 1e-6 or np.abs(moved_mm[:2]).max() > 1e-6:
         raise wrong("lidar_to_sensor_transform", "half a turn about Z", matrix)
     azimuth_deg = -numbers("beam_azimuth_angles", keys["beam_azimuth_angles"], (None,))

@@ -46,7 +46,8 @@ class NoncentralMirror(CircleCamera):
             step = max(np.ptp(height) / count, np.finfo(np.float64).tiny)
             ring = np.minimum(np.floor((height - height.min()) / step), count - 1)
         used, group = np.unique(ring, return_inverse=True)
-        lowest, highest = np.full(len(used), np.inf), np.full(len(used), -np.inf)
+        lowest = np.full(len(used), np.inf)
+        highest = np.full(len(used), -np.inf)
         np.minimum.at(lowest, group, height)
         np.maximum.at(highest, group, height)
         centers = np.zeros((len(used), 3))
@@ -86,7 +87,8 @@ class NoncentralSphericalMirror(NoncentralMirror):
         super().__init__(width, height, **circle)
 
     def _meridian(self, t: Array) -> Meridian:
-        ratio, part = self._z_s / self.mirror_radius, t / self._edge
+        ratio = self._z_s / self.mirror_radius
+        part = t / self._edge
         cos_alpha = 1 / np.hypot(1.0, t)
         sin_alpha = t * cos_alpha
         cos_i = np.sqrt((1 - part) * (1 + part)) * cos_alpha
@@ -134,7 +136,9 @@ class NoncentralSphericalMirror(NoncentralMirror):
             limit = np.where(p > 0, np.minimum(grazing, q / (1 + p)), grazing)
             above_horizon = (p - k) + 2 * q * limit - (p + k) * limit**2 >= -ROUNDING
             seen = above_horizon & (k <= 1 + ROUNDING)
-            p, q, k = p[seen], q[seen], np.minimum(k[seen], 1.0)
+            p = p[seen]
+            q = q[seen]
+            k = np.minimum(k[seen], 1.0)
             quartic = (-m * q, 2 * (p * (1 + m) - k), 6 * q, -2 * (p * (3 - m) + k), -(2 - m) * q)
             out[seen] = increasing_root(
                 lambda t, c0, c1, c2, c3, c4: (((c4 * t + c3) * t + c2) * t + c1) * t + c0,
@@ -175,7 +179,10 @@ class NoncentralConicalMirror(NoncentralMirror):
         self.mirror_radius = optional_number("mirror_radius", mirror_radius, above=0)
         # cos as the sine of the complement: radians of nearly 90 degrees have lost digits.
         sin, cos = np.sin(np.radians([self.half_angle_deg, 90 - self.half_angle_deg])).tolist()
-        self._sin, self._cos, self._sin2, self._cos2 = sin, cos, 2 * sin * cos, (cos - sin) * (cos + sin)
+        self._sin = sin
+        self._cos = cos
+        self._sin2 = 2 * sin * cos
+        self._cos2 = (cos - sin) * (cos + sin)
         if (rim := self.mirror_radius) is None:
             self._edge = float(np.nextafter(sin / cos, 0))
         else:
@@ -184,7 +191,8 @@ class NoncentralConicalMirror(NoncentralMirror):
 
     def _meridian(self, t: Array) -> Meridian:
         r = np.where(t > 0, t, np.nan)
-        across, along = self._sin2 - r * self._cos2, self._cos2 + r * self._sin2
+        across = self._sin2 - r * self._cos2
+        along = self._cos2 + r * self._sin2
         length = np.hypot(1.0, r)  # of (across, along), too
         return Meridian(across / length, along / length, self.distance * (1 + r / across))
 
@@ -199,6 +207,7 @@ class NoncentralConicalMirror(NoncentralMirror):
 
     def _radius_of_fov(self, fov_deg: float) -> float:
         """Accept angles between 360 - 4 tau, at the tip, and 360 - 2 tau, along the cone's side."""
-        tip, side = 360 - 4 * self.half_angle_deg, 360 - 2 * self.half_angle_deg
+        tip = 360 - 4 * self.half_angle_deg
+        side = 360 - 2 * self.half_angle_deg
         fov_deg = number("fov_deg", fov_deg, above=tip, below=side)
         return float(np.tan(np.radians((fov_deg - tip) / 2)))

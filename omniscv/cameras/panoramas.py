@@ -29,7 +29,8 @@ class AngularGrid(Camera):
     def _angles(self, pixels: Array) -> tuple[Array, Array]:
         """Return azimuth and elevation of pixels; of a grid only those of its columns and rows."""
         u, v = grid_axes(pixels)
-        across, up = 2 * u / self.width - 1, 1 - 2 * v / self.height
+        across = 2 * u / self.width - 1
+        up = 1 - 2 * v / self.height
         return across * self._half[0], up * self._half[1]
 
     def _directions(self, pixels: Array) -> tuple[Array, bool]:
@@ -194,7 +195,8 @@ class CubeLayout(CentralCamera):
         from omniscv.cameras.camera_kernels import cast  # slow to load
 
         flat = pixels.reshape(-1, 2)
-        rays, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
+        rays = np.empty((len(flat), 3))
+        valid = np.empty(len(flat), np.bool_)
         spacing = self._slot_px, self.padding_px, self._equiangular
         cast(flat, (self._grid, *spacing, self._face, self._slot_axes), rays, valid)
         return rays.reshape(*pixels.shape[:-1], 3), valid.reshape(pixels.shape[:-1])

@@ -84,7 +84,8 @@ class Scaramuzza(AffineLens):
 
     def _radius(self, across: Array, along: Array) -> Array:
         theta = np.minimum(np.arctan2(across, along), self._theta_end)
-        flat, radius = theta.ravel(), np.empty(theta.size)
+        flat = theta.ravel()
+        radius = np.empty(theta.size)
         for start in range(0, flat.size, _BLOCK):
             radius[start : start + _BLOCK] = self._radius_of(flat[start : start + _BLOCK])
         return radius.reshape(theta.shape)
@@ -112,7 +113,8 @@ class AngleLens(FocalLens):
         coefficients = np.zeros(2 * len(odd) + 2)
         coefficients[1::2] = (1.0, *odd)
         self._r_of_theta = Increasing(coefficients, np.pi)
-        self._theta_end, self._r_end = self._r_of_theta.end, self._r_of_theta.last
+        self._theta_end = self._r_of_theta.end
+        self._r_end = self._r_of_theta.last
 
     def _meridian(self, r: Array) -> Meridian:
         theta = self._r_of_theta.inverse(r)
@@ -179,7 +181,9 @@ class Fisheye624(AngleLens):
         s: ArrayLike = (0.0,) * 4,
         **lens: Any,
     ) -> None:
-        self.k, self.p, self.s = numbers("k", k, (6,)), numbers("p", p, (2,)), numbers("s", s, (4,))
+        self.k = numbers("k", k, (6,))
+        self.p = numbers("p", p, (2,))
+        self.s = numbers("s", s, (4,))
         if self.p.any() or self.s.any():
             p0, p1 = self.p
             self._distortion = Distortion(np.array([0, 0, p1, p0, 0, 0, 0, 0, *self.s]))
@@ -225,7 +229,8 @@ class FTheta(AffineLens):
         self._by_angle = self.reference == "angle-to-pixel"
         if self._by_angle:
             self._branch = Increasing(self.polynomial, most)
-            self._theta_end, self._r_end = self._branch.end, self._branch.last
+            self._theta_end = self._branch.end
+            self._r_end = self._branch.last
         else:
             self._branch = Increasing(self.polynomial, 2 * corner)
             self._r_end, self._theta_end = BEFORE_TURN * self._branch.end, min(self._branch.last, most)

@@ -49,7 +49,8 @@ def rays_about_axis(
     from omniscv.cameras import camera_kernels  # slow to load
 
     flat = np.require(pixels.reshape(-1, 2), requirements=("C", "W"))
-    directions, heights = np.empty((len(flat), 3)), np.zeros(len(flat))
+    directions = np.empty((len(flat), 3))
+    heights = np.zeros(len(flat))
     valid = np.zeros(len(flat), dtype=bool)
     inside = np.empty(_BLOCK, dtype=np.int64), *np.empty((3, _BLOCK))
     for start in range(0, len(flat), _BLOCK):
@@ -105,7 +106,8 @@ class CircleCamera(Camera):
     def _unproject(self, pixels: Array) -> tuple[Array, Array, Mask]:
         from omniscv.cameras import camera_kernels  # slow to load
 
-        center, plane = tuple(self.center.tolist()), (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+        center = tuple(self.center.tolist())
+        plane = (1.0, 0.0, 0.0, 1.0, 1.0, 1.0)
         find = partial(camera_kernels.polar_within, center, plane, self._reach_px)
 
         def meridian(r_px: Array) -> Meridian:
@@ -199,7 +201,8 @@ class Lens(CentralCamera):
     def _directions(self, pixels: Array) -> tuple[Array, Mask]:
         from omniscv.cameras import camera_kernels  # slow to load
 
-        center, plane = tuple(self.center.tolist()), self._plane()
+        center = tuple(self.center.tolist())
+        plane = self._plane()
         if self._distortion is None:
             find = partial(camera_kernels.polar_within, center, plane, self._r_end)
         else:

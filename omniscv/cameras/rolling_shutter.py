@@ -136,7 +136,8 @@ class RollingShutter(Camera):
         """The fractions of the read-out at which the first line is read, and the last."""
         if self._fires is None:
             return 0.0, 1.0
-        early, late = 0.5 / self._lines, self._fires.delays.max() / (self.readout or 1.0)
+        early = 0.5 / self._lines
+        late = self._fires.delays.max() / (self.readout or 1.0)
         return -early, float(1 - early + late)
 
     def _fraction(self, pixels: Array) -> Array:
@@ -168,7 +169,8 @@ class RollingShutter(Camera):
     def viewpoints(self, count: int | None = None) -> Viewpoints:
         """Return one centre per line, or at most ``count`` for equal intervals of the read-out."""
         middle = np.arange(0.5, self._lines) / self._lines
-        rotations, origins = np.broadcast_to(np.eye(3), (self._lines, 3, 3)), np.zeros((self._lines, 3))
+        rotations = np.broadcast_to(np.eye(3), (self._lines, 3, 3))
+        origins = np.zeros((self._lines, 3))
         if not self._at_rest:
             rotations, origins = self._moved.at(self.readout * (1 - middle if self._backward else middle))
         if not self.base.central:  # the mean of each line's
@@ -249,13 +251,17 @@ class RollingShutter(Camera):
         sides = np.where(np.abs(late[0]) <= _CONVERGED, 0, 1)
         root = np.array(ends)[sides]
         left, right = (np.full(len(points), end) for end in ends)
-        late_left, late_right = late[0].copy(), late[1].copy()
+        late_left = late[0].copy()
+        late_right = late[1].copy()
         pending = np.flatnonzero(~(np.minimum(np.abs(late_left), np.abs(late_right)) <= _CONVERGED))
         fixed = np.zeros(len(points))  # the end that the last step did not move: -1 left, 1 right
         for _ in range(_MOST_STEPS):
             if not len(pending):
                 break
-            a, b, fa, fb = left[pending], right[pending], late_left[pending], late_right[pending]
+            a = left[pending]
+            b = right[pending]
+            fa = late_left[pending]
+            fb = late_right[pending]
             secant = (a * fb - b * fa) / (fb - fa)
             at = np.where((secant > a) & (secant < b), secant, (a + b) / 2)
             value = self._late(points[pending], at)
@@ -266,7 +272,8 @@ class RollingShutter(Camera):
             left[pending], right[pending] = np.where(first, a, at), np.where(first, at, b)
             late_left[pending] = np.where(first, fa * half, value)
             late_right[pending] = np.where(first, value, fb * half)
-            root[pending], fixed[pending] = at, fixed_end
+            root[pending] = at
+            fixed[pending] = fixed_end
             done = (np.abs(value) <= _CONVERGED) | (right[pending] - left[pending] <= _CONVERGED / 8)
             pending = pending[~done]
         return root
@@ -284,7 +291,9 @@ class ReadOutLines(RollingShutter):
 
     def __init__(self, first: float, last: float, **shutter: Any) -> None:
         super().__init__(**shutter)
-        self._first, self._last, self._shutter = first, last, shutter
+        self._first = first
+        self._last = last
+        self._shutter = shutter
 
     def _arguments(self) -> dict[str, Any]:
         return {"first": self._first, "last": self._last, **self._shutter}

@@ -33,7 +33,8 @@ class DoubleSphere(FocalLens):
     lens = Parameters.of("fx fy | cx cy | skew xi alpha")
 
     def __init__(self, *size: Any, xi: float, alpha: float, **lens: Any) -> None:
-        self.xi, self.alpha = number("xi", xi, above=-1, most=1), number("alpha", alpha, least=0, most=1)
+        self.xi = number("xi", xi, above=-1, most=1)
+        self.alpha = number("alpha", alpha, least=0, most=1)
         self._w, s, self._fold = _second_limit(self.alpha)
         t = _to_first_sphere(np.array(np.sqrt(s)), np.array(-self._w), self.xi)
         self._theta_end = float(np.arctan2(t * np.sqrt(s), -t * self._w - self.xi))
@@ -73,7 +74,8 @@ class ExtendedUnified(FocalLens):
     lens = Parameters.of("fx fy | cx cy | skew alpha beta")
 
     def __init__(self, *size: Any, alpha: float, beta: float, **lens: Any) -> None:
-        self.alpha, self.beta = number("alpha", alpha, least=0, most=1), number("beta", beta, above=0)
+        self.alpha = number("alpha", alpha, least=0, most=1)
+        self.beta = number("beta", beta, above=0)
         self._stretch = float(np.sqrt(self.beta))
         self._w, s, self._fold = _second_limit(self.alpha)
         self._theta_end = float(np.arctan2(np.sqrt(s), -self._w * self._stretch))
@@ -116,7 +118,8 @@ class Unified(FocalLens):
         self.xi = number("xi", xi, above=-1)
         self.distortion = numbers("distortion", distortion, (4,))
         self._one_less_xi_squared = (1 - self.xi) * (1 + self.xi)
-        sine, cosine = np.sqrt(abs(self._one_less_xi_squared)), -1.0 if self.xi > 1 else -self.xi
+        sine = np.sqrt(abs(self._one_less_xi_squared))
+        cosine = -1.0 if self.xi > 1 else -self.xi
         self._theta_end = float(np.arctan2(sine, cosine))
         self._fold = float(1 / np.sqrt(-self._one_less_xi_squared)) if self.xi > 1 else 0.0
         self._r_end = self._fold or np.inf
@@ -167,7 +170,8 @@ class Division(FocalLens):
         k: float = 0.0,
         fov_deg: float | None = None,
     ) -> None:
-        self.focal, self.k = number("focal", focal, above=0), number("k", k)
+        self.focal = number("focal", focal, above=0)
+        self.k = number("k", k)
         if self.k >= 0:
             self._theta_end = float(np.arctan2(1.0, 2 * np.sqrt(self.k)))
         if self.k > 0:
@@ -210,7 +214,8 @@ class FieldOfView(FocalLens):
         super().__init__(*size, **lens)
 
     def _meridian(self, r: Array) -> Meridian:
-        across, along = np.sin(self.omega * r), self._stretch * np.cos(self.omega * r)
+        across = np.sin(self.omega * r)
+        along = self._stretch * np.cos(self.omega * r)
         distance = np.hypot(across, along)
         return Meridian(across / distance, along / distance)
 
@@ -249,7 +254,8 @@ def _to_first_sphere(across: Array, along: Array, xi: float) -> Array:
 
 def _sum(xi: float, across: Array, along: Array) -> Array:
     """Return xi + along, without cancellation for rays far back and xi near 1, or ahead and xi near -1."""
-    back, ahead = (xi - 1) + across * across / (1 - along), (xi + 1) - across * across / (1 + along)
+    back = (xi - 1) + across * across / (1 - along)
+    ahead = (xi + 1) - across * across / (1 + along)
     return np.where(along < -0.5, back, np.where(along > 0.5, ahead, xi + along))
 
 

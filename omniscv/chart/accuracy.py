@@ -21,7 +21,10 @@ from omniscv.sources.base import Request, Source
 from omniscv.sources.scene import SceneSource, open_scene
 
 QUICK = {"width": 64, "asked": (0.1,)}
-PAPER, EXACT, ASKED, DEFAULT = "the paper", "exact", "accuracy=", "the default"
+PAPER = "the paper"
+EXACT = "exact"
+ASKED = "accuracy="
+DEFAULT = "the default"
 AIMS = (0.01, 0.003, 0.001, 0.0003)
 MS_REQUEST, MS_MEGAPIXEL = PRICE
 LATENCIES_MS = (5, 30)
@@ -107,7 +110,8 @@ def measure_own(
     Seconds of capturing are modelled where it traces or replays, else measured; wrong pixels are known where
     it traces.
     """
-    tracer, face_px = source if source.capabilities.traces else None, max(32, camera.width // 4)
+    tracer = source if source.capabilities.traces else None
+    face_px = max(32, camera.width // 4)
     return _measured({name: camera}, pose, source, tracer, face_px, asked, progress)
 
 
@@ -133,7 +137,8 @@ def _measured(
         started = time.perf_counter()
         image = render(camera, pose, source, _MODES, **options)  # of captures that are held
         compose_s = time.perf_counter() - started
-        captures, pixels = image.effort.captures, image.effort.megapixels * 1e6
+        captures = image.effort.captures
+        pixels = image.effort.megapixels * 1e6
         wrong = None
         if name in truth:
             off = (image["labels"] != truth[name].label) | wrong_depth(image["depth"], truth[name])
@@ -187,7 +192,8 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
         ]
         drawing.dots(axes, dots, looks)
         for row in mine if rows[0].wrong is not None else ():
-            look, wrong = looks[row.series], 100 * max(row.wrong or 0.0, _LEAST)
+            look = looks[row.series]
+            wrong = 100 * max(row.wrong or 0.0, _LEAST)
             axes.plot(row.seconds, wrong, look.marker, mfc="white", mec=look.color, ms=4, zorder=2)
         _draw_aims(axes)
         axes.set_title(name, size=10, color=INK)

@@ -174,7 +174,8 @@ def peers(faces: Mapping[str, Image], camera: Camera) -> dict[str, Peer]:
     if find_spec("py360convert"):
         import py360convert
 
-        size, form = (camera.height, camera.width), {"mode": "bilinear", "cube_format": "list"}
+        size = (camera.height, camera.width)
+        form = {"mode": "bilinear", "cube_format": "list"}
         convert = partial(py360convert.c2e, list(in_order), *size, **form)
         installed["py360convert"] = lambda turn: np.asarray(convert(), np.uint8)
     if find_spec("av"):
@@ -213,18 +214,22 @@ def _v360(faces: Sequence[Image], camera: Camera) -> Peer:
     import av
 
     picture = np.concatenate([np.concatenate(faces[i : i + 3], axis=1) for i in (0, 3)])
-    time_base, graph, frames = Fraction(1, 25), av.filter.Graph(), count()
+    time_base = Fraction(1, 25)
+    graph = av.filter.Graph()
+    frames = count()
     height, width = picture.shape[:2]
     start = graph.add_buffer(width=width, height=height, format=av.VideoFormat("rgb24"), time_base=time_base)
     options = f"input=c3x2:output=e:in_forder=frblud:w={camera.width}:h={camera.height}:interp=linear"
-    way, end = graph.add("v360", options), graph.add("buffersink")
+    way = graph.add("v360", options)
+    end = graph.add("buffersink")
     start.link_to(way)
     way.link_to(end)
     graph.configure()
 
     def compose(turn: int) -> Image:
         frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
-        frame.time_base, frame.pts = time_base, next(frames)
+        frame.time_base = time_base
+        frame.pts = next(frames)
         graph.push(frame)
         composed: Any = graph.pull()
         return np.asarray(composed.to_ndarray(format="rgb24"), np.uint8)

@@ -23,11 +23,15 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from omniscv.compose.files import finite, write_json
 from omniscv.storage.local import whole_file
 
-INK, MUTED, SHADE, RING = "#1c2330", "#6b7280", "#e9ebef", "#d55e00"
+INK = "#1c2330"
+MUTED = "#6b7280"
+SHADE = "#e9ebef"
+RING = "#d55e00"
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v")
 
-_WIDTH_IN, _DPI = 8.0, 100
+_WIDTH_IN = 8.0
+_DPI = 100
 _TITLE_CHARACTERS = 95
 _STEEP = 0.3
 """Natural logarithm of the ratio of two dots' costs, under which the second's label would lie on the line."""
@@ -86,7 +90,8 @@ def write(rows: Sequence[Any], figure: Figure, out: Path, name: str, dpi: int = 
     NaN becomes null. The folder is made if missing. Equal figures have equal bytes.
     """
     data = write_json(out / f"{name}.json", finite([asdict(row) for row in rows]))
-    svg, png = out / f"{name}.svg", out / f"{name}.png"
+    svg = out / f"{name}.svg"
+    png = out / f"{name}.png"
     with whole_file(svg) as part, mpl.rc_context({"svg.hashsalt": name}):
         figure.savefig(part, metadata={"Date": None})
     with whole_file(png) as part:
@@ -100,19 +105,23 @@ def dots(axes: Axes, ways: Sequence[Dot], looks: dict[str, Look]) -> None:
     for (series, look), hollow in product(looks.items(), (False, True)):
         group = [dot for dot in ways if dot.series == series and dot.hollow == hollow]
         x, y = [dot.x for dot in group], [dot.y for dot in group]
-        face, line = "white" if hollow else look.color, look.line or "none"
+        face = "white" if hollow else look.color
+        line = look.line or "none"
         axes.plot(
             x, y, ls=line, marker=look.marker, color=look.color, mfc=face, lw=1.2, ms=6, zorder=3,
             label=None if hollow or not group else series,
         )  # fmt: skip
     for before, dot in zip((None, *ways), ways, strict=False):
         look = looks[dot.series]
-        gap, align = 12 if dot.default else 8, ("center", "baseline")
+        gap = 12 if dot.default else 8
+        align = ("center", "baseline")
         offset = 0, gap
         if not look.line:  # single dots apart from those of curves
-            offset, align = (0, -gap), ("center", "top")
+            offset = (0, -gap)
+            align = ("center", "top")
         elif before is not None and before.series == dot.series and abs(math.log(dot.x / before.x)) < _STEEP:
-            offset, align = (-gap, 0), ("right", "center")
+            offset = (-gap, 0)
+            align = ("right", "center")
         axes.annotate(
             dot.label, (dot.x, dot.y), offset, textcoords="offset points", ha=align[0], va=align[1],
             size=7.5, color=tuple(0.72 * part for part in to_rgb(look.color)),
@@ -142,7 +151,8 @@ def number(value: float) -> str:
 def _shade(axes: Axes, ways: Sequence[Dot]) -> None:
     """Shade the region in which a drawn way is both cheaper and more accurate."""
     best = front(ways)
-    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    (x0, x1) = axes.get_xlim()
+    (y0, y1) = axes.get_ylim()
     edge = [(best[0].x, y1)]
     for before, after in pairwise(best):
         edge += [(before.x, before.y), (after.x, before.y)]

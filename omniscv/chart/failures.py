@@ -56,9 +56,13 @@ _MODES = ("lit", "object_mask", "depth")
 _FACE = 96 / 128  # px of a face for each of the image's width
 _RADIUS_M = 0.4
 _POSE = Pose.from_angles((0.13, -0.21, 1.47), yaw_deg=20.0)
-_LEVELS, _DEPTH = 8 / 255, 0.01  # errors from which colours, and depth (relative), are wrong
+# errors from which colours, and depth (relative), are wrong
+_LEVELS = 8 / 255
+_DEPTH = 0.01
 _SLACK = _DEPTH / 10  # relative error that a bound of depth may miss
-_BROKEN, _UNMARKED = 0.002, 0.001  # least increase of wrong and of unmarked pixels that counts, as a share
+# least increase of wrong and of unmarked pixels that counts, as a share
+_BROKEN = 0.002
+_UNMARKED = 0.001
 _LEAST = 1e-4  # an error of 0 is drawn here
 _DEADLINES: Deadlines = {"timeout_s": 60.0, "patience_s": 5.0}
 _SLITS_PX = 8
@@ -70,7 +74,10 @@ room: {{floor: [[-3, -3], [3, -3], [3, 3], [-3, 3]], height: 3,
   ceiling_texture: {{kind: plain, colors: [[0.9, 0.9, 0.9]]}}}}
 objects: {{Parts: {{texture: {{kind: plain, colors: [[0.2, 0.2, 0.2]]}}, solids: [{}]}}}}
 """
-_AHEAD_M, _HALF_M, _PX_M = 2.6, 2.5, 2.5 / 48  # of a structure before a wall: a px of a face of 96 is so wide
+# of a structure before a wall: a px of a face of 96 is so wide
+_AHEAD_M = 2.6
+_HALF_M = 2.5
+_PX_M = 2.5 / 48
 
 
 def _solids(name: str, strength: float) -> Iterator[str]:
@@ -84,7 +91,8 @@ def _solids(name: str, strength: float) -> Iterator[str]:
     for y in np.arange(-_HALF_M, _HALF_M, pitch_m):
         at = f"at: [{_AHEAD_M}, {y:.5f}, 1.5]"
         wide_m = pitch_m - strength * _PX_M if name == "slit" else 0.6 * pitch_m
-        round_, bar = f"cylinder: [{pitch_m / 2:.5f}, 3]", f"box: [0.02, {wide_m:.5f}, 3]"
+        round_ = f"cylinder: [{pitch_m / 2:.5f}, 3]"
+        bar = f"box: [0.02, {wide_m:.5f}, 3]"
         yield f"{{{round_ if name == 'relief' else bar}, {at}}}"
 
 
@@ -200,7 +208,8 @@ class _Truth:
             directions = rays.directions @ pose.rotation.T
             origins = np.broadcast_to(pose.to_world(rays.origins), directions.shape)
             around.append(_color(scene, origins, directions, *special))
-        self.least, self.most = np.nanmin(around, axis=0), np.nanmax(around, axis=0)
+        self.least = np.nanmin(around, axis=0)
+        self.most = np.nanmax(around, axis=0)
 
     def judge(self, image: OmniImage) -> tuple[float, float]:
         """Return the shares of the valid pixels that are wrong, and that are wrong and not marked."""
@@ -224,7 +233,9 @@ def _color(scene: Scene, origins: Array, directions: Array, fault: str, name: st
     if not name:
         return hits.color
     at = hits.label == scene.label(name)
-    start, ray, normal = origins[at], directions[at], hits.normal[at]
+    start = origins[at]
+    ray = directions[at]
+    normal = hits.normal[at]
     if fault == "gloss":
         start = start + hits.distance[at, None] * ray + 1e-6 * normal
         ray = ray - 2 * (ray * normal).sum(axis=-1, keepdims=True) * normal
@@ -249,7 +260,8 @@ def measure(width: int = 128, progress: Steps | None = None, causes: Sequence[st
     sound: dict[str, _Outcome] = {}
     with TemporaryDirectory() as folder:
         for cause, strength in counted(steps, progress):
-            scene, pose = _scene(cause, strength, Path(folder)), cause.pose(strength)
+            scene = _scene(cause, strength, Path(folder))
+            pose = cause.pose(strength)
             base = scene if cause.query else "four-wall"
             if base not in sound:
                 sound[base] = _examine(base, cause.sound, width, _POSE)
@@ -267,11 +279,13 @@ class _Outcome(NamedTuple):
 
 
 def _examine(scene: str, query: str, width: int, pose: Pose, checks: str = "none") -> _Outcome:
-    size, face_size = {"width": width, "height": width // 2}, round(_FACE * width)
+    size = {"width": width, "height": width // 2}
+    face_size = round(_FACE * width)
     ring = create("noncentral-panorama", **size, radius=_RADIUS_M)
     fault, _, name = query.removeprefix("fault=").partition("=")
     special = (fault, name) if fault in ("gloss", "glass") else ("", "")
-    address, exact = f"mock://{scene}?seed=1&{query}", open_scene(f"scene://{scene}").scene
+    address = f"mock://{scene}?seed=1&{query}"
+    exact = open_scene(f"scene://{scene}").scene
     images: dict[str, tuple[float, float] | str] = {}
     truth: dict[bool, _Truth] = {}
     for column in COLUMNS:
@@ -325,7 +339,8 @@ def _rows(cause: Cause, strength: float | str, outcome: _Outcome, sound: _Outcom
 def write(rows: Sequence[Row], out: Path) -> list[Path]:
     """Write the measurements and draw them: ``chart-failures`` as JSON, SVG and PNG."""
     causes = list(dict.fromkeys(row.cause for row in rows))
-    size, title = 1.2 + _LINE_IN * len(causes), f"{finding(rows)}. {_KEY}"
+    size = 1.2 + _LINE_IN * len(causes)
+    title = f"{finding(rows)}. {_KEY}"
     figure, panels = drawing.figure(len(COLUMNS), size, title, len(causes), shared=True)
     for axes, (cause, column) in zip(panels, product(causes, COLUMNS), strict=True):
         _draw(axes, [row for row in rows if (row.cause, row.column) == (cause, column)])

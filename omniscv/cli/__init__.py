@@ -69,7 +69,8 @@ app = typer.Typer(
 def _usage_text(usage: TyperException, arguments: list[str]) -> str:
     """Return the message of wrong usage, with the value of the option that it names; empty if help was
     printed."""
-    text, words = usage.format_message().replace("Value error, ", ""), "\0".join(arguments)
+    text = usage.format_message().replace("Value error, ", "")
+    words = "\0".join(arguments)
     position = re.search(r"--position[\0=](\S+?)\0(-?[\d.]+)\0(-?[\d.]+)(?:\0|$)", words)
     if text and position:  # written with blanks
         return f"--position: expected numbers with commas: --position {','.join(position.groups())}"
@@ -120,19 +121,24 @@ def run(arguments: list[str]) -> int:
     try:
         code = int(app(arguments, prog_name="omniscv", standalone_mode=False) or 0)
     except TyperException as usage:
-        code, text = usage.exit_code, _usage_text(usage, arguments)
+        code = usage.exit_code
+        text = _usage_text(usage, arguments)
         command = getattr(getattr(usage, "ctx", None), "command_path", "omniscv")
         message = text and f"{text} (see {command} --help)"
     except OmniscvError as error:
-        code, message = 2 if isinstance(error, ArgumentError) else 1, str(error) or type(error).__name__
+        code = 2 if isinstance(error, ArgumentError) else 1
+        message = str(error) or type(error).__name__
     except OSError as error:
         from omniscv.storage.local import refusal
 
-        code, message = 1, refusal(error)
+        code = 1
+        message = refusal(error)
     except ImportError as error:  # a missing package or system library
-        code, message = 1, f"{error}; 'omniscv doctor --self' checks this installation"
+        code = 1
+        message = f"{error}; 'omniscv doctor --self' checks this installation"
     except MemoryError as error:
-        code, message = 1, f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
+        code = 1
+        message = f"expected enough memory, got: {error or 'no more'}; choose a smaller size"
     if code == console.STOPPED:
         message = "stopped; what is complete is kept, rerun to resume"
     elif message and not _has_working_folder():

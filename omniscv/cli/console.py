@@ -85,7 +85,8 @@ Style = Literal["bar", "plain", "none"]
 _HELP = "bar, plain (lines for a log) or none; else bar on a terminal, and a line a minute elsewhere."
 StyleOption = Annotated[Style | None, Option("--progress", help=_HELP)]
 """The option of every command that runs long."""
-_LINES_EVERY_S, _LINES_ELSEWHERE_S = 5.0, 60.0
+_LINES_EVERY_S = 5.0
+_LINES_ELSEWHERE_S = 60.0
 
 
 def line(text: object) -> None:
@@ -149,9 +150,14 @@ class Display:
         from omniscv.progress import Progress
 
         self.note = ""
-        self._what, self._started, self._seconds = what, time.monotonic(), 0.0
+        self._what = what
+        self._started = time.monotonic()
+        self._seconds = 0.0
         self._now = self._last_image = Progress()  # now, and when the last image was done
-        self._style, self._every_s, self._printed_s, self._printed = style, every_s, from_s - every_s, ""
+        self._style = style
+        self._every_s = every_s
+        self._printed_s = from_s - every_s
+        self._printed = ""
         if style == "bar":
             from rich import progress
             from rich.console import Console
@@ -196,7 +202,8 @@ class Display:
         line = self.line()
         if line != self._printed:
             print(line, file=sys.stderr, flush=True)
-        self._printed, self._printed_s = line, self._seconds
+        self._printed = line
+        self._printed_s = self._seconds
 
     @property
     def fraction(self) -> float:
@@ -207,7 +214,8 @@ class Display:
 
     def line(self) -> str:
         """Return ``images 3/12, 345/460 captures, 45.2 MB, 22/s, 1.9 MB/s, 0:41 left``, as far as known."""
-        now, seconds = self._now, max(self._seconds, 1e-3)
+        now = self._now
+        seconds = max(self._seconds, 1e-3)
         parts = [f"{self._what} {now.images}/{now.of_images}", *([self.note] if self.note else [])]
         if now.of_captures:
             rates = f"{now.captures / seconds:.3g}/s, {_megabytes(now.nbytes / seconds)}/s"

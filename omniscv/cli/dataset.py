@@ -215,7 +215,8 @@ def object_names(scene: str) -> tuple[str, ...]:
     from omniscv.sources.registry import open_source, scheme_of
     from omniscv.storage import SCHEMES, folder
 
-    scheme, path = scheme_of(scene), Path(scene)
+    scheme = scheme_of(scene)
+    path = Path(scene)
     if scheme in (None, *SCHEMES) and folder(scene).exists(manifest.DATASET):
         return tuple(sorted(manifest.read(scene).names))
     is_recording = path.exists() and path.suffix not in (".yaml", ".yml", ".json")

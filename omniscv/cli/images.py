@@ -296,7 +296,8 @@ def _check(file: Path) -> None:
         dataset = bool(job.worlds) or job.recipe != Recipe()
         known = check_worlds(job, dataset=dataset)
     for world in known.each:
-        cameras, poses = len(world.cameras), len(world.poses)
+        cameras = len(world.cameras)
+        poses = len(world.poses)
         at = f"{poses} pose{'s' * (poses != 1)}" if poses else "poses sampled in the source"
         start = f"{file}: worlds.{world.world}" if world.world else file
         what = f"{cameras} camera{'s' * (cameras != 1)}"

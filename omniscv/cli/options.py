@@ -49,7 +49,10 @@ class Waiting:
 Keys = dict[str, Any]
 """Values by dotted keys of a job's file, as :func:`omniscv.job.overridden` takes them."""
 _PATHS = ("source", "out", "record")
-_CAMERA, _POSE, _OUTPUT, _ANY = "Camera", "Pose", "Captures and output", "Every other key"
+_CAMERA = "Camera"
+_POSE = "Pose"
+_OUTPUT = "Captures and output"
+_ANY = "Every other key"
 SOURCE_HELP = "unreal://host:port, mock://NAME, scene://NAME, recording."
 _SET_HELP = (
     "KEY=VALUE: a key of the job, dotted, and its value in YAML, such as strategy=exact, camera.fov_deg=185, "

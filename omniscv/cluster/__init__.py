@@ -25,7 +25,8 @@ from omniscv.storage.remote import scheme_of
 
 __all__ = ["PATIENCE_S", "Progress", "Workers", "make", "scheduler_at", "workers_of"]
 
-_ANSWER_S, _CLOSED_S = 60.0, 15.0
+_ANSWER_S = 60.0
+_CLOSED_S = 15.0
 """Seconds for all workers to take a plugin; and at the end to close their servers, which goes on later."""
 
 _LOCK_WAIT_S = 40.0

@@ -112,7 +112,8 @@ class ServerPlugin(WorkerPlugin):  # type: ignore[misc] # distributed is importe
         return self._addresses[int(number)]
 
     def _close(self) -> None:
-        source, self._source = self._source, None
+        source = self._source
+        self._source = None
         if source is not None:
             source.close()
 

@@ -28,8 +28,11 @@ RETRIES = 5
 _FAILED_IN_A_ROW = 3  # tasks of one worker, after which it is set aside
 _DEATHS = 2  # of workers that made one frame, after which it counts as failed
 _MOST_DEATHS = 6  # of workers that had one task, without a frame that is known
-_FIRST_LINE_S, _LINES_EVERY_S = 10.0, 60.0  # of a run without workers, and of one that waits for them
-_LOOK_EVERY_S, _ANSWER_S = 2.0, 30.0
+# of a run without workers, and of one that waits for them
+_FIRST_LINE_S = 10.0
+_LINES_EVERY_S = 60.0
+_LOOK_EVERY_S = 2.0
+_ANSWER_S = 30.0
 _LONGEST_WAIT_S = 60.0
 _AGAIN = "what is made is kept: run the same command again"
 

@@ -19,7 +19,8 @@ from omniscv.geometry.arrays import Floats, Pixels, Rows, run
 from omniscv.planning.densities import Footprints
 from omniscv.sources.base import View
 
-_NARROW, _WIDE = 2.0, 16.0
+_NARROW = 2.0
+_WIDE = 16.0
 """px of a mip level that a footprint spans at least along its narrower side, if the level is not 0, and at
 most."""
 
@@ -48,9 +49,11 @@ class AreaSampling:
         self, footprints: Footprints, lookup: RayLookup, views: Sequence[View], R_w_d: Array
     ) -> None:
         self._lookup = lookup = _rim_moved(lookup, footprints, views, R_w_d)
-        count, first = len(lookup.view), views[0]
+        count = len(lookup.view)
+        first = views[0]
         self._level = level = np.empty(count, np.uint8)
-        self._counts, self._spacing = np.empty((count, 2), np.uint8), np.empty((count, 2, 2), np.float32)
+        self._counts = np.empty((count, 2), np.uint8)
+        self._spacing = np.empty((count, 2, 2), np.float32)
         R_c_d = np.ascontiguousarray([view.pose.R_w_c.T @ R_w_d for view in views])
         projections = np.array([view.projection for view in views])
         coarsest = max(0, int(np.log2(min(first.width, first.height) / _SMALLEST_LEVEL)))
@@ -93,8 +96,13 @@ def _rim_moved(lookup: RayLookup, footprints: Footprints, views: Sequence[View],
         return lookup
     inside = look_up(footprints.centers, views, R_w_d)
     seen = inside.view >= 0
-    rim, view, x, y = footprints.rim[seen], lookup.view.copy(), lookup.x.copy(), lookup.y.copy()
-    view[rim], x[rim], y[rim] = inside.view[seen], inside.x[seen], inside.y[seen]
+    rim = footprints.rim[seen]
+    view = lookup.view.copy()
+    x = lookup.x.copy()
+    y = lookup.y.copy()
+    view[rim] = inside.view[seen]
+    x[rim] = inside.x[seen]
+    y[rim] = inside.y[seen]
     return RayLookup(view, x, y, min(lookup.margin, inside.margin), lookup.used | inside.used)
 
 

@@ -39,10 +39,14 @@ class Gutter:
     """
 
     def __init__(self, views: Sequence[View], level: int, support: int, bicubic: bool) -> None:
-        width, height, scale = views[0].width >> level, views[0].height >> level, 0.5**level
+        width = views[0].width >> level
+        height = views[0].height >> level
+        scale = 0.5**level
         ring = _ring(width, height, support)
-        self._ring, self._bicubic = ring, bicubic
-        in_view, pixels = [], []
+        self._ring = ring
+        self._bicubic = bicubic
+        in_view = []
+        pixels = []
         for k, view in enumerate(views):
             at = (ring + 0.5) / scale
             rays_w = pinhole.rays(at, view.projection) @ view.pose.R_w_c.T
@@ -56,7 +60,8 @@ class Gutter:
                 pixel[seen] = np.stack([lookup.x, lookup.y], axis=1)[seen] * scale - 0.5
             in_view.append(neighbour)
             pixels.append(np.clip(pixel, 0, (width - 1, height - 1)))
-        self._neighbour, self._pixel = np.array(in_view), np.array(pixels)
+        self._neighbour = np.array(in_view)
+        self._pixel = np.array(pixels)
 
     def fill(self, picture: Pixels, corners: Ints) -> None:
         """Write the gutter of every view into a picture that holds the views.
@@ -76,8 +81,10 @@ class Gutter:
 
 def _ring(width: int, height: int, support: int) -> Ints:
     """Return (N, 2) the pixels (x, y) outside a view within ``support`` px."""
-    across, down = np.arange(-support, width + support), np.arange(height)
-    above, below = np.arange(-support, 0), np.arange(height, height + support)
+    across = np.arange(-support, width + support)
+    down = np.arange(height)
+    above = np.arange(-support, 0)
+    below = np.arange(height, height + support)
     left, right = np.arange(-support, 0), np.arange(width, width + support)
     bands = [(across, above), (across, below), (left, down), (right, down)]
     return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in bands])
@@ -122,7 +129,8 @@ class Atlas:
     """
 
     def __init__(self, views: Sequence[View], levels: range, support: int, bicubic: bool = False) -> None:
-        self._count, self._first = len(views), levels.start
+        self._count = len(views)
+        self._first = levels.start
         self.levels: list[Level] = []
         top = right = 0
         for level in levels:

@@ -94,7 +94,9 @@ class HeldCaptures(SourceWrapper):
     ) -> None:
         super().__init__(source)
         self._needed = None if needed is None else Counter(needed)
-        self._all, self._most_bytes, self._held = all_, most_bytes, dict[Request, Capture]()
+        self._all = all_
+        self._most_bytes = most_bytes
+        self._held = dict[Request, Capture]()
 
     @property
     def nbytes(self) -> int:

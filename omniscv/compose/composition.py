@@ -53,9 +53,13 @@ class Composing:
         once: Once,
         report: Report,
     ) -> None:
-        self._plan, self._source, self._modes = plan, source, plan.modes
+        self._plan = plan
+        self._source = source
+        self._modes = plan.modes
         self._shown = plan.modes  # and what is traced in the end
-        self._make_sampler, self._once, self._report = sampler_of, once, report
+        self._make_sampler = sampler_of
+        self._once = once
+        self._report = report
         track = self._modes if plan.options.unseen == "blank" else ()
         self._canvas = Canvas(plan.rays.valid, plan.rays.origins is None, track)
         self._finer = Canvas(plan.rays.valid, plan.rays.origins is None)
@@ -65,7 +69,9 @@ class Composing:
         self._samplers: dict[tuple[View, ...], Sampler] = {}
         self._provenance: Mapping[str, Any] = {}
         self._seams: list[dict[str, Any]] = []
-        self._pixels, self._stopped, self._strategy = 0, "", plan.options.strategy
+        self._pixels = 0
+        self._stopped = ""
+        self._strategy = plan.options.strategy
         self._largest_m = np.inf  # that captures of depth store
 
     def compose(self) -> tuple[OmniImage, Mask | None]:
@@ -79,8 +85,10 @@ class Composing:
 
     def _trace(self) -> None:
         """Put the ground truth that comes by one ray a pixel, exact but for the digits of float32."""
-        plan, pixels = self._plan, np.flatnonzero(self._plan.rays.valid)
-        origins_w, center_w = plan.origins_w(pixels), plan.pose.t_w_c
+        plan = self._plan
+        pixels = np.flatnonzero(self._plan.rays.valid)
+        origins_w = plan.origins_w(pixels)
+        center_w = plan.pose.t_w_c
         distance, label, normal = self._source.trace(origins_w, plan.directions_w(pixels))
         if plan.options.sky:
             sky = stands_for_sky(label, self._source.objects(), plan.options)
@@ -103,8 +111,10 @@ class Composing:
 
     def _capture(self, round_: Round) -> Captures:
         """Capture a round, compose viewpoint by viewpoint, and return the kept captures."""
-        plan, serving = self._plan, [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
-        self._stopped, self._strategy = round_.stopped or self._stopped, round_.instead or self._strategy
+        plan = self._plan
+        serving = [viewpoint for viewpoint in round_.viewpoints if len(viewpoint.pixels)]
+        self._stopped = round_.stopped or self._stopped
+        self._strategy = round_.instead or self._strategy
         if serving and self._filter == "auto":
             self._filter = self._filter_for(serving[len(serving) // 2])
         kept: Captures = []
@@ -131,7 +141,8 @@ class Composing:
 
     def _image(self) -> OmniImage:
         """Return the image as far as it is composed."""
-        plan, valid = self._plan, self._canvas.valid
+        plan = self._plan
+        valid = self._canvas.valid
         sampled = self._canvas.layers()
         shown = {mode: sampled[mode] for mode in self._shown if mode in sampled}
         layers, objects, unknown = derived_layers(shown, valid, plan.pose.R_w_c, self._source.objects)
@@ -156,7 +167,8 @@ class Composing:
     def _doubted(self) -> Doubted:
         """Return what the image doubts, as far as it is composed."""
         image = self._image()
-        doubt, beyond = image.doubt, np.zeros(image.valid.shape, np.bool_)
+        doubt = image.doubt
+        beyond = np.zeros(image.valid.shape, np.bool_)
         if image.depth is not None and self._largest_m < np.inf:
             beyond = doubt & np.isinf(image.depth)
             beyond &= True if image.labels is None else image.labels > 0
@@ -174,7 +186,9 @@ class Composing:
         finer = {mode: captures[FINER + mode] for mode in COMPARED if FINER + mode in captures}
         if not finer:
             return
-        canvas, known, toward_w = self._canvas, viewpoint.known_depth, viewpoint.toward_w
+        canvas = self._canvas
+        known = viewpoint.known_depth
+        toward_w = viewpoint.toward_w
         self._canvas = self._finer
         self._compose(replace(viewpoint, known_depth=None), finer)
         self._canvas = canvas
@@ -189,7 +203,8 @@ class Composing:
         self._put_known(viewpoint, offsets_w)
         known: KnownDepth | SeenPoints | None = viewpoint.known_depth
         if known is None:  # before depth is sampled
-            near_m, unknown = self._source.capabilities.near_m, np.zeros(0, np.float32)
+            near_m = self._source.capabilities.near_m
+            unknown = np.zeros(0, np.float32)
             off = None if offsets_w is None else np.linalg.norm(offsets_w, axis=-1) / near_m
             known = KnownDepth(unknown, unknown, None if off is None else off.astype(np.float32))
         rows = [modalities.get(mode) for mode in self._modes]
@@ -220,7 +235,8 @@ class Composing:
 
     def _put_known(self, viewpoint: Viewpoint, offsets_w: Array | None) -> None:
         """Put what is known of pixels without captures, and where their depth is measured from."""
-        origins_w, known = viewpoint.center_w, viewpoint.known_depth
+        origins_w = viewpoint.center_w
+        known = viewpoint.known_depth
         if viewpoint.occluded is not None:
             self._canvas.put_part("occluded", viewpoint.pixels, viewpoint.occluded)
         if viewpoint.unsure is not None:
@@ -238,11 +254,14 @@ class Composing:
         self, viewpoint: Viewpoint, sampler: Sampler, captures: Sequence[Capture], offsets_w: Array | None
     ) -> KnownDepth | SeenPoints:
         """Sample depth, and return what it says to other modalities; ``offsets_w`` as :meth:`_offsets_w`."""
-        faces, views = self._faces(viewpoint, captures), [capture.view for capture in captures]
-        precision, rays = codecs.precision(captures[0]), len(viewpoint.pixels)
+        faces = self._faces(viewpoint, captures)
+        views = [capture.view for capture in captures]
+        precision = codecs.precision(captures[0])
+        rays = len(viewpoint.pixels)
 
         def pictures_of() -> DepthPictures:
-            off, relief = planar_errors(captures), depth_relief(captures)
+            off = planar_errors(captures)
+            relief = depth_relief(captures)
             return DepthPictures.of(faces, views, precision, rays, off, relief)
 
         pictures = pictures_of() if reads_few(faces, rays) else self._once("depth", captures, pictures_of)
@@ -278,7 +297,8 @@ class Composing:
         known: KnownDepth | SeenPoints,
     ) -> None:
         """Sample another modality, and mark where its values may be a neighbour's."""
-        sample, transfer = SAMPLE[row.interpolation], self._source.capabilities.transfer
+        sample = SAMPLE[row.interpolation]
+        transfer = self._source.capabilities.transfer
         if row.name == "lit" and self._filter == "area" and light.known(transfer, faces[0]):
             decoded = [light.decode(face, transfer) for face in faces]
             values = light.encode(sample(sampler, self._filter, decoded), transfer)
@@ -318,10 +338,13 @@ class Composing:
     def _sampler(self, viewpoint: Viewpoint, views: tuple[View, ...]) -> Sampler:
         """Return the sampler of views at a viewpoint, one for all modes."""
         if viewpoint is not self._viewpoint:
-            self._viewpoint, self._samplers = viewpoint, {}
+            self._viewpoint = viewpoint
+            self._samplers = {}
         if views in self._samplers:
             return self._samplers[views]
-        rays, R_w_d, toward_w = self._plan.rays, self._plan.pose.R_w_c, viewpoint.toward_w
+        rays = self._plan.rays
+        R_w_d = self._plan.pose.R_w_c
+        toward_w = viewpoint.toward_w
         if rays.origins is None and len(viewpoint.pixels) == rays.valid_count:  # all of the image
             sampler = self._make_sampler(rays.blocks, R_w_d, views, True)
         else:

@@ -83,7 +83,8 @@ class DepthPictures(NamedTuple):
     ) -> DepthPictures:
         """Return pictures, one per view, that so many rays read; ``off`` and ``relief`` (h, w) of each, or
         empty."""
-        stack, projections = stacked(faces), np.array([view.projection for view in views])
+        stack = stacked(faces)
+        projections = np.array([view.projection for view in views])
         bends = np.full(0 if rays * _FEW < stack.size else stack.size, _BENT, np.uint32)
         if bends.size:
             of_faces = list(zip(stack, bends.reshape(stack.shape), projections[:, 0], strict=True))
@@ -94,7 +95,8 @@ class DepthPictures(NamedTuple):
             for of in (off, relief)
         )
         rough = np.array([each.any() for each in relief], np.bool_)
-        shape, of_depth = stack.shape[1:], (precision, known, off_by_relief)
+        shape = stack.shape[1:]
+        of_depth = (precision, known, off_by_relief)
         return cls(stack.reshape(-1), shape, projections, *of_depth, rough, bends)
 
     @property
@@ -124,8 +126,11 @@ def sample_depth(
         nearest: take the nearest pixel's depth everywhere.
         offsets_w: (N, 3) from the views' centre to the rays' own origins, metres; None: they are the same.
     """
-    distance, error, faces = np.empty_like(lookup.x), np.empty_like(lookup.x), pictures.faces
-    central, relief = offsets_w is None or not len(offsets_w), np.zeros(len(lookup.x), np.bool_)
+    distance = np.empty_like(lookup.x)
+    error = np.empty_like(lookup.x)
+    faces = pictures.faces
+    central = offsets_w is None or not len(offsets_w)
+    relief = np.zeros(len(lookup.x), np.bool_)
     rays: list[NDArray[Any]] = [lookup.view, lookup.x, lookup.y, distance, error]
     at = lookup.nearest(faces.shape) if pictures.relief.size else np.empty(0, np.int32)
     run(_sample, [*rays, relief, at], pictures, nearest, central, as_one=True)
@@ -148,9 +153,11 @@ def _surroundings(face: Floats, reach_px: int) -> tuple[Floats, Floats, Floats]:
     greatest depth within reach."""
     size = 2 * min(reach_px, max(face.shape)) + 1
     window = np.ones((1, size), np.uint8)
-    least, most = face, face
+    least = face
+    most = face
     for kernel in (window, window.T):
-        least, most = cv2.erode(least, kernel), cv2.dilate(most, kernel)
+        least = cv2.erode(least, kernel)
+        most = cv2.dilate(most, kernel)
     edges = discontinuities(face)
     far = np.full(face.shape, np.inf, np.float32)
     return (far if edges.all() else cv2.distanceTransform(edges, cv2.DIST_C, 3)), least, most

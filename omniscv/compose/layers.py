@@ -53,7 +53,8 @@ class Canvas:
     """
 
     def __init__(self, valid: Mask, central: bool, needed: Collection[str] = ()) -> None:
-        self._valid, self._central = valid, central
+        self._valid = valid
+        self._central = central
         self._seen = {mode: np.zeros(valid.size, np.bool_) for mode in needed}
         self.flat: dict[str, NDArray[Any]] = {}
         self._centers_w: Array = np.zeros(3) if central else np.zeros((valid.size, 3))
@@ -188,9 +189,12 @@ surface."""
 _DIGITS = 6
 """Binary digits of bounds. Half floats, in which files have them, have 11: the last ones say nothing, and by
 measurement all 11 take twice the bytes."""
-_HALF_LARGEST, _HALF_STEP = 65504.0, 2.0 ** (-13 - _DIGITS)
+_HALF_LARGEST = 65504.0
+_HALF_STEP = 2.0 ** (-13 - _DIGITS)
 """The largest half float, and the distance between the least ones of so few digits."""
-_HALF_NORMAL, _HALF_SCALE = np.float32(2.0**-14), np.float32(2.0**24)  # from there on it has all its digits
+# from there on it has all its digits
+_HALF_NORMAL = np.float32(2.0**-14)
+_HALF_SCALE = np.float32(2.0**24)
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 
 
@@ -200,7 +204,8 @@ def round_depth(depth: Floats, error: Floats) -> tuple[Floats, Floats]:
     Infinite depth, 0, and depth whose bound is 0 or infinite stay. A bound becomes the next number of six
     binary digits that is not less, as half floats have them; +inf beyond the last.
     """
-    rounded, bound = np.empty(depth.size, np.float32), np.empty(depth.size, np.float32)
+    rounded = np.empty(depth.size, np.float32)
+    bound = np.empty(depth.size, np.float32)
     run(_round_depth, (depth.reshape(-1), error.reshape(-1), rounded, bound))
     return rounded.reshape(depth.shape), bound.reshape(depth.shape)
 

@@ -38,15 +38,29 @@ Render = Callable[[Source, Camera, Pose, tuple[str, ...]], OmniImage]
 """Makes another image, of a source, camera, pose and modes, with the options of the first."""
 
 _SKY_NAMES = re.compile(r"sky|dome|backdrop|hdri", re.IGNORECASE)
-_DOME_PX, _SPHERE, _RADIUS = 200, 0.01, 2.0  # misfit of a sphere; its radius, by the median distance
+# misfit of a sphere; its radius, by the median distance
+_DOME_PX = 200
+_SPHERE = 0.01
+_RADIUS = 2.0
 _LEAST_PX = 60
-_OUTSIDE_M, _OUTSIDE = 0.02, 0.01  # points may be so far outside their object's box: metres, of the distance
+# points may be so far outside their object's box: metres, of the distance
+_OUTSIDE_M = 0.02
+_OUTSIDE = 0.01
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
-_BESIDE_M, _NEAREST = 0.5, 0.4  # how far beside: metres, and of the nearest surface's distance
+# how far beside: metres, and of the nearest surface's distance
+_BESIDE_M = 0.5
+_NEAREST = 0.4
 _LARGEST_PX = 4096  # of the panorama that is seen there
-_LEVELS, _SHARE, _DIFFER_PX = 4.0, 0.015, 5  # by which colours may differ, of which share and of how many
-_CHANGED, _TRANSMITS = 2.0, 0.1  # levels of a pixel without the object; how much of what is behind shows
-_CROSSED, _DEEP_M = 0.3, 0.03  # of the rays that enter the box of an object, how many end in it, how deep
+# by which colours may differ, of which share and of how many
+_LEVELS = 4.0
+_SHARE = 0.015
+_DIFFER_PX = 5
+# levels of a pixel without the object; how much of what is behind shows
+_CHANGED = 2.0
+_TRANSMITS = 0.1
+# of the rays that enter the box of an object, how many end in it, how deep
+_CROSSED = 0.3
+_DEEP_M = 0.03
 _FAR_M = 1e6  # of the sky
 
 
@@ -83,7 +97,8 @@ class Examined:
     @cached_property
     def sure(self) -> Mask:
         """(H, W) where depth is finite and bounded, and the label no neighbour's."""
-        error, edge = self.image["depth_error"], self.image["label_edge"]
+        error = self.image["depth_error"]
+        edge = self.image["label_edge"]
         finite = np.isfinite(self.image["depth"]) & np.isfinite(error)
         return np.asarray(self.image.valid & finite & ~edge & ~self.image["unsure"])
 
@@ -125,7 +140,8 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
         source: captured once more from beside the camera, and without objects that are seen through.
         render: makes these images.
     """
-    options, findings = image.options, Findings(np.zeros(image.valid.shape, np.uint8))
+    options = image.options
+    findings = Findings(np.zeros(image.valid.shape, np.uint8))
     efforts = [image.effort]
 
     def counted(*of_image: Any) -> OmniImage:
@@ -173,7 +189,8 @@ def examine(image: OmniImage, sky: Mask | None, source: Source, render: Render) 
 
 def _mark_mismatch(examined: Examined, domes: Collection[str], findings: Findings) -> None:
     """Mark points that are outside the box of the object that the mask shows there, and no dome."""
-    image, sure = examined.image, examined.sure
+    image = examined.image
+    sure = examined.sure
     slack = _OUTSIDE_M + _OUTSIDE * image["depth"] + image["depth_error"]
     for name, at in examined.of_label():
         box = None if name in domes else examined.boxes.get(name)
@@ -213,7 +230,9 @@ def _beside(examined: Examined, source: Source, render: Render, findings: Findin
 
 def _mark_view_dependent(examined: Examined, beside: Examined, findings: Findings) -> None:
     """Mark objects of whose pixels many have colours that the same points do not have from beside."""
-    image, other, around = examined.image, beside.image, np.ones((5, 5), np.uint8)
+    image = examined.image
+    other = beside.image
+    around = np.ones((5, 5), np.uint8)
     to_points = examined.points_w - other.pose.position
     pixels, seen = other.camera.project(to_points @ other.pose.R_w_c)
     column, row = np.moveaxis(np.where(seen[..., None], pixels, 0).astype(int), -1, 0)
@@ -232,7 +251,8 @@ def _mark_view_dependent(examined: Examined, beside: Examined, findings: Finding
     beyond = np.maximum(np.maximum(low - lit, lit - high).max(axis=-1), 0)
     for name, at in examined.of_label():
         compared = at & agree
-        count, differ = compared.sum(), (beyond[compared] > _LEVELS).sum()
+        count = compared.sum()
+        differ = (beyond[compared] > _LEVELS).sum()
         if count >= _LEAST_PX and differ >= max(_DIFFER_PX, _SHARE * count):
             label = image["labels"] == image["labels"][at][0]
             share = f"{differ / count:.0%} of its pixels; strategy exact takes them from their own centres"
@@ -242,7 +262,8 @@ def _mark_view_dependent(examined: Examined, beside: Examined, findings: Finding
 def _as_bright(lit: NDArray[Any], other: NDArray[Any], agree: Mask, transfer: str) -> NDArray[np.float32]:
     """(H, W, 3) codes of colours with the exposure of others, by the median ratio of their light."""
     curve = "srgb" if transfer == "unknown" else transfer
-    first, second = light.decode(lit, curve), light.decode(other, curve)
+    first = light.decode(lit, curve)
+    second = light.decode(other, curve)
     bright = agree & (np.minimum(lit, other).min(axis=-1) > 10) & (np.maximum(lit, other).max(axis=-1) < 245)
     gain = np.median(second[bright] / first[bright]) if bright.any() else 1.0
     return light.encode(np.asarray(first * gain, np.float32), curve).astype(np.float32)
@@ -283,7 +304,8 @@ def _follows(examined: Examined, beside: Examined, at: Mask) -> bool:
     """Return whether distances do not change when the camera moves, as far as their errors show it."""
     pixels, seen = beside.image.camera.project(examined.rays_w[at] @ beside.image.pose.R_w_c)
     column, row = np.where(seen[:, None], pixels, 0).astype(int).T
-    there, moved = (row, column), beside.image.pose.position - examined.image.pose.position
+    there = (row, column)
+    moved = beside.image.pose.position - examined.image.pose.position
     same = seen & beside.sure[there] & (beside.image["labels"][there] == examined.image["labels"][at][0])
     error = examined.image["depth_error"][at] + beside.image["depth_error"][there]
     due = np.abs(examined.rays_w[at] @ moved)  # of a dome that stands still
@@ -296,7 +318,8 @@ def _mark_translucent(examined: Examined, source: Source, render: Render, findin
     """Mark objects that only colours show: seen through, or not annotated."""
     image = examined.image
     shown = {name for name, _ in examined.of_label(sure=False)}
-    points, centers = examined.points_w[image.valid], examined.centers_w[image.valid]
+    points = examined.points_w[image.valid]
+    centers = examined.centers_w[image.valid]
     for name, box in sorted(examined.boxes.items()):
         if name in shown or name in source.instant.hidden or not entered(centers, points, box):
             continue
@@ -320,7 +343,8 @@ def entered(centers_w: Array, points_w: Array, box: ObjectBox, least: int = _LEA
     start, end = (centers_w - box.center_w) @ box.R_w_b, (points_w - box.center_w) @ box.R_w_b
     with np.errstate(divide="ignore", invalid="ignore"):
         bounds = (np.array((-1.0, 1.0))[:, None, None] * box.size / 2 - start) / (end - start)
-    enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+    enter = bounds.min(axis=0).max(axis=1)
+    leave = bounds.max(axis=0).min(axis=1)
     toward = (enter > 0) & (enter < leave)
     deep = toward & ((1 - enter) * np.linalg.norm(end - start, axis=1) > _DEEP_M)
     return bool(deep.sum() >= max(least, _CROSSED * toward.sum()))
@@ -340,7 +364,8 @@ def _with_sky(image: OmniImage, sky: Mask) -> dict[str, NDArray[Any]]:
     return layers
 
 
-_WINDOW_PX, _DENSE = (7, 7), 0.2
+_WINDOW_PX = (7, 7)
+_DENSE = 0.2
 """px of the image, and the share of them that only the finer capture marks, from which on all are marked: an
 object's edge is a line, of which the finer capture marks a part."""
 
@@ -356,13 +381,15 @@ def compare(modes: Container[str], layers: Layers, finer: Layers, at: Ints, shap
     """
     lost = np.zeros(len(at), np.bool_)
     if "depth" in modes:
-        error, other = layers["depth_error"][at], finer["depth_error"][at]
+        error = layers["depth_error"][at]
+        other = finer["depth_error"][at]
         with np.errstate(invalid="ignore"):  # of two rays that meet nothing
             apart = np.abs(layers["depth"][at] - finer["depth"][at]) > error + other
         layers["depth_error"][at] = np.where(apart, np.inf, np.maximum(error, other))
         lost = apart | (np.isinf(other) & np.isfinite(error))
     if "object_mask" in modes:
-        edge, found = layers["label_edge"], np.zeros((2, *shape), np.float32)
+        edge = layers["label_edge"]
+        found = np.zeros((2, *shape), np.float32)
         differ = (layers["object_mask"][at] != finer["object_mask"][at]).reshape(len(at), -1).any(axis=1)
         lost |= finer["label_edge"][at] | differ
         found.reshape(2, -1)[:, at] = lost & ~edge[at], np.ones(len(at))

@@ -16,7 +16,8 @@ from omniscv.parallel import side_by_side
 from omniscv.planning.relief import label_relief, lone_labels
 from omniscv.sources.base import View
 
-_BESIDE, _LONE = 1, 32
+_BESIDE = 1
+_LONE = 32
 _AROUND_PX = 3
 """Pixels on every side to which a plane is fitted: steps of half floats are larger than a pixel's slope."""
 _ONE_SURFACE = 0.95
@@ -128,7 +129,9 @@ def _boundary(face: Pixels, lone: bool) -> Pixels:
         marks[there] |= other * np.uint8(back)
         return np.asarray(other)
 
-    first, last, every = slice(None, -1), slice(1, None), slice(None)
+    first = slice(None, -1)
+    last = slice(1, None)
+    every = slice(None)
     across = differ((every, first), (every, last), _BESIDE, _BESIDE)
     down = differ((first, every), (last, every), _BESIDE, _BESIDE)
     differ((first, first), (last, last), 16, 2)

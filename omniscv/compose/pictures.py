@@ -20,7 +20,9 @@ Picture = NDArray[np.uint8]
 OUTSIDE = (230, 233, 238)
 """The colour of pixels outside the field of view."""
 _INK = (28, 35, 48)
-_TILE_PX, _EM_PX, _LEFT_PX = 480, 13, 8
+_TILE_PX = 480
+_EM_PX = 13
+_LEFT_PX = 8
 
 
 class Layered(Protocol):
@@ -129,7 +131,8 @@ def captioned(tiles: Mapping[str, Picture], columns: int, em: int) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     across = em + max(tile.shape[1] for tile in tiles.values())
-    captions, rows = list(tiles), []
+    captions = list(tiles)
+    rows = []
     for start in range(0, len(captions), columns):
         row = captions[start : start + columns]
         height = max(tiles[caption].shape[0] for caption in row)

@@ -67,10 +67,13 @@ def look_up(directions: Array, views: Sequence[View], R_w_d: Array | None = None
         R_w_d: (3, 3) from the frame of the directions to the world; they are world vectors if not given.
     """
     count = len(directions)
-    view, x, y = np.empty(count, np.int16), np.empty(count, np.float32), np.empty(count, np.float32)
+    view = np.empty(count, np.int16)
+    x = np.empty(count, np.float32)
+    y = np.empty(count, np.float32)
     R_c_d = np.ascontiguousarray([v.pose.R_w_c.T @ (np.eye(3) if R_w_d is None else R_w_d) for v in views])
     projections = np.array([v.projection for v in views])
-    half, used = (views[0].width / 2, views[0].height / 2), np.zeros(len(views), np.bool_)
+    half = (views[0].width / 2, views[0].height / 2)
+    used = np.zeros(len(views), np.bool_)
     seen_by = R_c_d, projections, half, _sure_px(views, R_c_d), used
     margins = run(_look_up, (directions, view, x, y), seen_by)
     return RayLookup(view, x, y, float(min(margins)), used)
@@ -89,7 +92,8 @@ def _sure_px(views: Sequence[View], R_c_d: Array) -> Array:
         return np.zeros(len(views))  # unknown
     phi = np.arccos(np.clip(R_c_d[:, 2] @ R_c_d[:, 2].T, -1, 1))
     np.fill_diagonal(phi, np.pi)
-    nearest, turned = phi.min(axis=1), np.abs(R_c_d @ R_c_d[0].T)
+    nearest = phi.min(axis=1)
+    turned = np.abs(R_c_d @ R_c_d[0].T)
     cube = nearest.min() > 1 and np.minimum(turned, np.abs(1 - turned)).max() < _ALIGNED
     m = np.ones(len(views)) if cube else np.tan(nearest / 2) / np.sqrt(2)
     return np.asarray(np.minimum(first.focal_px * m, first.width / 2) * (1 - 10 * _ALIGNED))

@@ -62,8 +62,11 @@ class Renderer:
         if not isinstance(source, Source):
             raise ArgumentError(f"source: expected a Source, as open_source gives it, got {shown(source)}")
         captures_bytes = cache_bytes // _CAPTURES_DIVISOR
-        self.source, self._sampler, self._cache = source, sampler, ByteCache(cache_bytes - captures_bytes)
-        self._captures_bytes, self._tile_bytes = captures_bytes, tile_bytes
+        self.source = source
+        self._sampler = sampler
+        self._cache = ByteCache(cache_bytes - captures_bytes)
+        self._captures_bytes = captures_bytes
+        self._tile_bytes = tile_bytes
         self._held: tuple[Hashable, HeldCaptures] | None = None  # of a recording, by their development
         self._of = partial(Renderer, cache_bytes=cache_bytes, tile_bytes=tile_bytes, sampler=sampler)
 
@@ -99,7 +102,8 @@ class Renderer:
         needed = BYTES_PER_RAY * camera.width * camera.height
         in_blocks = camera.central and needed > max(self._cache.limit, self._tile_bytes)
         block_bytes = self._tile_bytes if in_blocks else None
-        rays, source = self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes)), self.source
+        rays = self._cache.get(("rays", camera), lambda: ImageRays(camera, block_bytes))
+        source = self.source
         of_source = source.cover, self._recorded, border_px, source.state
         return Plan(rays, pose, source.capabilities, options, *of_source)
 
@@ -180,7 +184,8 @@ class Renderer:
         alone = [plan.by_rays() for plan in wanted]
         plans = share_captures(alone, sampled)
         plans = [plan for i, plan in enumerate(plans) if only is None or i in only]
-        captured, once = source, partial(self._once, _development(options))
+        captured = source
+        once = partial(self._once, _development(options))
         source = self._developed(source, options)
 
         def another(source: Source, camera: Camera, pose: Pose, modes: tuple[str, ...]) -> OmniImage:
@@ -205,7 +210,8 @@ class Renderer:
 
     def _developed(self, source: Source, options: RenderOptions) -> Source:
         """Return where captures come from as options have them developed; of a recording some are held."""
-        developed, development = develop(source, options), _development(options)
+        developed = develop(source, options)
+        development = _development(options)
         if self._recorded is None or source is not self.source:
             return developed
         held = self._held
@@ -304,7 +310,8 @@ def render_rig(
     if not isinstance(rig, Rig):
         raise ArgumentError(f"rig: expected a Rig, got {shown(rig)}")
     time_ns = None if time is None else nanoseconds(number("time", time))
-    poses, shots = rig.poses(pose, time_ns), []
+    poses = rig.poses(pose, time_ns)
+    shots = []
     for name, mounted in rig.cameras.items():
         camera = mounted.camera
         if isinstance(pose, Trajectory) and time_ns is not None:

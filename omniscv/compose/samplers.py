@@ -28,9 +28,11 @@ from omniscv.sources.base import View
 Blocks = Callable[[], Iterator[RayBlock]]
 """Yields rays block by block; :meth:`omniscv.planning.ImageRays.blocks` with its arguments."""
 
-_MINIFIED_PX, _MINIFIED_SHARE = 2.0, 0.9
+_MINIFIED_PX = 2.0
+_MINIFIED_SHARE = 0.9
 """An image is minified if this share of its pixels span so many px of a view or more."""
-_TEST_STRIDE, _TESTED = 7, 1 << 16
+_TEST_STRIDE = 7
+_TESTED = 1 << 16
 """Every seventh ray is tested; of more rays, about so many."""
 
 
@@ -57,7 +59,9 @@ class Sampler:
     """
 
     def __init__(self, rays: Blocks, R_w_d: Array, views: Sequence[View]) -> None:
-        self._rays, self._R_w_d, self._views = rays, R_w_d, tuple(views)
+        self._rays = rays
+        self._R_w_d = R_w_d
+        self._views = tuple(views)
         self._kept: _Block | None = None
         self._atlases: dict[str, Atlas] = {}
 
@@ -110,7 +114,8 @@ class Sampler:
 
     def sample_directions(self, filter: str, faces: Faces) -> Pixels:
         """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
-        stack, nearest = stacked(faces), filter == "nearest"
+        stack = stacked(faces)
+        nearest = filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
     def normals_from_depth(self, faces: Faces) -> Pixels:
@@ -136,12 +141,16 @@ class Sampler:
 
     @cached_property
     def _coverage(self) -> _Coverage:
-        count, unseen, margin, used = 0, 0, np.inf, np.zeros(len(self._views), np.bool_)
+        count = 0
+        unseen = 0
+        margin = np.inf
+        used = np.zeros(len(self._views), np.bool_)
         for block in self._blocks():
             view = block.lookup.view
             count += len(view)
             unseen += int(np.count_nonzero(view < 0)) - block.rays.invalid_count
-            margin, used = min(margin, block.lookup.margin), used | block.lookup.used
+            margin = min(margin, block.lookup.margin)
+            used = used | block.lookup.used
         return _Coverage(count, unseen, float(margin), used)
 
     def _values(self, sample: Callable[["_Block"], Pixels]) -> Pixels:
@@ -194,7 +203,9 @@ class _Block:
     """A block of rays, looked up in views; arguments as :class:`Sampler`."""
 
     def __init__(self, rays: RayBlock, R_w_d: Array, views: tuple[View, ...]) -> None:
-        self.rays, self._R_w_d, self._views = rays, R_w_d, views
+        self.rays = rays
+        self._R_w_d = R_w_d
+        self._views = views
         self._coordinates: dict[str, tuple[Floats, Floats]] = {}
         # By face that rays read: its number, these rays, and their coordinates in it.
         self._apart: tuple[tuple[int, Ints, Floats, Floats], ...] | None = None
@@ -221,7 +232,8 @@ class _Block:
     def sample_apart(self, atlas: Atlas, faces: Faces) -> Pixels:
         """Return what :meth:`sample` does with ``bilinear``, from the faces that an atlas would hold."""
         if self._apart is None:
-            (x, y), corners = self._at("bilinear", atlas), atlas.levels[0].corners.astype(np.float32)
+            (x, y) = self._at("bilinear", atlas)
+            corners = atlas.levels[0].corners.astype(np.float32)
             self._apart = tuple(  # corners are whole: differences are exact
                 (k, rays, x[rays] - corners[k, 0], y[rays] - corners[k, 1])
                 for k, rays in self.lookup.by_view()
@@ -250,7 +262,8 @@ class _Block:
 
 def _spanned_px(block: _Block, view: View, stride: int) -> Floats:
     """Return how many px of a view the pixels of every ``stride``-th ray of an image span."""
-    lookup, start = block.lookup, -block.rays.first % stride
+    lookup = block.lookup
+    start = -block.rays.first % stride
     some = np.flatnonzero(lookup.view[start::stride] >= 0) * stride + start
     focal, _, cx, cy = view.projection
     u, v = lookup.x[some] - cx, lookup.y[some] - cy

@@ -149,7 +149,8 @@ def _layer_faults(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str
 
 
 def _depth(frame: Frame, layers: dict[str, NDArray[Any]]) -> Iterator[str]:
-    depth, valid = layers["depth"], frame.valid
+    depth = layers["depth"]
+    valid = frame.valid
     yield from _count(np.isnan(depth) | (depth < 0), "metres >= 0, or inf")
     yield from _count(valid & (depth == 0), "more than 0 m inside the field of view")
     yield from _count(~valid & (depth != 0), "0 outside the field of view")
@@ -261,12 +262,14 @@ def info(out: str | Path | Folder) -> dict[str, Any]:
     there = set(folder.names())
     complete = manifest.FRAMES in there
     frames = manifest.read_frames(folder, whole) if complete else []
-    sizes, missing = Counter[str](), Counter[str]()
+    sizes = Counter[str]()
+    missing = Counter[str]()
     for frame in frames:
         for kind, file in frame.entries.items():
             sizes[kind] += file.bytes
             missing[kind] += file.path not in there
-    classes, failed = whole.classes, manifest.read_failed(folder)
+    classes = whole.classes
+    failed = manifest.read_failed(folder)
     objects = Counter(classes.of_object.values() if classes else ())
     return {
         "complete": complete,

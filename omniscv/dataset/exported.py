@@ -43,7 +43,8 @@ class Listed:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        options, cameras = plain(dict(self.export.options)), list(self.export.cameras)
+        options = plain(dict(self.export.options))
+        cameras = list(self.export.cameras)
         described = {"options": options, "cameras": cameras, "of_job": self.of_job}
         return {**described, "state": self.state, "files": list(self.files)}
 
@@ -156,7 +157,8 @@ def _move(
         target: their place.
         within_dataset: whether the place is a folder of a dataset, which is that of one export.
     """
-    format, names = new.export.format, set(new.files)
+    format = new.export.format
+    names = set(new.files)
     if target.local is not None:  # which is locked
         remove_parts(target.local / LISTS)
     there = set(target.names())

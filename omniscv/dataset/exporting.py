@@ -163,7 +163,8 @@ class Export:
             cameras: of the frames, by name.
             kinds: of the files that every exported frame has.
         """
-        format, start = get(self.format), f"export: {self.format}"
+        format = get(self.format)
+        start = f"export: {self.format}"
         for name in self.cameras:
             one_of(f"{start}: {_NAMED_BY}", name, cameras)
         cameras = {name: camera for name, camera in cameras.items() if self.shows(name)}

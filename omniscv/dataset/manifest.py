@@ -32,7 +32,8 @@ from omniscv.storage import Folder
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json
 from omniscv.truth import registry as truths
 
-DATASET, FRAMES = "dataset.json", "frames.jsonl"
+DATASET = "dataset.json"
+FRAMES = "frames.jsonl"
 FAILED = "failed.jsonl"
 """The frames that failed and were left out: key, world, what was drawn, and the error, a line each."""
 PLANNED = "planned.jsonl"
@@ -109,13 +110,15 @@ class Manifest:
     def frame(self, line: Any, folder: Folder) -> Frame:
         """Return the frame of a line of ``frames.jsonl``, plain values; ArgumentError for anything else."""
         try:
-            key, camera_name = stem("key", line["key"]), stem("camera", line["camera"])
+            key = stem("key", line["key"])
+            camera_name = stem("camera", line["camera"])
             if camera_name not in self.cameras:
                 known = ", ".join(self.cameras)
                 raise ArgumentError(f"{key}: expected one of the cameras {known}; got {camera_name!r}")
             camera = with_path(self.cameras[camera_name], line.get("path"))
             size = camera.width, camera.height
-            marks, time_ns = [row.name for row in modalities.layers() if row.mark], line["time_ns"]
+            marks = [row.name for row in modalities.layers() if row.mark]
+            time_ns = line["time_ns"]
             if time_ns is not None:
                 time_ns = whole_number("time_ns", time_ns, least=-_MOST_NS, most=_MOST_NS)
             return Frame(
@@ -182,12 +185,15 @@ class Manifest:
             got = data.get("format") if isinstance(data, dict) else data
             raise ArgumentError(f"expected a dataset of format {FORMAT}, got {shown(got)}")
         try:
-            cameras, names = read_cameras(data["cameras"]), read_names(data["names"])
+            cameras = read_cameras(data["cameras"])
+            names = read_names(data["names"])
             classes = data["classes"]
-            rules, table = None, None
+            rules = None
+            table = None
             if classes is not None:
                 stored = {key: value for key, value in classes.items() if key not in ("classes", "of_object")}
-                rules, given = class_rules(stored), classes["of_object"]
+                rules = class_rules(stored)
+                given = classes["of_object"]
                 of_object = {name: given[name] for name in names if name in given}
                 for name, class_name in of_object.items():
                     one_of(f"classes.of_object.{shown(name)}", class_name, rules.classes)

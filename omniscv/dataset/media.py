@@ -34,12 +34,14 @@ _JPEG_JFIF = b"\xff\xe0"
 _RATE_FACTOR = "18"  # of H.264: 0 is lossless, 51 worst
 _BT709 = 1
 """Matrix, primaries and transfer in H.264: what players take for large pictures that say nothing."""
-_LIMITED, _FULL = 1, 2
+_LIMITED = 1
+_FULL = 2
 """Ranges of codes in H.264: of luma 16 to 235, or 0 to 255."""
 _MONO = 0
 _TO_ENTRY = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd")
 """The boxes around the sample entry of a track, outermost first."""
-_BOX_HEADER, _LIST_HEADER = 8, 16
+_BOX_HEADER = 8
+_LIST_HEADER = 16
 
 
 def refuses(camera: Camera) -> str | None:
@@ -105,7 +107,9 @@ def video_boxes() -> bytes:
 def with_video_boxes(video: bytes) -> bytes:
     """Return an MP4 file of one track, whose tables lie behind its pictures, with the boxes in its track."""
     added = video_boxes()
-    result, start, end = bytearray(video), 0, len(video)
+    result = bytearray(video)
+    start = 0
+    end = len(video)
     for kind in _TO_ENTRY:
         first, end = _find(video, start, end, kind)
         struct.pack_into(">I", result, first, end - first + len(added))

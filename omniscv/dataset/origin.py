@@ -202,7 +202,8 @@ def frame_difference(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str
     Files, and what is found while a frame is made, are no difference; nor is what one line does not know.
     """
     for key in {**wanted, **there}:
-        before, after = there.get(key), wanted.get(key)
+        before = there.get(key)
+        after = wanted.get(key)
         is_unknown = key == "shows" and None in (before, after)  # version 0.2 did not write it
         if key in _FOUND or is_unknown or _same(before, after):
             continue

@@ -76,12 +76,14 @@ class Writer:
         **written_as: Unpack[Forms],
     ) -> None:
         check_format(**written_as)
-        image_format, store = written_as.get("image_format", "png"), written_as.get("store", "files")
+        image_format = written_as.get("image_format", "png")
+        store = written_as.get("store", "files")
         self._media = {"xmp": False, "north": 0.0, **(media or {})}
         if self._media["xmp"] and (store == "fast" or image_format not in PICTURE_SUFFIXES):
             expected = f"expected store files and image_format {' or '.join(PICTURE_SUFFIXES)}"
             raise ArgumentError(f"media.xmp: {expected}, got {store} and {image_format}")
-        self._folder, self._closed = storage.folder(out), closed
+        self._folder = storage.folder(out)
+        self._closed = closed
         self._written_as = written_as
         self._lock = Lock()
         self._keys = frozenset(keys)

@@ -29,18 +29,33 @@ Mask = NDArray[np.bool_]
 
 _TURNED = [(yaw, pitch) for yaw, pitch in zip(range(20, 380, 60), (35, -40, 10, 50, -25, -55), strict=True)]
 _BESIDE = np.array((0.6, -0.7, 0.39))  # a direction that is no axis of any face
-_BESIDE_M, _BESIDE_SHARE = 0.5, 0.4  # to the second centre: metres, and of the nearest distance
+# to the second centre: metres, and of the nearest distance
+_BESIDE_M = 0.5
+_BESIDE_SHARE = 0.4
 _FAR_M = 1e6  # of the sky
 _SMOOTH = 2e-3  # second differences of inverse depth, relative, below which it is interpolated
-_DEPTH, _LEVELS = 2e-3, 4.0  # relative depth and grey levels by which captures may differ
-_SCALE, _NEARLY, _LEAST_M = 4e-3, 0.02, 0.05  # of depth; in which points; after which moves, metres
+# relative depth and grey levels by which captures may differ
+_DEPTH = 2e-3
+_LEVELS = 4.0
+# of depth; in which points; after which moves, metres
+_SCALE = 4e-3
+_NEARLY = 0.02
+_LEAST_M = 0.05
 _AROUND = np.ones((5, 5), np.uint8)
-_GONE, _GONE_SHARE = 0.05, 5e-4  # by how much farther another capture sees, and in which share of pixels
-_SHARE, _OF_OBJECT, _OF_COLORS = 0.01, 0.25, 0.015  # of pixels, of an object's points, and of its colours
+# by how much farther another capture sees, and in which share of pixels
+_GONE = 0.05
+_GONE_SHARE = 5e-4
+# of pixels, of an object's points, and of its colours
+_SHARE = 0.01
+_OF_OBJECT = 0.25
+_OF_COLORS = 0.015
 _LEAST_PX = 60
-_OUTSIDE_M, _OUTSIDE = 0.03, 0.01  # points may be so far outside their object's box: metres, of the distance
+# points may be so far outside their object's box: metres, of the distance
+_OUTSIDE_M = 0.03
+_OUTSIDE = 0.01
 _CROSSED_PX = 150  # rays that enter the box of an object that is not shown
-_SPHERE, _SPHERE_PX = 2e-3, 2000
+_SPHERE = 2e-3
+_SPHERE_PX = 2000
 _AGAIN_LEVELS = 0.5
 _MOST_PX = 4  # by which colours are looked for beside the masks' edges
 _EFFECTS = (
@@ -127,7 +142,8 @@ class Overlap(NamedTuple):
         known = (np.abs(behind) < _NEARLY) & (abs(nearer) > _LEAST_M)
         scale = (behind * expected)[known] / (nearer or 1.0)
         row = tuple(axis[common][same] for axis in there)
-        least, most = cv2.erode(first.lit, _AROUND)[row], cv2.dilate(first.lit, _AROUND)[row]
+        least = cv2.erode(first.lit, _AROUND)[row]
+        most = cv2.dilate(first.lit, _AROUND)[row]
         lit = second.lit[common][same]
         levels = np.maximum(least - lit, lit - most).max(axis=-1, initial=0.0)
         objects = second.mask[common][same]
@@ -145,7 +161,8 @@ def capture_views(
 ) -> list[ViewCapture]:
     """Capture views in three modes at a centre beside the camera's position."""
     kind, unit = camera.driver.table.depth
-    start, captures = camera.position, []
+    start = camera.position
+    captures = []
     camera.position = start + beside_m
     for angle in angles:
         pose = camera.go(*angle)
@@ -171,7 +188,8 @@ def findings(
         boxes: of objects, world frame.
     """
     here = np.zeros(3)
-    faces, turned = capture_views(camera, FACES.values(), here), capture_views(camera, _TURNED, here)
+    faces = capture_views(camera, FACES.values(), here)
+    turned = capture_views(camera, _TURNED, here)
     nearest = min(float(capture.depth.min()) for capture in faces)
     beside = capture_views(camera, FACES.values(), min(_BESIDE_M, _BESIDE_SHARE * nearest) * _BESIDE)
     (again,) = capture_views(camera, [FACES["front"]], here)
@@ -179,7 +197,8 @@ def findings(
     yield _again(faces[0], again)
     first, second = ([Picture(each.lit @ GREY, each.view.pose) for each in of] for of in (faces, turned))
     yield from light_findings(product(first, second), camera.fov_deg)
-    by_turning, by_moving = Overlap.of_pairs(faces, turned), Overlap.of_pairs(faces, beside)
+    by_turning = Overlap.of_pairs(faces, turned)
+    by_moving = Overlap.of_pairs(faces, beside)
     yield from _agree("turned", by_turning, np.abs(by_turning.behind))
     yield from _agree("moved", by_moving, by_moving.behind)
     scale = float(np.median(by_moving.scale)) if len(by_moving.scale) >= _LEAST_PX else 0.0
@@ -220,7 +239,8 @@ def _agree(how: str, overlap: Overlap, off: Array) -> Iterator[Finding]:
 
 def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
     """Find objects whose colours change with the centre: they mirror, or something is seen through them."""
-    objects, lit = overlap.objects, overlap.lit
+    objects = overlap.objects
+    lit = overlap.lit
     changing = [
         names.get(code, "?")
         for code in np.unique(objects)
@@ -233,7 +253,9 @@ def _view_dependent(overlap: Overlap, names: Mapping[int, str]) -> Finding:
 
 def _aligned(captures: Sequence[ViewCapture]) -> Finding:
     """Measure how far the edges of colours lie beside those of masks, px."""
-    name, offsets, reach = "colours over masks", list[str](), range(-_MOST_PX, _MOST_PX + 1)
+    name = "colours over masks"
+    offsets = list[str]()
+    reach = range(-_MOST_PX, _MOST_PX + 1)
     if not all(capture.has_mask for capture in captures):
         return Finding(name, "masks are pictures of another camera")
     for axis, direction in ((1, "right"), (0, "down")):
@@ -272,7 +294,8 @@ def _boxes(
     reach = np.linalg.norm(points - center, axis=1)
     wrong = []
     for code, name in ((code, name) for code, name in names.items() if name in boxes):
-        box, of_object = boxes[name], mask == code
+        box = boxes[name]
+        of_object = mask == code
         if of_object.sum() >= _LEAST_PX:
             beyond = np.abs((points[of_object] - box.center_w) @ box.R_w_b) - box.size / 2
             slack = _OUTSIDE_M + _OUTSIDE * reach[of_object]

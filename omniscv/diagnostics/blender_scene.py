@@ -11,7 +11,8 @@ from omniscv.sources.base import Request, View
 from omniscv.sources.blender.process import TIMEOUT_S
 from omniscv.sources.blender.source import BlenderSource, open_process
 
-_EDGE_PX, _FOV_DEG = 128, 90.0
+_EDGE_PX = 128
+_FOV_DEG = 90.0
 _BLACK = 1 / 255
 _ELSEWHERE = "give --position where more is visible"
 _PACK = "put them there, or pack them into the file"
@@ -41,7 +42,8 @@ def examine_blender(
         center = middle if position is None else position
         lamps = len(scene.lights.keys() - {"World"})
         lights = f"{'a' if scene.world else 'no'} world, {lamps} lamps"
-        lit, objects = scene.world or lamps, len(scene.objects)
+        lit = scene.world or lamps
+        objects = len(scene.objects)
         missing = f"{len(scene.missing)} missing" + "".join(f", {path}" for path in scene.missing[:1])
         return [
             Finding("Blender", f"{source.blender.version}; {source.scene_identity.level}"),

@@ -40,11 +40,15 @@ from omniscv.sources.unreal.protocol import DIALECTS, EXPOSURE_METHOD, LEGACY, L
 
 _MODES = ("depth", "lit", "object_mask")
 _YAWS_DEG = (0.0, 90.0, 180.0, -90.0)
-_TURN_DEG, _FORWARD_M = 22.5, 0.25
+_TURN_DEG = 22.5
+_FORWARD_M = 0.25
 _UNITS = {100.0: "cm", 1.0: "m"}  # by how much depth decreases when the camera moves a metre forward
 _PRINTED = 1e-3  # servers print three decimals
 _DARK: Color = (120, 35, 63)  # a mask colour of which plugin 0.3.10 changes every channel
-_WARM, _MOST, _BACK_DEG = 24, 0.99, 150  # frames that are given; share of the pixels; a turn
+# frames that are given; share of the pixels; a turn
+_WARM = 24
+_MOST = 0.99
+_BACK_DEG = 150
 _WINDOW = "a square window, Width = Height, FOV 90 in unrealcv.ini"
 _UNKNOWN = "do not record: this server is of no known kind"
 
@@ -77,7 +81,8 @@ def examine_address(
         ArgumentError: an address of another form, or options that are of others.
         SourceError: no UnrealCV server reachable there, or one that makes no pictures.
     """
-    is_file, path = scheme_of(address) in (None, *storage.SCHEMES), Path(address)
+    is_file = scheme_of(address) in (None, *storage.SCHEMES)
+    path = Path(address)
     is_captures = not (is_file and path.is_dir()) or (path / INDEX).exists()
     if (layout != "auto" or said) and is_captures:
         raise ArgumentError(f"layout: expected a folder of frames with poses, got {shown(address)}")
@@ -111,7 +116,8 @@ def _findings(connection: Connection, camera: RawCamera, mode: Finding, quick: b
     # Depth says what the field of view is only if it is known which depth it is.
     aligned = _MODES[1:] if meaning.verdict == "warning" else _MODES
     version, scene = map(protocol.name, connection.texts([VERSION, SCENE]))
-    name, plugin = connection.plugin.dialect, DIALECTS[connection.plugin.dialect]
+    name = connection.plugin.dialect
+    plugin = DIALECTS[connection.plugin.dialect]
     value = f"{name}: {plugin.plugin}; {plugin.engine}; reports version {version}, scene {scene}"
     yield Finding("dialect", value)
     yield from (mode, settled)
@@ -166,12 +172,11 @@ def warm_up(camera: RawCamera) -> Finding:
     frames = [camera.pixels("lit").astype(np.int16) for _ in range(_WARM + 1)]
     changes = [np.quantile(np.abs(b - a), _MOST) for a, b in pairwise(frames)]
     count = max((i + 1 for i, change in enumerate(changes) if change >= 1), default=0)
-    value, remedy = (
-        f"after {count} more frames: temporal effects, or exposure",
-        f"--set source_options.warmup={count}",
-    )
+    value = f"after {count} more frames: temporal effects, or exposure"
+    remedy = f"--set source_options.warmup={count}"
     if count == _WARM:
-        value, remedy = f"never, in {_WARM} frames", "fix the exposure; stop animations"
+        value = f"never, in {_WARM} frames"
+        remedy = "fix the exposure; stop animations"
     return Finding("colours settle", value, "bad", remedy) if count else Finding("colours settle", "at once")
 
 
@@ -184,7 +189,8 @@ def manual_exposure(connection: Connection, camera: RawCamera) -> list[Finding]:
         bias = matching_bias(connection, camera.driver.camera, location_cm)
         value = "no bias matches the game's own"
     except ServerRefusedError as refused:
-        bias, value = None, str(refused)
+        bias = None
+        value = str(refused)
     if bias is not None:
         return [Finding("manual exposure", f"as bright as the game's own with a bias of {bias:g}")]
     return [Finding("manual exposure", value, "warning", "none: colours have the game's own")]

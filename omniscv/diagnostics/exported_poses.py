@@ -103,7 +103,8 @@ def _nerfstudio(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     for file in (out / "transforms.json", out / frames[0].camera_name / "transforms.json"):
         if file.is_file():
             rows = json.loads(file.read_text("utf-8"))["frames"]
-            keys, matrix = [Path(row["file_path"]).stem for row in rows], "transform_matrix"
+            keys = [Path(row["file_path"]).stem for row in rows]
+            matrix = "transform_matrix"
             yield Written.of(file, keys, [{matrix: row[matrix]} for row in rows], Words("opengl", along=True))
 
 
@@ -111,7 +112,8 @@ def _colmap(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     file = out / "sparse" / "0" / "images.txt"
     if file.is_file():
         lines = [line for line in file.read_text("utf-8").splitlines() if not line.startswith("#")]
-        rows, names = [line.split(" ", 9) for line in lines[::2]], ("qw", "qx", "qy", "qz", "x", "y", "z")
+        rows = [line.split(" ", 9) for line in lines[::2]]
+        names = ("qw", "qx", "qy", "qz", "x", "y", "z")
         poses = [dict(zip(names, map(float, row[1:8]), strict=True)) for row in rows]
         words = Words(inverse=True, quaternions=True, along=True)
         yield Written.of(file, [Path(row[9]).stem for row in rows], poses, words)
@@ -136,7 +138,8 @@ def _euroc(out: Path, frames: Sequence[Frame]) -> Iterator[Written]:
     T_BS = np.reshape(yaml.safe_load(sensor.read_text("utf-8"))["T_BS"]["data"], (4, 4))
     state = out / "mav0" / "state_groundtruth_estimate0" / "data.csv"
     path = read_trajectory(state, frame=Pose(T_BS[:3, 3], T_BS[:3, :3]))
-    times, poses = np.array(path.times_ns), dict[str, Pose | None]()
+    times = np.array(path.times_ns)
+    poses = dict[str, Pose | None]()
     for frame in frames:
         off = np.abs(times - (frame.time_ns or 0))
         if off.min() < _NEAR_NS:

@@ -21,7 +21,8 @@ from omniscv.errors import OmniscvError
 LIBRARIES = ("cv2", "OpenImageIO", "scipy.spatial", "PIL.Image", "unrealcv")
 """Modules with compiled parts, or with system libraries behind them."""
 
-LEAST_BYTES, ENOUGH_BYTES = 100 << 20, 2 << 30
+LEAST_BYTES = 100 << 20
+ENOUGH_BYTES = 2 << 30
 """Free space of a disk: below the first nothing useful can be captured, below the second little."""
 
 _EXTRAS = (
@@ -80,7 +81,8 @@ def _packages() -> Iterator[Finding]:
             version = metadata.version(needed.name)
             sound = needed.specifier.contains(version, prereleases=True)
         except metadata.PackageNotFoundError:
-            version, sound = "missing", False
+            version = "missing"
+            sound = False
         if extra in lacking:
             lacking[extra] += [] if sound else [needed.name]
         elif extra is None:
@@ -159,7 +161,8 @@ def _ports(port: int) -> Iterator[Finding]:
     try:
         yield Finding(f"port {port}", listen(port, "free"))
     except OSError:  # any other port serves as well
-        value, remedy = "in use: by an UnrealCV server, or by another program", "omniscv serve --port 0"
+        value = "in use: by an UnrealCV server, or by another program"
+        remedy = "omniscv serve --port 0"
         yield Finding(f"port {port}", value, "warning", f"to serve there, end it, or {remedy}")
 
 

@@ -18,7 +18,8 @@ from omniscv.sources.recording.overlap import PosedPictures, moves
 
 LEAST_FRAMES = 8
 """From fewer frames no fault is named."""
-PAIRS, WIDTH = 30, 1300
+PAIRS = 30
+WIDTH = 1300
 """Pairs of frames that are compared, and px of their width, at most."""
 
 
@@ -58,11 +59,17 @@ _POINTS = 400  # of a pair, each way
 _SMOOTH = 0.012  # second difference of inverse depth of surfaces that are compared, relative
 _SOFT = 2.0  # px, by which depth is blurred for derivatives
 _FAR_OFF = 0.2  # log depth of another surface
-_TUKEY, _SIGMA, _LIKELY_SIGMA = 4.7, 5.0, 2.0
+_TUKEY = 4.7
+_SIGMA = 5.0
+_LIKELY_SIGMA = 2.0
 _BLOCKS = (16, 8)  # of time, over which residuals may be alike
 _TOGETHER = 20  # pairs in a row, whose errors of poses are related
-_MOST_FAULTS, _ROUNDS, _LEAST_POINTS = 5, 8, 200
-_INEXACT, _OF_MATTERS = 0.02, 0.05  # shares of sizes that the fit's model is off by
+_MOST_FAULTS = 5
+_ROUNDS = 8
+_LEAST_POINTS = 200
+# shares of sizes that the fit's model is off by
+_INEXACT = 0.02
+_OF_MATTERS = 0.05
 _PER_NOISE = 20.0  # more of a size, for each of the noise of log depth, which weakens derivatives
 _AS_WELL = 0.75  # of the gain, by which another parameter explains the same
 _POSE_NOISE = np.geomspace(1e-5, 0.03, 17)  # of a frame: radians, and shares of the median depth
@@ -103,7 +110,8 @@ class System(NamedTuple):
         inverse = np.linalg.pinv(np.einsum("pni,pnj->ij", J, J), rcond=1e-12)
         total = np.einsum("pni,pn->i", J, self.r)
         step = -inverse @ total
-        scores, variance = np.einsum("pni,pn->pi", J, self.r + J @ step), np.diag(inverse)
+        scores = np.einsum("pni,pn->pi", J, self.r + J @ step)
+        variance = np.diag(inverse)
         for count in _BLOCKS:
             blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, count)])
             robust = inverse @ (blocks.T @ blocks) @ inverse * count / (count - 1)
@@ -121,12 +129,15 @@ class Fit:
     """
 
     def __init__(self, pictures: PosedPictures, R: Array, t: Array, along: bool) -> None:
-        self.pictures, self.along, frames = pictures, float(along), pictures.frames
+        self.pictures = pictures
+        self.along = float(along)
+        frames = pictures.frames
         pairs = np.concatenate([pictures.pairs, pictures.pairs[:, ::-1]])
         self.pairs = pairs[np.argsort(frames[pairs].sum(axis=1), kind="stable")]
         self.a, self.b = self.pairs.T[:, :, None]
         height, width = pictures.depth.shape[1:]
-        random, shape = np.random.default_rng(1), (len(self.pairs), _POINTS)
+        random = np.random.default_rng(1)
+        shape = (len(self.pairs), _POINTS)
         rows, columns = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
         self.u, self.v = columns + 0.5, rows + 0.5
         known = pictures.depth > 0
@@ -143,11 +154,13 @@ class Fit:
         self.R, self.t = moves(R[frames], t[frames], self.pairs)
         self.into_b = R[frames][self.pairs[:, 1]].swapaxes(1, 2)
         at = np.arange(len(R))
-        before, after = np.maximum(at - 1, 0), np.minimum(at + 1, at[-1])
+        before = np.maximum(at - 1, 0)
+        after = np.minimum(at + 1, at[-1])
         spans = (after - before)[:, None]
         turns = Rotation.from_matrix(R[before].swapaxes(1, 2) @ R[after]).as_rotvec() / spans
         steps = np.einsum("nji,nj->ni", R, t[after] - t[before]) / spans
-        self.turns, self.steps = turns[frames], steps[frames]
+        self.turns = turns[frames]
+        self.steps = steps[frames]
         is_video = np.median(np.linalg.norm(turns, axis=1)) < _MOST_TURN
         possible = _OF_PANORAMA if pictures.panorama else range(len(PARAMETERS))
         self.possible = np.array([i for i in possible if is_video or i not in (TIME, ROLLING)])
@@ -161,8 +174,12 @@ class Fit:
         ``theta`` has parameters and ``_POSE``, in world axes and shares of the median depth; ``soft`` is for
         derivatives, which noise of depth would swamp.
         """
-        a, b, height = self.a, self.b, self.pictures.depth.shape[1]
-        scale, offset, kind = np.exp(theta[SCALE]), theta[OFFSET] * self.median, self.along + theta[RAY]
+        a = self.a
+        b = self.b
+        height = self.pictures.depth.shape[1]
+        scale = np.exp(theta[SCALE])
+        offset = theta[OFFSET] * self.median
+        kind = self.along + theta[RAY]
         rays = self._rays(theta)
         p = rays * ((self.stored * scale + offset) / np.linalg.norm(rays, axis=-1) ** kind)[..., None]
         if is_late := bool(theta[TIME] or theta[ROLLING]):
@@ -187,7 +204,8 @@ class Fit:
 
     def _lens(self, theta: Array, frame: Any) -> tuple[Array, Array, Array, Array]:
         fx, fy, cx, cy = np.moveaxis(self.pictures.lenses[frame], -1, 0)
-        longer, wider = np.exp(theta[FOCAL]), np.exp(theta[ASPECT] / 2)
+        longer = np.exp(theta[FOCAL])
+        wider = np.exp(theta[ASPECT] / 2)
         return fx * longer * wider, fy * longer / wider, cx + theta[CX], cy + theta[CY]
 
     def _rays(self, theta: Array) -> Array:
@@ -217,7 +235,8 @@ class Fit:
 
     def system(self, theta: Array) -> System | None:
         """Return the equations of all parameters at ``theta``; None where too few points are compared."""
-        off, steps = self.residuals(theta, soft=False), np.diag(_STEPS)
+        off = self.residuals(theta, soft=False)
+        steps = np.diag(_STEPS)
         ends = [
             (self.residuals(theta + step) - self.residuals(theta - step)) / (2 * step.sum())
             for step in (*steps[_POSE], *steps[self.possible])
@@ -230,10 +249,12 @@ class Fit:
         root = np.sqrt(np.where(known & ~edges, _tukey(off, self._spread(off, known)), 0))[..., None]
         Q, T = np.linalg.qr(root * np.nan_to_num(J))  # what tells poses and parameters: no other residuals
         r = (root * Q).swapaxes(1, 2) @ np.nan_to_num(off)[..., None]
-        X, best = np.concatenate([T[..., 6:], r], axis=-1), np.inf
+        X = np.concatenate([T[..., 6:], r], axis=-1)
+        best = np.inf
         blocks = np.array_split(np.arange(len(Q)), -(-len(Q) // _TOGETHER))
         for share in _POSE_NOISE:
-            Z, logs = X.copy(), 0.0
+            Z = X.copy()
+            logs = 0.0
             for block in blocks:
                 F = share * T[block, :6, :6].reshape(-1, 6)
                 of_pairs = np.kron(self.alike[np.ix_(block, block)], np.ones((6, 6)))
@@ -247,7 +268,9 @@ class Fit:
             cost = rest / noise + count * np.log(noise) + 2 * logs
             cost += np.linalg.slogdet(H[:-1, :-1] / noise + np.diag(_LIKELY[self.possible] ** -2.0))[1]
             if cost < best:
-                best, drift, free_of_poses = cost, share * noise**0.5, Z / noise**0.5
+                best = cost
+                drift = share * noise**0.5
+                free_of_poses = Z / noise**0.5
         return System(free_of_poses[..., :-1], free_of_poses[..., -1], off, float(drift))
 
     def _spread(self, off: Array, known: NDArray[np.bool_]) -> Array:
@@ -260,9 +283,11 @@ class Fit:
 
     def _settled(self, theta: Array, chosen: list[int], system: System) -> tuple[Array, System | None]:
         """Return parameters with those of ``chosen`` fitted, and the equations there."""
-        at, after = self.possible[chosen], system
+        at = self.possible[chosen]
+        after = system
         for _ in range(_ROUNDS):
-            step, theta = after.solve(chosen)[0], theta.copy()
+            step = after.solve(chosen)[0]
+            theta = theta.copy()
             theta[at] += step
             if (again := self.system(theta)) is None:
                 return theta, None
@@ -273,8 +298,12 @@ class Fit:
 
     def find(self) -> Found:
         """Return what is off beyond doubt, the greatest gain first."""
-        theta, matters = np.zeros(len(_STEPS)), _MATTERS[self.possible]
-        chosen, refused, others, sigmas = list[int](), set[int](), list[list[int]](), np.zeros(0)
+        theta = np.zeros(len(_STEPS))
+        matters = _MATTERS[self.possible]
+        chosen = list[int]()
+        refused = set[int]()
+        others = list[list[int]]()
+        sigmas = np.zeros(0)
         if (system := self.system(theta)) is None:
             return Found([], np.full((1, 1), np.nan), 0.0)
         while len(chosen) < _MOST_FAULTS:
@@ -292,10 +321,14 @@ class Fit:
             least = np.maximum(_SIGMA * doubt, matters[trial])
             if after and (np.abs(fitted[self.possible[trial]]) > least).all():
                 others.append([i for gain, i in less if gain > _AS_WELL * most])
-                theta, system, chosen, sigmas = fitted, after, trial, doubt
+                theta = fitted
+                system = after
+                chosen = trial
+                sigmas = doubt
             else:
                 refused.add(i)
-        noise, found = 1.4826 * float(np.nanmedian(np.abs(system.left))), theta[self.possible]
+        noise = 1.4826 * float(np.nanmedian(np.abs(system.left)))
+        found = theta[self.possible]
         model = np.hypot((_INEXACT + _PER_NOISE * noise) * found[chosen], _OF_MATTERS * matters[chosen])
         of = [PARAMETERS[i] for i in self.possible]
         rows = zip(chosen, np.hypot(sigmas, model).tolist(), others, strict=True)

@@ -27,16 +27,31 @@ OF_COLORS = (
     Parameter("colours, y", 0.5, 1.0, 6.0, "px"),
 )
 """How colours may lie beside depth."""
-_POINTS, _TOLERANCE = 900, 0.03
+_POINTS = 900
+_TOLERANCE = 0.03
 _GAIN = 0.05  # of what correlation lacks, by which others fit better
-_INEXACT, _OF_MATTERS = 0.1, 0.25  # shares of sizes that the search is off by
-_CLEAR, _CLEARER = 3.0, 0.05  # standard errors, and correlation, by which other colours fit better
-_REACHES, _TRIALS, _ROUNDS, _SIGMA, _BLOCKS = (1.0, 0.4), 15, 4, 5.0, 8  # of a search for colours
-_PILED, _BEHIND, _OF_SIGMA, _LEAST_OFF = 2e-3, 0.05, 6.0, 0.03
+# shares of sizes that the search is off by
+_INEXACT = 0.1
+_OF_MATTERS = 0.25
+# standard errors, and correlation, by which other colours fit better
+_CLEAR = 3.0
+_CLEARER = 0.05
+# of a search for colours
+_REACHES = (1.0, 0.4)
+_TRIALS = 15
+_ROUNDS = 4
+_SIGMA = 5.0
+_BLOCKS = 8
+_PILED = 2e-3
+_BEHIND = 0.05
+_OF_SIGMA = 6.0
+_LEAST_OFF = 0.03
 _LIMITS = (*(2**bits - 1 for bits in (8, 10, 12, 13, 14, 15, 16, 24, 31, 32)), 65504, 1e10)
 """The largest numbers of types, sensors and programs."""
 _SAME = 1e-6  # relative difference of equal depths
-_STEPS, _COARSE = 0.2, 0.01  # distinct values of all; a step, as a share of depth
+# distinct values of all; a step, as a share of depth
+_STEPS = 0.2
+_COARSE = 0.01
 _SAMPLE = 200_000
 _OVERLAP = "frames that see the same surfaces"
 _CHECK = "check the file of poses, and the lens, that belong to these pictures"
@@ -73,11 +88,13 @@ def examine_views(source: Source) -> list[Finding]:
             with suppress(MissingCaptureError):
                 (capture,) = source.capture([Request(views[i], mode, source.state)])
                 pixels[mode] = capture.pixels
-        depth, lit = pixels.get("depth"), pixels.get("lit")
+        depth = pixels.get("depth")
+        lit = pixels.get("lit")
         return None if depth is None else Shot.of(depth, lit, views[i].projection, width)
 
     poses = [view.pose for view in views]
-    R, t = np.stack([pose.R_w_c for pose in poses]), np.stack([pose.position for pose in poses])
+    R = np.stack([pose.R_w_c for pose in poses])
+    t = np.stack([pose.position for pose in poses])
     fov = float(np.radians(min(view.fov_deg for view in views)))
     return examine_pictures(PosedPictures.read(R, t, read, fov, PAIRS, WIDTH), Words())
 
@@ -120,7 +137,8 @@ def _faults(found: Found) -> Iterator[Finding]:
         yield Finding(name, value, "bad", _CHECK)
     if not found.faults:
         yield Finding("lens, scale and time", "nothing is off beyond doubt")
-    noise, drift = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF]))), found.drift
+    noise = 1.4826 * float(np.median(np.abs(off[np.abs(off) < _LEAST_OFF])))
+    drift = found.drift
     value = f"depth {noise:.2%}; poses of frames {np.degrees(drift):.2g} degrees, {drift:.2g} of depth"
     yield Finding("noise", value)
     share = float((off > max(_OF_SIGMA * noise, _LEAST_OFF)).mean())
@@ -131,7 +149,8 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
     """Yield whether colours belong to depth: as they are, not mirrored, and of the same frame."""
     if pictures.grey is None:
         return
-    frames, scores = pictures.frames, dict[str, Array]()
+    frames = pictures.frames
+    scores = dict[str, Array]()
     motion = moves(R[frames], t[frames], pictures.pairs)
     for by in sorted(range(-3, 4), key=abs):
         if by == 0 or np.isin(frames + by, frames).mean() > 0.6:
@@ -141,12 +160,14 @@ def _colors(pictures: PosedPictures, R: Array, t: Array, along: bool) -> Iterato
             for name, flip in _FLIPS.items():
                 score = others.agreements(*motion, (_POINTS, _TOLERANCE, along), (*flip, 0, 0))[:, 1]
                 scores[" and ".join(filter(None, (name, late)))] = score
-    best, as_said = max(scores, key=lambda said: float(scores[said].mean())), scores[""]
+    best = max(scores, key=lambda said: float(scores[said].mean()))
+    as_said = scores[""]
     better = scores[best] - as_said
     signs = np.sign(better).sum() / np.sqrt(len(better))  # standard deviations, if either were as likely
     said = f"correlation {as_said.mean():.2f}"
     if best and better.mean() > _CLEARER and signs > _CLEAR:
-        value, remedy = f"{best}: {scores[best].mean():.2f}", "give each depth the colours of its own frame"
+        value = f"{best}: {scores[best].mean():.2f}"
+        remedy = "give each depth the colours of its own frame"
         yield Finding("colours over depth", f"{value}; as said {said}", "bad", remedy)
     else:
         yield Finding("colours over depth", said)
@@ -158,7 +179,8 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
         return []
     motion = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
     steps = np.diag([2 / pictures.depth.shape[2], 0.5, 0.5])  # px, at a quarter of the width
-    x, sigma = np.zeros(3), np.zeros(3)
+    x = np.zeros(3)
+    sigma = np.zeros(3)
 
     def scores(x: Array) -> Array:
         scale = float(np.exp(x[0]))
@@ -174,7 +196,8 @@ def _colors_beside(pictures: PosedPictures, R: Array, t: Array, along: bool) -> 
     for _ in range(_ROUNDS):
         slopes = slopes_at(x)
         bend = np.stack([(slopes_at(x + step) - slopes_at(x - step)).mean(axis=0) / 2 for step in steps])
-        mean, inverse = slopes.mean(axis=0), np.linalg.pinv(bend)
+        mean = slopes.mean(axis=0)
+        inverse = np.linalg.pinv(bend)
         x = x - np.diag(steps) * np.clip(inverse @ mean, -3, 3)
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(slopes - mean, _BLOCKS)])
         sigma = np.diag(steps) * np.linalg.norm(blocks / len(slopes) @ inverse, axis=0)
@@ -210,7 +233,8 @@ def _values(pictures: PosedPictures, words: Words) -> Iterator[Finding]:
             remedy = f"if it stands for no surface, --missing with its number in the file ({end:.6g} m)"
             yield Finding("values of depth", f"{share:.1%} have the {name}, {end:.6g}", "warning", remedy)
     drawn = np.random.default_rng(0).choice(values, min(values.size, _SAMPLE), replace=False)
-    different, middle = np.unique(drawn), float(np.median(drawn))
+    different = np.unique(drawn)
+    middle = float(np.median(drawn))
     if 1 < different.size < _STEPS * drawn.size:
         near = different[np.abs(different / middle - 1) < 0.1]
         step = float(np.median(np.diff(near if near.size > 1 else different)))

@@ -94,12 +94,15 @@ def _masks(source: Source) -> Iterator[Finding]:
     """Yield what object masks show, if there are any: objects, or nothing that has a name."""
     if "object_mask" not in source.capabilities.modes:
         return
-    table, shown, known = source.objects(), 0, 0
+    table = source.objects()
+    shown = 0
+    known = 0
     for view in source.recorded_views() or ():
         with suppress(MissingCaptureError):
             (capture,) = source.capture([Request(view, "object_mask", source.state)])
             labels, _ = (labels_of_ids if capture.pixels.ndim == 2 else labels_of)(capture.pixels, table)
-            shown, known = shown + labels.size, known + int(np.count_nonzero(labels))
+            shown = shown + labels.size
+            known = known + int(np.count_nonzero(labels))
     value = f"{known} of {shown} pixels show one of {len(table.names())} objects"
     yield Finding.unless(known > 0, "masks", value, "bad", "import it with --names")
 

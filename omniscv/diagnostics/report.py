@@ -23,7 +23,8 @@ from omniscv.sources.unreal.client import Connection, address_of
 from omniscv.storage.local import whole_file
 
 _ALWAYS = (protocol.VERSION, protocol.SCENE, "vget /unrealcv/status", "vget /unrealcv/help", "vget /objects")
-_MODES, _FACES = ("lit", "depth", "object_mask", "normals"), ("front", "left")
+_MODES = ("lit", "depth", "object_mask", "normals")
+_FACES = ("front", "left")
 _SUFFIXES = ("txt", "png", "npy", "bmp")
 _MOST_TEXT = 20_000  # characters of a reply
 _LEAST_NAME = 3  # characters of a name that is left out: shorter ones are part of too many words

@@ -27,7 +27,9 @@ _FLAT = 1e-3  # relative contrast below which a picture has nothing to align
 _OVERLAP = 0.1  # the least share of the picture that both must see
 
 _LEAST_PIXELS = 64
-_DARK, _BRIGHT = 16, 240  # grey levels between which rounding and clipping do not matter
+# grey levels between which rounding and clipping do not matter
+_DARK = 16
+_BRIGHT = 240
 _SHARE = 0.02  # of the light, below which a difference may come from textures
 _FIX = "--set source_options.fix_exposure=true"
 
@@ -129,11 +131,13 @@ def light_findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> 
     """
     overlaps = [overlap for pair in pairs if (overlap := _overlap(*pair, fov_deg))]
     if not overlaps:
-        value, remedy = "too dark or too bright to measure", "give --position in a lit room"
+        value = "too dark or too bright to measure"
+        remedy = "give --position in a lit room"
         return [Finding(name, value, "warning", remedy) for name in ("exposure", "vignette")]
     vignette, exposure = (round(share, 4) + 0.0 for share in _fit(overlaps))
     drift = f"none for recordings of N2 and later; vrun r.EyeAdaptationQuality 0, or {_FIX}"
-    value, ok = f"{exposure:.1%} between pictures of one surface", exposure <= _SHARE
+    value = f"{exposure:.1%} between pictures of one surface"
+    ok = exposure <= _SHARE
     shade = f"vrun r.Tonemapper.Quality 1, or {_FIX}, or record --overscan 512"
     darker = f"corners {vignette:.1%} darker than the middle"
     return [
@@ -144,7 +148,8 @@ def light_findings(pairs: Iterable[tuple[Picture, Picture]], fov_deg: float) -> 
 
 def _overlap(first: Picture, second: Picture, fov_deg: float) -> tuple[Array, Array, Array] | None:
     """Return log ratio of grey levels, t and t', each (N,); None for too few pixels."""
-    view, other = first.view(fov_deg), second.view(fov_deg)
+    view = first.view(fov_deg)
+    other = second.view(fov_deg)
     uvz = reproject(view, other)
     common = inside(uvz, other)
     greys = np.stack([first.pixels[common], sample(second.pixels, uvz)[common]])

@@ -32,7 +32,9 @@ EDGE_PX = 128  # frames are square and of this size, where the server can set it
 _LARGEST_PX = 1 << 13
 _FRAMES = 8  # after so many frames at one pose a camera shows it, if it ever does
 NEVER = _FRAMES - 1  # so many stale frames mean that a camera does not rest
-_NOISE, _MOVING = 0.01, 0.05  # relative depth, and share of a frame, by which frames of one pose may differ
+# relative depth, and share of a frame, by which frames of one pose may differ
+_NOISE = 0.01
+_MOVING = 0.05
 _TICKS = 6  # for how long to watch objects
 _AWAY_CM = np.array([40.0, 30.0, 50.0])  # a move that changes the depth of nearly every surface
 _LISTED = 3  # objects that a finding names
@@ -68,14 +70,16 @@ class RawCamera(AbstractContextManager["RawCamera"]):
     """
 
     def __init__(self, connection: Connection, position: Array | None = None) -> None:
-        self._connection, self.driver = connection, open_driver(connection)
+        self._connection = connection
+        self.driver = open_driver(connection)
         if position is None:
             position = Pose.from_unreal(self.driver.read("location", 3), (0, 0, 0)).position
         self.position = position
         self.driver.attach()
         self._view: View | None = None
         self._sizes: dict[str, tuple[int, int]] = {}  # of each mode's pictures
-        self.size, self.lag = (EDGE_PX, EDGE_PX), _FRAMES
+        self.size = (EDGE_PX, EDGE_PX)
+        self.lag = _FRAMES
         self._aim(0, 0)
         height, width = self.pixels("lit").shape[:2]
         self.size = width, height
@@ -166,7 +170,8 @@ class MovingWorld:
     """The objects and the clock of a game that the doctor examines; it is left as it was."""
 
     def __init__(self, connection: Connection, camera: RawCamera) -> None:
-        self._connection, self._camera = connection, camera
+        self._connection = connection
+        self._camera = camera
         self._clock = clock_of(camera.driver)
         self._can_stop = False  # whether it moves, and can be paused
 

@@ -18,7 +18,12 @@ from omniscv.storage.local import whole_file
 NAMES = ("layout", "calibration", "lines", "odometry")
 
 INK = "#1c2330"
-BLUE, ORANGE, GREEN, RED, SKY, PINK = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7"
+BLUE = "#0072b2"
+ORANGE = "#e69f00"
+GREEN = "#009e73"
+RED = "#d55e00"
+SKY = "#56b4e9"
+PINK = "#cc79a7"
 COLORS = BLUE, ORANGE, GREEN, RED, SKY, PINK
 """Okabe and Ito's colours, which people with any colour vision tell apart."""
 
@@ -64,7 +69,8 @@ class Report:
         """Write ``NAME.json`` and ``NAME.csv`` into a folder; return all files of the report."""
         content: dict[str, Any] = {"evaluation": name, "figures": list(map(asdict, self.figures))}
         content |= {"about": dict(self.about), "raw": list(map(dict, self.rows))}
-        as_json, as_csv = out / f"{name}.json", out / f"{name}.csv"
+        as_json = out / f"{name}.json"
+        as_csv = out / f"{name}.csv"
         write_json(as_json, finite(content))
         with whole_file(as_csv) as part, part.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(self.rows[0]) if self.rows else [])

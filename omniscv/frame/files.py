@@ -100,7 +100,8 @@ def file_endings(records: Iterable[str]) -> dict[str, frozenset[str]]:
     a file by its suffix, and for some they run what it holds.
     """
     plugins.load()
-    suffixes, names = (*formats(), ARRAY), [row.name for row in modalities.layers()]
+    suffixes = (*formats(), ARRAY)
+    names = [row.name for row in modalities.layers()]
     layers = {name: frozenset(f".{name}.{suffix}" for suffix in suffixes) for name in names}
     return {**layers, **{kind: frozenset([f".{kind}.json"]) for kind in records}, IMAGE: frozenset([".json"])}
 
@@ -180,7 +181,8 @@ class FrameFiles(ImageFiles):
 
     def fault(self, kind: str, deep: bool = True) -> str | None:
         """Return what is wrong with a file in a local folder, as :meth:`FileEntry.fault`."""
-        local, entry = self.folder.local, self.entries[kind]
+        local = self.folder.local
+        entry = self.entries[kind]
         if local is None or (deep and kind in self._checked):
             return None
         wrong = entry.fault(local, deep)

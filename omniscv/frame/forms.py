@@ -105,8 +105,10 @@ def _words(*words: str) -> Reader:
 
 
 _LIST = listed(lambda _, item: item)  # whose items are checked elsewhere
-_PIXEL, _BOX = partial(numbers, shape=(2,)), partial(numbers, shape=(4,))
-_COUNT, _SHARE = partial(whole_number, least=0), partial(number, least=0, most=1)
+_PIXEL = partial(numbers, shape=(2,))
+_BOX = partial(numbers, shape=(4,))
+_COUNT = partial(whole_number, least=0)
+_SHARE = partial(number, least=0, most=1)
 _ANGLES = ("lon", "lat", "fov_h", "fov_v", "rot")  # degrees
 _CLASS = _Maybe(optional(text))  # None: no class
 _TRUTHS: dict[str, Reader] = {

@@ -112,14 +112,16 @@ class Pose:
         Raises:
             ArgumentError: the point is at the position, or straight up or down from it.
         """
-        eye, point = position_reader("position", position), position_reader("target", target)
+        eye = position_reader("position", position)
+        point = position_reader("target", target)
         upwards = numbers("up", up, (3,))
         forward = point - eye
         right = np.cross(forward, upwards)
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(forward) * np.linalg.norm(upwards):
             expected = f"expected a point that is not along 'up' from the position {shown(eye)}"
             raise ArgumentError(f"target: {expected}, got {shown(point)}; give another up")
-        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        forward = forward / np.linalg.norm(forward)
+        right = right / np.linalg.norm(right)
         return cls(eye, np.stack([right, np.cross(forward, right), forward], axis=1))
 
     @classmethod
@@ -199,7 +201,8 @@ def rotated(vectors: Array, R_b_a: Array) -> Array:
     """
     if vectors.size < MIN_PARALLEL_ELEMENTS:
         return np.asarray(vectors @ R_b_a.T)
-    rows, result = vectors.reshape(-1, 3), np.empty(vectors.shape)
+    rows = vectors.reshape(-1, 3)
+    result = np.empty(vectors.shape)
     turned = result.reshape(-1, 3)
     row_blocks(lambda block: np.matmul(rows[block], R_b_a.T, out=turned[block]), len(rows), 1)
     return result

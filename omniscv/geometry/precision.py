@@ -11,7 +11,8 @@ FLOAT32 = 2.0**-24  # relative rounding error
 COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 LEAST_M = 1e-9  # a server may send a depth of 0
-_ONE, _LEAST = np.float32(1), np.float32(LEAST_M)
+_ONE = np.float32(1)
+_LEAST = np.float32(LEAST_M)
 
 
 @fields("float64, int64, bool, float64, float64, float64, float64")

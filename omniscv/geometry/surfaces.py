@@ -41,7 +41,10 @@ than half floats jump (0.05 %). All lengths are relative, so that the same holds
 CONTINUED = 0.006
 """How far a surface is continued in depth beyond the last pixel that shows it, relative to its depth: it may
 end there."""
-_NONE, _QUARTER, _NOWHERE, _STEP = np.float32(0), np.float32(0.25), np.float32(np.inf), np.float32(STEP)
+_NONE = np.float32(0)
+_QUARTER = np.float32(0.25)
+_NOWHERE = np.float32(np.inf)
+_STEP = np.float32(STEP)
 
 
 class Point(NamedTuple):

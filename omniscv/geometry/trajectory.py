@@ -232,7 +232,8 @@ class Trajectory(Sequence[Pose]):
 
     def misses(self) -> tuple[float, float]:
         """Return how far the splines pass from the poses at most: metres, and radians."""
-        at, poses = self.motions(self.times_ns or ()), Poses.of(self.poses)
+        at = self.motions(self.times_ns or ())
+        poses = Poses.of(self.poses)
         away = np.linalg.norm(at.positions_w - poses.positions, axis=1)
         turned = np.abs(at.rotations - poses.rotations)
         return float(away.max()), float(turned.max())
@@ -245,6 +246,7 @@ class Trajectory(Sequence[Pose]):
 
         if self.times_ns is None or len(self.times_ns) < 2:
             raise ArgumentError("trajectory: expected two or more poses with times, for splines")
-        poses, times = Poses.of(self.poses), (np.array(self.times_ns) - self.times_ns[0]) / NS
+        poses = Poses.of(self.poses)
+        times = (np.array(self.times_ns) - self.times_ns[0]) / NS
         rotations = Rotation.from_matrix(poses.rotations)
         return CubicSpline(times, poses.positions), RotationSpline(times, rotations)

@@ -25,8 +25,11 @@ Frame = Literal["camera", "body", "object", "opengl", "ned", "unreal"] | Pose
 UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 PER_M = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 MATRIX = [f"m{i}" for i in range(16)]
-ANGLES, QUATERNION = ("yaw", "pitch", "roll"), ("qx", "qy", "qz", "qw")
-_LAST_ROW, _MOVED, _TURNED = MATRIX[12:], MATRIX[3:12:4], [m for m in MATRIX[:12] if m not in MATRIX[3:12:4]]
+ANGLES = ("yaw", "pitch", "roll")
+QUATERNION = ("qx", "qy", "qz", "qw")
+_LAST_ROW = MATRIX[12:]
+_MOVED = MATRIX[3:12:4]
+_TURNED = [m for m in MATRIX[:12] if m not in MATRIX[3:12:4]]
 _UNITS_OF: dict[str, tuple[str, ...]] = {
     "time": (*UNITS, "sec"), **dict.fromkeys("xyz", tuple(PER_M)), **dict.fromkeys(ANGLES, ("deg", "rad")),
 }  # fmt: skip
@@ -53,7 +56,9 @@ _MOST_ANGLE = 1e5  # degrees or radians; more digits than a turn has are lost
 _ROUNDING = 1e-3  # of a quaternion's length, and the entries of R R^T: files have few digits
 _EXACT = 1e-9  # a matrix that is a rotation as it is
 _BLOCK = 1 << 16
-_I, _GL, _MIRROR = np.eye(3), np.diag([1.0, -1, -1]), np.diag([1.0, -1, 1])
+_I = np.eye(3)
+_GL = np.diag([1.0, -1, -1])
+_MIRROR = np.diag([1.0, -1, 1])
 _AXES: dict[str, tuple[Array, Array, tuple[int, int, int]]] = {
     "camera": (_I, _I, (1, -1, 1)),
     "object": (_I, _I, (1, -1, 1)),
@@ -139,7 +144,8 @@ class Rows:
             with within(where):
                 rows.append(_columns_of(entry, units))
                 if rows[-1].keys() != rows[0].keys():
-                    before, got = ", ".join(rows[0]), ", ".join(rows[-1])
+                    before = ", ".join(rows[0])
+                    got = ", ".join(rows[-1])
                     raise ArgumentError(f"expected {before}, as before, got {got}")
         columns = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else ())}
         return cls(columns, units, lambda i: (entries[i][0], " ".join(f"{n:.9g}" for n in rows[i].values())))
@@ -223,24 +229,29 @@ class Rows:
             inverse: whether rows are from the world to the camera.
         """
         self.check()
-        mounted, axes = isinstance(frame, Pose), frame if isinstance(frame, str) else "body"
+        mounted = isinstance(frame, Pose)
+        axes = frame if isinstance(frame, str) else "body"
         W, C = axes_of(axes)
         if mounted:
             W, C = np.eye(3), frame.rotation  # type: ignore[union-attr]
         elif not {"m0", "qw"} & self.columns.keys():
             C = np.eye(3) if frame == "object" else R_LEVEL
-        start, scale = np.zeros(3), self._scale(unit, frame)
+        start = np.zeros(3)
+        scale = self._scale(unit, frame)
         if self.relative and first is not None:
             if axes not in ("camera", "object", "body"):
                 raise ArgumentError(f"frame: expected camera or body, as poses are relative, got {axes}")
-            start, W = first.position, first.rotation
+            start = first.position
+            W = first.rotation
             W = W @ R_LEVEL.T if axes == "body" else W  # the file's world is the first body
-        positions, rotations = np.empty((len(self), 3)), np.empty((len(self), 3, 3))
+        positions = np.empty((len(self), 3))
+        rotations = np.empty((len(self), 3, 3))
         is_own = np.array_equal(W, _I) and np.array_equal(C, _I)
         for begin in range(0, len(self), _BLOCK):
             some = slice(begin, begin + _BLOCK)
             block = replace(self, columns={name: values[some] for name, values in self.columns.items()})
-            R, t = block._turns(axes), block._stack(_MOVED if "m0" in block.columns else "xyz") * scale
+            R = block._turns(axes)
+            t = block._stack(_MOVED if "m0" in block.columns else "xyz") * scale
             if inverse:
                 R = R.swapaxes(1, 2)
                 t = -(R @ t[..., None])[..., 0]
@@ -312,7 +323,8 @@ def _columns_of(entry: Mapping[str, Any], units: dict[str, str]) -> dict[str, fl
             if not column or column == "name":
                 known = ", ".join(("x, y, z", *ANGLES, *QUATERNION, *_KEYS))
                 raise ArgumentError(f"expected keys among {known}; got {shown(key)}")
-            own, units[column] = {column: number(key, value)}, unit or units.get(column, "")
+            own = {column: number(key, value)}
+            units[column] = unit or units.get(column, "")
         if twice := own.keys() & found.keys():
             raise ArgumentError(f"expected each of a pose once, got {min(twice)} twice, by {key}")
         found |= own
@@ -368,7 +380,8 @@ def named_columns(words: list[str], count: int, keyed: bool) -> tuple[list[str],
     _check_columns(columns)
     units = {column: unit for column, unit in found if column and unit}
     if "nsec" in columns and "time" not in columns:
-        columns[columns.index("nsec")], units["time"] = "time", "ns"
+        columns[columns.index("nsec")] = "time"
+        units["time"] = "ns"
     for column, unit in units.items():
         if unit not in (fitting := _UNITS_OF.get(column, ())):
             wanted = " or ".join(fitting) or "no unit"

@@ -12,10 +12,8 @@ _MANY = 5  # names of columns that a comment does not have by chance
 _WORD = re.compile(r"[^\W\d][\w.]*(?:\s*[\[(][^\])]*[\])])?")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
-_TUM, _EUROC = (
-    ["time", "x", "y", "z", "qx", "qy", "qz", "qw"],
-    ["time", "x", "y", "z", "qw", "qx", "qy", "qz"],
-)
+_TUM = ["time", "x", "y", "z", "qx", "qy", "qz", "qw"]
+_EUROC = ["time", "x", "y", "z", "qw", "qx", "qy", "qz"]
 
 
 class Dialect(NamedTuple):
@@ -60,7 +58,8 @@ def dialect_of(names: str, comments: list[str], row: str, keyed: bool = False) -
     else:
         name, columns = _without_names(separator, count - keyed, keyed)
         columns = ["name"] * keyed + columns
-        units, line = {}, " ".join(columns) if "m0" not in columns else "the 12 numbers of a rigid 3x4 matrix"
+        units = {}
+        line = " ".join(columns) if "m0" not in columns else "the 12 numbers of a rigid 3x4 matrix"
     types = ["O" if column == "name" else "f8" if column else "S1" for column in columns]
     if "time" in columns:
         i = columns.index("time")

@@ -31,15 +31,22 @@ from omniscv.geometry.trajectory_columns import UNITS, Frame, Rows
 from omniscv.geometry.trajectory_dialects import Dialect, check_decimals, dialect_of, is_names, split
 from omniscv.storage.bounded import MOST_JSON_BYTES, encoding_of, open_regular, parse_json, read_bytes
 
-_SECONDS, _MOST_TIME = 1e11, 1e19  # the year 5138; since 1970, milliseconds are more, and all are less
+# the year 5138; since 1970, milliseconds are more, and all are less
+_SECONDS = 1e11
+_MOST_TIME = 1e19
 _MOST_SECONDS = 9.2e9  # in nanoseconds of 64 bits
 # Seconds from row to row: no camera is so slow; whole numbers are as often ms.
-_SLOW, _SLOW_WHOLE, _TOO_SLOW = 10.0, 2.0, 1e4
+_SLOW = 10.0
+_SLOW_WHOLE = 2.0
+_TOO_SLOW = 1e4
 _MOST_BYTES = 1 << 28
-_SAID_EVERY_S, _LOOKED_EVERY = 5.0, 1 << 14
+_SAID_EVERY_S = 5.0
+_LOOKED_EVERY = 1 << 14
 _log = logging.getLogger("omniscv")
 _FIRST = Pose(np.zeros(3), R_LEVEL)
-_SAME_M, _SAME_ENTRY = 1e-3, 2e-3  # two rows of one time, rounded, are one pose
+# two rows of one time, rounded, are one pose
+_SAME_M = 1e-3
+_SAME_ENTRY = 2e-3
 _CONVERTED = "cameraposes.csv"
 """EasySynth's file, in lower case: metres, x forward, y left, z up, by its own description."""
 
@@ -78,7 +85,9 @@ def read_trajectory(
         if times is not None:
             kept, again = _without_repeats(rows, times, positions, rotations)
             if again:
-                times, positions, rotations = times[kept], positions[kept], rotations[kept]
+                times = times[kept]
+                positions = positions[kept]
+                rotations = rotations[kept]
                 says.append(f"{again} rows that repeat the row before are left out")
     if dialect.name == "EuRoC" and frame is None:
         says.append(
@@ -144,14 +153,17 @@ def read_rows(path: Path, keyed: bool = False, whole: bool = False) -> tuple[Dia
         keyed: whether rows have names, in a column that is called so, or in the first one.
         whole: whether all numbers of the file are one row, as of a matrix in four lines.
     """
-    comments, names, where = list[str](), "", 0
+    comments = list[str]()
+    names = ""
+    where = 0
     lines: Iterator[str] = _lines(path) if not whole else iter([" ".join(_lines(path)).replace("\n", " ")])
     for number, line in enumerate(lines, start=1):
         text = line.strip()
         if text.startswith(("#", "%")):
             comments.append(text)
         elif text and not names and is_names(text):
-            names, where = text, number
+            names = text
+            where = number
         elif text:
             break
     else:
@@ -224,11 +236,13 @@ def _times_of(dialect: Dialect, rows: Rows) -> tuple[NDArray[np.int64] | None, l
     if rows.written_times is None:
         return None, []
     times = rows.columns["time"]
-    unit, says = dialect.units.get("time", "").removesuffix("ec"), list[str]()
+    unit = dialect.units.get("time", "").removesuffix("ec")
+    says = list[str]()
     if "nsec" in rows.columns:
         whole, parts = (rows.columns[name].astype(np.int64) for name in ("time", "nsec"))
         return whole * NS + parts, says
-    smallest, largest = float(np.abs(times).min()), float(np.abs(times).max())
+    smallest = float(np.abs(times).min())
+    largest = float(np.abs(times).max())
     slow = _SLOW if (times % 1).any() else _SLOW_WHOLE
     if not unit and largest > _SECONDS:
         unit = "ms" if largest < _SECONDS * 1e3 else "us" if largest < _SECONDS * 1e6 else "ns"

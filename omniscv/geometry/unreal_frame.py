@@ -50,9 +50,11 @@ def rotation_to_unreal(rotation: Array) -> Triple:
     horizontal = float(np.hypot(forward[0], forward[1]))
     pitch = np.arctan2(forward[2], horizontal)
     if horizontal < 1e-9:  # straight up or down yaw and roll turn about the same axis
-        yaw, roll = np.arctan2(-right[0], right[1]), 0.0
+        yaw = np.arctan2(-right[0], right[1])
+        roll = 0.0
     else:
-        yaw, roll = np.arctan2(forward[1], forward[0]), np.arctan2(-right[2], up[2])
+        yaw = np.arctan2(forward[1], forward[0])
+        roll = np.arctan2(-right[2], up[2])
     return float(np.degrees(pitch)), float(np.degrees(yaw)), float(np.degrees(roll))
 
 
@@ -61,6 +63,7 @@ def _sin_cos_deg(angles_deg: Array) -> tuple[Array, Array]:
     turned = angles_deg % 360.0
     quarter = turned % 90.0 == 0
     index = np.where(quarter, turned // 90, 0).astype(np.int64)
-    exact, radians = np.array([0.0, 1.0, 0.0, -1.0]), np.radians(turned)
+    exact = np.array([0.0, 1.0, 0.0, -1.0])
+    radians = np.radians(turned)
     sine = np.where(quarter, exact[index % 4], np.sin(radians))
     return sine, np.where(quarter, exact[(index + 1) % 4], np.cos(radians))

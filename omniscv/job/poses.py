@@ -62,7 +62,9 @@ class PoseFile:
 
     def load(self) -> Posed:
         """Return the poses; say what was assumed, as of a body if nothing says that rotations are of one."""
-        path, frame, says = Path(self.file), self.frame, list[str]()
+        path = Path(self.file)
+        frame = self.frame
+        says = list[str]()
         on_body: Frame | None = frame if frame in FRAMES else None  # type: ignore[assignment]
         if frame is not None and on_body is None:
             from omniscv.calibration.files import load_on_body  # slow to load

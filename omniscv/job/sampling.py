@@ -94,7 +94,8 @@ class RandomPoses:
             position = draw.uniform(low, high)
             angles = [draw.uniform(*bounds) for bounds in ranges]
             if is_free(position):
-                pose, looks = Pose.from_angles(position, *angles), looks + 1
+                pose = Pose.from_angles(position, *angles)
+                looks = looks + 1
                 if sees is None or sees(pose) or looks == _LOOKS:
                     poses.append(pose)
                     looks = 0

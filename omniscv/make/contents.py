@@ -112,7 +112,8 @@ def check_worlds(job: Job, *, dataset: bool, opens: Callable[[Job], Job] | None 
     check_keys(job)
     if not is_url(job.out) and os.path.exists(job.out) and not os.path.isdir(job.out):
         raise ArgumentError(f"out: expected a folder or a free name, got a file: {job.out}")
-    worlds, planned = list(job.each), list[SharedFrames]()
+    worlds = list(job.each)
+    planned = list[SharedFrames]()
     for at, world in enumerate(job.each):
         if any(scheme_of(address) == "launch" for address in world.sources):
             continue
@@ -145,7 +146,8 @@ def frame_count(world: Job) -> int:
 
 def check_source(job: Job, contents: Contents, renderer: Renderer, planned: Sequence[SharedFrames]) -> None:
     """Refuse a job that a renderer's open source cannot give, before anything is captured or written."""
-    modes, source = job.options.sampled(job.modes), renderer.source
+    modes = job.options.sampled(job.modes)
+    source = renderer.source
     check_modes(source, modes)
     if job.motions:
         known_objects(job.motions, source.objects().names(), "motions")
@@ -180,7 +182,9 @@ def _check_accuracy(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> Non
 
 def check_face_size(job: Job, source: Source) -> None:
     """Refuse a size of faces that a recording, the job's source, does not have, nor strips of it."""
-    wanted, scale, views = job.options.face_size, job.options.truth_scale, source.recorded_views() or ()
+    wanted = job.options.face_size
+    scale = job.options.truth_scale
+    views = source.recorded_views() or ()
     if wanted == "auto" or not views:
         return
     sizes = {round(2 * view.focal_px) for view in views}
@@ -241,7 +245,8 @@ class Contents:
         }
         exports = list(recipe.exports)
         for name in [name for name in truth if truths.get(name).format]:  # truths between frames
-            format, options = truths.get(name).format, truth.pop(name)
+            format = truths.get(name).format
+            options = truth.pop(name)
             if not any(export["format"] == format for export in exports):
                 exports.append({"format": format})
             exports = [export | options if export["format"] == format else export for export in exports]

@@ -253,14 +253,19 @@ def _run(
     job: Job, part: Part, how: _How, source: Source | None = None
 ) -> tuple[Made, list[Job], list[Frame]]:
     """Make a part, world by world; return the counts, the worlds with their poses, and the frames."""
-    chosen, warn = how.chosen, how.warn or (lambda line: None)
+    chosen = how.chosen
+    warn = how.warn or (lambda line: None)
     contents = [check_dataset(world) for world in job.each]
     check_keys(job)
-    folder, settings = storage.folder(job.out), contents[0].settings(job)
+    folder = storage.folder(job.out)
+    settings = contents[0].settings(job)
     failures = Failures(job.failures.skip * sum(map(frame_count, job.each)), warn)
     labelled = any("labels" in modalities.get(mode).derives for mode in job.modes)
     ids = _all_names(job) if labelled and job.worlds and part.count > 1 else {}
-    worlds, written, kept, made = list(job.each), list[Frame](), 0, 0
+    worlds = list(job.each)
+    written = list[Frame]()
+    kept = 0
+    made = 0
     for at, world in enumerate(job.each):
         try:
             with ExitStack() as stack, opened(part.of(world), source) as (world, live):

@@ -47,7 +47,8 @@ class Failures:
 
     def __init__(self, most: float, warn: Callable[[str], None]) -> None:
         self.lines: dict[str, dict[str, Any]] = {}
-        self._most, self._warn = most, warn
+        self._most = most
+        self._warn = warn
 
     @contextmanager
     def leaving_out(self, frames: Sequence[Frame], world: str) -> Iterator[None]:
@@ -93,8 +94,13 @@ class FrameMaker:
     ) -> None:
         self._begins = begins
         self._carefully = carefully
-        self._job, self._contents, self._renderer, self._writer = job, contents, renderer, writer
-        self._workers, self._failures, self._warn = workers, failures, warn
+        self._job = job
+        self._contents = contents
+        self._renderer = renderer
+        self._writer = writer
+        self._workers = workers
+        self._failures = failures
+        self._warn = warn
         self._skipped = set[tuple[str, str]]()
         source = renderer.source
         # Shapes take a game one request per object: read them for truths and recordings only.
@@ -163,7 +169,8 @@ class FrameMaker:
 
     def _left_out(self, frame: Frame, instant: Instant) -> tuple[str, ...]:
         """Return the objects that the world has left out of an image; SourceError if that is a failure."""
-        image, options = frame.rendered(), self._job.options
+        image = frame.rendered()
+        options = self._job.options
 
         def look() -> OmniImage:
             with self._capture_lock, renderer_at(self._renderer, instant) as renderer:
@@ -214,8 +221,10 @@ def left_out(seen: Frame, names: Sequence[str], look: Callable[[], OmniImage]) -
     equally far away, what the image showed must still be there: else it hid the object, and is itself left
     out of the second captures. ``names`` are those of the source's labels 1, 2, 3, ...
     """
-    depth, labels = seen.layer("depth"), seen.layer("labels")
-    shown, found = visible_ids(labels), set[str]()
+    depth = seen.layer("depth")
+    labels = seen.layer("labels")
+    shown = visible_ids(labels)
+    found = set[str]()
     suspects = {
         name
         for name, box in seen.geometry.boxes.items()

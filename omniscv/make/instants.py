@@ -35,7 +35,8 @@ SURFACE_M = 1.0
 _NEAREST_M = 0.25  # to an object that moves
 _OBJECT_M = 0.5  # from an object's middle to what of it is seen
 _DECIMALS = 7  # of metres and entries of rotations in digests
-_FEWEST, _MOST = 3, 999
+_FEWEST = 3
+_MOST = 999
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 Views = tuple[tuple[Camera, Pose], ...]
@@ -183,11 +184,13 @@ class JobPath:
 
     def frames(self, i: int, after: float = 0.0) -> Iterator[Frame]:
         """Yield the images at a pose, or some seconds after it."""
-        job, pose = self.job, self.job.poses[i]
+        job = self.job
+        pose = self.job.poses[i]
         of_pose_ns = None if job.times_ns is None else job.times_ns[i]
         mounts = {} if job.rig is None else job.rig.cameras
         for name, camera in job.cameras.items():
-            key, mounted = _key(job, name, i, len(job.poses)), mounts.get(name) or RigCamera(camera)
+            key = _key(job, name, i, len(job.poses))
+            mounted = mounts.get(name) or RigCamera(camera)
             time_ns = None if of_pose_ns is None else of_pose_ns + nanoseconds(mounted.time_offset + after)
             if job.path is not None and time_ns != of_pose_ns and time_ns is not None:
                 pose = job.path.at(time_ns, steps_beyond=1)
@@ -221,7 +224,9 @@ class JobPath:
     def captured(self, i: int, frames: Sequence[Frame]) -> Iterator[InstantViews]:
         """Yield what is captured for images of one instant: first at their time, then during their exposure,
         or the lines of a rolling-shutter camera at their times."""
-        first, modes, exposure = frames[0], self.job.captured, self._exposure(i, frames)
+        first = frames[0]
+        modes = self.job.captured
+        exposure = self._exposure(i, frames)
         if self.job.moves and isinstance(first.camera, RollingShutter) and first.camera.readout:
             for seconds, lines in exposure.lines(first.camera):
                 yield self.instant(first, seconds), ((lines, first.pose),), modes
@@ -243,12 +248,14 @@ class JobPath:
         exposure = self.job.exposure
         if exposure.instants != "auto":
             return exposure
-        most, motions = 0.0, (*self.job.motions.values(), *self.job.own_motions.values())
+        most = 0.0
+        motions = (*self.job.motions.values(), *self.job.own_motions.values())
         for frame in frames:
             readout = frame.camera.readout if isinstance(frame.camera, RollingShutter) else 0.0
             start, end = (0.0, readout) if readout else (-exposure.seconds / 2, exposure.seconds / 2)
             moves = exposure.camera == "moves" and not readout
-            at, offsets = frame.time_ns or 0, (start, end) if moves else (0.0, 0.0)
+            at = frame.time_ns or 0
+            offsets = (start, end) if moves else (0.0, 0.0)
             first, last = (
                 {other.key: other.pose for other in self.frames(i, after)}[frame.key] for after in offsets
             )
@@ -295,7 +302,8 @@ def images_of(
     """
     if shared.fault:
         raise ArgumentError(shared.fault)
-    last, count = len(shared.captured) - 1, len(shared.frames)
+    last = len(shared.captured) - 1
+    count = len(shared.frames)
     chosen = sorted(range(count) if only is None else only)
     meter = Meter(len(chosen), progress)
     parts: list[list[OmniImage]] = []
@@ -332,7 +340,8 @@ def _sensed(job: Job, frame: Frame, image: OmniImage, lateral: Sequence[OmniImag
 
 def _exposed(parts: Sequence[OmniImage]) -> OmniImage:
     """Return the first of several images, with the mean of their colours: of light where codes say it."""
-    lit, transfer = [np.asarray(image["lit"]) for image in parts], parts[0].transfer
+    lit = [np.asarray(image["lit"]) for image in parts]
+    transfer = parts[0].transfer
     if light.known(transfer, lit[0]):
         total = np.zeros(lit[0].shape)
         for colors in lit:

@@ -41,7 +41,9 @@ from omniscv.sources.requests import exposures_of
 from omniscv.sources.stillness import verify_still
 from omniscv.storage import is_url, was_url
 
-_PROBES, _PROBE_PX, _LARGE_PX = 3, 16, 1024
+_PROBES = 3
+_PROBE_PX = 16
+_LARGE_PX = 1024
 _FACE_PER_OVERSCAN = 16
 _SAME_PITCH = 1e-6  # relative difference of two focal lengths of one face
 _AIMS = (0.01, 0.003, 0.001)
@@ -84,7 +86,8 @@ def run(
         planned = list(frames_by_instant(job))
         for key in keys_of(job):
             check_free(out, key)
-        renderer, meter = Renderer(source), Meter(len(job), progress)
+        renderer = Renderer(source)
+        meter = Meter(len(job), progress)
         check_source(job, Contents(), renderer, planned)
         check_faults(job, planned)
         for line in job_warnings(job, source):
@@ -135,18 +138,21 @@ def job_warnings(job: Job, source: Source) -> Iterator[str]:
 
 def warnings_of(stem: str, image: OmniImage) -> Iterator[str]:
     """Yield a line if an image misses its accuracy, and for each layer that marks pixels."""
-    aim, effort = image.options.accuracy, image.effort
+    aim = image.options.accuracy
+    effort = image.effort
     if effort.strategy not in ("", image.options.strategy):
         yield f"{stem}: strategy {effort.strategy} instead of {image.options.strategy}: {effort.stopped}"
     if aim is not None and image.doubtful > aim:
-        defaults, given = RenderOptions(), image.options
+        defaults = RenderOptions()
+        given = image.options
         set_to = {name: getattr(given, name) for name in _KNOBS}
         knobs = [f"{name}={value}" for name, value in set_to.items() if value != getattr(defaults, name)]
         fixed = f"; {', '.join(knobs)} may make it impossible" if knobs else ""
         missed = f"{image.doubtful:.3%} of the pixels are doubtful, {aim:.3%} asked"
         yield f"{stem}: {missed}: {effort.stopped}{fixed}"
     if image.unknown_colors:
-        pixels, several = sum(image.unknown_colors.values()), len(image.unknown_colors)
+        pixels = sum(image.unknown_colors.values())
+        several = len(image.unknown_colors)
         yield f"{stem}: {pixels} pixels of masks show {several} colours or ids that no object has: label 0"
     if image.depth is not None and (nothing := np.isinf(image.depth[image.valid]).mean()) >= MOSTLY_NOTHING:
         yield f"{stem}: {100 * nothing:.3g} % of the rays meet nothing; positions are metres"
@@ -183,13 +189,15 @@ def capture(
             of the faces in the file, else 1/16 of a face.
     """
     check(job)
-    needed, held = dict[Request, None](), _recorded(path)
+    needed = dict[Request, None]()
+    held = _recorded(path)
     meter = Meter(len(job), progress)
     recorded = frozenset(view_from_json(row.asked) for row in held if border_px == "overscan")
     with opened(replace(job, record=path)) as (job, source):
         if border_px == "overscan":
             border_px = _overscan_px(job, source, recorded)
-        renderer, planned = Renderer(source), list(frames_by_instant(job))
+        renderer = Renderer(source)
+        planned = list(frames_by_instant(job))
         check_source(job, Contents(), renderer, ())  # of a recording, other views are captured, with a border
         source.objects()
         check_faults(job, planned)
@@ -223,7 +231,8 @@ def _recorded(path: Path) -> list[Row]:
 
 def _overscan_px(job: Job, source: Source, recorded: Collection[View]) -> int | None:
     """Return how much wider the faces of a job's cube maps are on every side; None for other views."""
-    edge, can = job.options.face_size, source.capabilities
+    edge = job.options.face_size
+    can = source.capabilities
     fixed = not (can.can_set_size and can.can_set_fov) or source.recorded_views() is not None
     if job.options.strategy != "cube" or edge == "auto" or fixed:
         return None
@@ -237,7 +246,8 @@ def _capture_plans(
     """Capture what plans of one instant need, but for requests before; return the new ones in their order.
     ``report`` is called after each viewpoint and plan."""
     new: dict[Request, None] = {}
-    known, progress = ChainMap(new, before), Progress()
+    known = ChainMap(new, before)
+    progress = Progress()
 
     def capture_round(round_: Round) -> Captures:
         nonlocal progress

@@ -195,13 +195,15 @@ def _own_motions(job: Job, source: Source) -> dict[str, Motion]:
 
 def draws_of(job: Job, source: Source) -> Draws:
     """Return the draws of a job in its open source."""
-    vary, can = job.vary, source.capabilities
+    vary = job.vary
+    can = source.capabilities
     assert vary is not None
     for kind, rules in vary.rules.items():
         for name, settings in rules.items():
             need = "commands" if COMMAND in settings else kind
             if need not in can.varies:
-                wanted, known = f"expected a source that varies {need}", " and ".join(sorted(can.varies))
+                wanted = f"expected a source that varies {need}"
+                known = " and ".join(sorted(can.varies))
                 got = f"got {can.dialect or 'one'}, which varies {known or 'nothing'}"
                 raise ArgumentError(f"vary.{kind}.{name}: {wanted}, {got}")
     near = [name for name, settings in vary.objects.items() if settings.get("clearance")]
@@ -274,7 +276,8 @@ class FreeSpace:
     def __init__(
         self, source: Source, start: ArrayLike, clearance: float, visible: Sequence[int] = ()
     ) -> None:
-        self._modes, self._visible = ("depth", "object_mask") if visible else ("depth",), visible
+        self._modes = ("depth", "object_mask") if visible else ("depth",)
+        self._visible = visible
         self.clearance = number("clearance", clearance, above=0)
         self._renderer = Renderer(source)
         self._camera = create("equirectangular", width=_WIDTH, height=_WIDTH // 2)

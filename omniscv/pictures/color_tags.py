@@ -46,7 +46,9 @@ _SAME_XY = 2e-3  # of chromaticities that are rounded
 _CICP_PRIMARIES = {1: REC_709, 2: REC_709, 9: _BT_2020, 12: _DISPLAY_P3}
 _CICP_CURVES = {2: 0.0, 13: 0.0, 8: 1.0, 4: 2.2, 5: 2.8}
 """By number of H.273: the power of a code that is light, 0 of sRGB."""
-_GAMMA, _SAME_GAMMA = 1 / 2.2, 2e-3  # of a PNG that is taken as sRGB
+# of a PNG that is taken as sRGB
+_GAMMA = 1 / 2.2
+_SAME_GAMMA = 2e-3
 _LONGEST_PROFILE = 1 << 24  # bytes
 _RADIANCE_HEADER = 1 << 14  # bytes
 _RADIANCE_WORD = re.compile(r"\s*([A-Z]+)\s*=\s*(.*?)\s*")

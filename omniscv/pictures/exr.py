@@ -17,7 +17,8 @@ from omniscv.pictures.png import deflated
 
 _START = struct.pack("<II", 20000630, 2)
 _TYPES = {"uint32": 0, "float16": 1, "float32": 2}
-_ZIP, _ROWS = 3, 16
+_ZIP = 3
+_ROWS = 16
 
 
 def encode(
@@ -65,7 +66,8 @@ def _attribute(name: str, value: Any, kind: str = "string") -> bytes:
     if isinstance(value, str):
         value = value.encode()
     elif not isinstance(value, bytes):
-        value, kind = struct.pack(f"<{len(value)}f", *value), name
+        value = struct.pack(f"<{len(value)}f", *value)
+        kind = name
     return b"%b\0%b\0%b%b" % (name.encode(), kind.encode(), struct.pack("<I", len(value)), value)
 
 

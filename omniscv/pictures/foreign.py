@@ -17,8 +17,10 @@ SUFFIXES = (*(f".{suffix}" for suffix in FORMS if suffix != ARRAY), *hdf5.SUFFIX
 """Of the pictures that :func:`read` reads."""
 
 _MOST_PARTS = 64
-_JPEG, _END = b"\xff\xd8\xff", b"\xff\xd9"
-_GREY, _DEPTH = ("y", "l", "i", "luminance"), ("z", "depth", "distance")
+_JPEG = b"\xff\xd8\xff"
+_END = b"\xff\xd9"
+_GREY = ("y", "l", "i", "luminance")
+_DEPTH = ("z", "depth", "distance")
 _IDS = ("indexob",)
 _FINAL = ("composite.combined", "combined", "beauty", "rgba", "image")
 """Layers of colours, by the ends of their names, which others only lead to; the first one counts."""
@@ -169,7 +171,8 @@ def _end_of_jpeg(payload: bytes) -> int:
     low: dict[int, list[int]] = {}
     at = 2
     while (at := payload.find(b"\xff", at)) >= 0 and at + 2 <= len(payload):
-        kind, size = payload[at + 1], int.from_bytes(payload[at + 2 : at + 4], "big")
+        kind = payload[at + 1]
+        size = int.from_bytes(payload[at + 2 : at + 4], "big")
         if kind == 0xD9:
             break
         if kind in (0x00, 0x01, 0xFF) or 0xD0 <= kind <= 0xD8:  # within the data of a scan
@@ -212,7 +215,8 @@ def _by_openimageio(file: Path, kind: str, lossy: bool) -> tuple[Pixels, color_t
     with closing(_opened(file, config)) as source:
         if source.has_error:  # as of a progressive JPEG, which is read when it is opened
             raise ArgumentError(f"expected a whole picture, got: {shown(library_error(source))}")
-        parts, name = _parts(source), source.format_name()
+        parts = _parts(source)
+        name = source.format_name()
         special = {i: _special(spec.channelnames, kind) for i, spec in enumerate(parts)}
         if not any(special.values()):
             special = {i: _colors(spec.channelnames) for i, spec in enumerate(parts)}

@@ -22,7 +22,8 @@ ARRAY = "b2nd"
 
 _NO_CLOCK = "1970:01:01 00:00:00"  # equal pixels give equal bytes, whenever they are written
 _LAST_BUFFER = 1 << 16  # bytes, more than libraries buffer
-_JPEG_QUALITY, _JPEG_LARGEST_PX = 95, 65500
+_JPEG_QUALITY = 95
+_JPEG_LARGEST_PX = 65500
 _REC_709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
 """x and y of red, green, blue and white of floating-point colours."""
 _DTYPES = {"half": "float16", "float": "float32", "double": "float64"}
@@ -103,11 +104,13 @@ def _open_npy(path: Path) -> Opened:
 
 def _open_array(path: Path) -> Opened:
     """Open an array of Blosc2: only its header is read."""
-    blosc2, data = blosc2_package(), read_bytes(path, MOST_PICTURE_BYTES)
+    blosc2 = blosc2_package()
+    data = read_bytes(path, MOST_PICTURE_BYTES)
     try:
         # Not blosc2.open, which makes other objects of files that ask for it.
         reader = blosc2.ndarray_from_cframe(data)
-        shape, dtype = tuple(reader.shape), np.dtype(reader.dtype)
+        shape = tuple(reader.shape)
+        dtype = np.dtype(reader.dtype)
     except (RuntimeError, ValueError, TypeError, SyntaxError, MemoryError) as cause:
         raise ArgumentError(f"expected an array of Blosc2, got: {shown(str(cause))}") from cause
     # Decompressing takes memory for whole blocks of a chunk: less than twice the array on each side.

@@ -21,7 +21,8 @@ from omniscv.errors import ArgumentError, BadReplyError
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """By colour type: grey, RGB, palette, grey with alpha, RGBA."""
 
-_PALETTE, _UP = 3, 2
+_PALETTE = 3
+_UP = 2
 _SPARE = 1 << 20  # bytes that a small PNG may have beyond twice its pixels: profiles, texts
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -102,7 +103,10 @@ def _content(payload: bytes) -> tuple[bytes, bytes]:
 
 def chunks(payload: bytes) -> Iterator[tuple[bytes, memoryview]]:
     """Yield names and data of the chunks, which must end where the payload does."""
-    view, at, name = memoryview(payload), 8, b""  # behind the signature
+    # behind the signature
+    view = memoryview(payload)
+    at = 8
+    name = b""
     while name != b"IEND" and at + 12 <= len(payload):
         length, name = struct.unpack_from(">I4s", payload, at)
         end = at + 8 + length
@@ -195,7 +199,9 @@ def encode(pixels: NDArray[np.uint8] | NDArray[np.uint16], srgb: bool = False) -
     height, width, depth = *pixels.shape[:2], 8 * pixels.itemsize
     stored = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">")).reshape(height, -1).view(np.uint8)
     rows = np.empty((height, 1 + stored.shape[1]), np.uint8)
-    rows[:, 0], rows[0, 1:] = _UP, stored[0]  # what lies above is mostly the same
+    # what lies above is mostly the same
+    rows[:, 0] = _UP
+    rows[0, 1:] = stored[0]
     np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
 
     def block(name: bytes, data: bytes) -> bytes:

@@ -170,7 +170,8 @@ def rim_of(camera: Camera, valid: Mask) -> Rim:
     middles = np.stack(np.divmod(pixels, valid.shape[1])[::-1], axis=-1) + 0.5
     rays = unproject(camera, middles[:, None] + offsets)
     some = rays.valid.any(axis=1)
-    pixels, inside = pixels[some], rays.valid[some, :, None]
+    pixels = pixels[some]
+    inside = rays.valid[some, :, None]
     share = inside / inside.sum(axis=1, keepdims=True)
     centers = (share * np.where(inside, rays.directions[some], 0)).sum(axis=1)
     apart = offsets - (share * offsets).sum(axis=1, keepdims=True)
@@ -191,7 +192,8 @@ def unproject(camera: Camera, pixels: Array) -> Rays:
 
     def fill(rows: slice) -> None:
         part = camera.unproject(pixels[rows])
-        whole.directions[rows], whole.valid[rows] = part.directions, part.valid
+        whole.directions[rows] = part.directions
+        whole.valid[rows] = part.valid
         if not camera.central:  # zeros that are never written take no time
             whole.origins[rows] = part.origins
 

@@ -21,7 +21,10 @@ from omniscv.sources.base import Capture
 _SAME_FACE = 0.01
 """Largest difference of rotation matrices of a face and of the view that a source captured for it."""
 CELL_PX = 8
-CAPTURED, NEAREST, RELIEF, OFF = 0, 1, 2, 3
+CAPTURED = 0
+NEAREST = 1
+RELIEF = 2
+OFF = 3
 """The ``pictures`` of a view."""
 _BORDER_PX = 3.0
 """Of a finer view, where neighbours are missing from which surfaces are judged."""
@@ -103,7 +106,8 @@ def _views(captures: Sequence[Capture]) -> tuple[Floats, Array]:
 
 def _range(capture: Capture) -> tuple[float, float]:
     """Return the least planar depth and the greatest distance of what a capture shows, metres."""
-    view, depth = capture.view, capture.pixels
+    view = capture.view
+    depth = capture.pixels
     corner = float(np.sqrt(1 + (view.width**2 + view.height**2) / (2 * view.focal_px) ** 2))
     return float(depth.min()), float(depth[np.isfinite(depth)].max(initial=0.0)) * corner
 
@@ -125,7 +129,8 @@ def depth_shell(center_w: Array, captures: Sequence[Capture], cube: bool = True)
             slot[face] = off.argmin()
     # Faces of a turned cube, or turned by quarters, are views of other orientations; those that a server
     # captures in addition to a face have its axis.
-    axes_w, matched = R_c_w[:, 2], R_c_w[slot[slot >= 0], 2]
+    axes_w = R_c_w[:, 2]
+    matched = R_c_w[slot[slot >= 0], 2]
     cube = cube and len(matched) > 0 and bool(((axes_w @ matched.T).max(axis=1) > 1 - _SAME_FACE).all())
     pictures, lenses = _views(captures)
     least, most = zip(*map(_range, captures), strict=True)
@@ -160,7 +165,8 @@ def _clear(captures: Sequence[Capture], pictures: Floats) -> Floats:
 
 def _pictures(capture: Capture) -> Floats:
     """Return (3, h, w) a view's pictures, as :class:`DepthShell` has them, but for what captures say."""
-    face, relief = capture.pixels, planar_relief(capture)
+    face = capture.pixels
+    relief = planar_relief(capture)
     # Beyond its border a picture goes on: OpenCV's own border is a finite depth, in the sky the nearest.
     least = cv2.erode(face, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
     beside = cv2.erode(discontinuities(face), np.ones((3, 3), np.uint8)) == 0
@@ -176,7 +182,8 @@ def distances(shell: DepthShell, directions_w: Array) -> tuple[Array, Array]:
         shell: captured depth.
         directions_w: (N, 3), of any length.
     """
-    least, most = np.zeros(len(directions_w)), np.full(len(directions_w), np.inf)
+    least = np.zeros(len(directions_w))
+    most = np.full(len(directions_w), np.inf)
     _distances(shell, directions_w, least, most)
     return least, most
 

@@ -102,12 +102,15 @@ class Hits(np.recarray[Any, Any]):
 
     def distrust(self, rows: Mask) -> None:
         """Mark some of N hits as unsure, and their rays as hidden all the way."""
-        self.sure[rows], self.hidden_from[rows], self.hidden_to[rows] = False, 0.0, np.inf
+        self.sure[rows] = False
+        self.hidden_from[rows] = 0.0
+        self.hidden_to[rows] = np.inf
 
     @property
     def _end(self) -> Interval:
         """(N,) from and to where rays end, metres along them; beyond an edge they may meet anything."""
-        same, nearer = _SAME_SURFACE * self.reach, np.where(np.isfinite(self.error), self.error, 0.0)
+        same = _SAME_SURFACE * self.reach
+        nearer = np.where(np.isfinite(self.error), self.error, 0.0)
         with np.errstate(invalid="ignore"):
             least = np.where(np.isposinf(self.reach), np.inf, self.reach - nearer - same)
         return least, self.reach + self.error + same
@@ -121,9 +124,11 @@ class Hits(np.recarray[Any, Any]):
         Returns:
             (N,) whether the other centre does not contradict the end; other rays are left as they are.
         """
-        hidden, beside = (self.hidden_from, self.hidden_to), (self.beside_from, self.beside_to)
+        hidden = (self.hidden_from, self.hidden_to)
+        beside = (self.beside_from, self.beside_to)
         unseen = _wider(others.hidden_from, others.hidden_to)
-        near, end = _wider(others.beside_from, others.beside_to), _wider(*others._end)
+        near = _wider(others.beside_from, others.beside_to)
+        end = _wider(*others._end)
         start, stop = _common(*((self._end, each) for each in (unseen, near, others._end)))
         agree = np.asarray(start <= stop)
         still_hidden = _common((hidden, unseen), (hidden, end))

@@ -86,10 +86,12 @@ def patches(
         price: of a capture.
         capabilities: of the source.
     """
-    directions, band = doubt.directions_w, _BAND_PX / float(np.median(doubt.focal_px))
+    directions = doubt.directions_w
+    band = _BAND_PX / float(np.median(doubt.focal_px))
     stride = max(1, len(directions) // _POINTS)
     points = np.ascontiguousarray(directions[::stride])
-    alive, left = worth[::stride].astype(np.float64), np.ones(len(directions), np.bool_)
+    alive = worth[::stride].astype(np.float64)
+    left = np.ones(len(directions), np.bool_)
     axes = _axes(points)
     heights = np.minimum(np.array(_HEIGHTS) * band / 2, _HIGHEST)
     # By height and length of a view; infinite where it would be too large.
@@ -140,7 +142,8 @@ def patches(
         if waiting.all():  # azimuths are approximate: at worst none of the window's rays lies in it
             queue = [entry for entry in queue if entry[1] != k]
             heapq.heapify(queue)
-        points, alive = points[waiting], alive[waiting]
+        points = points[waiting]
+        alive = alive[waiting]
         find_windows = _best_windows.prepare(points, alive, axes, *limits, ratios, windows)
 
 
@@ -149,7 +152,8 @@ def _axes(points: Array) -> Array:
     two unit vectors in its plane, from which azimuths count."""
     rng = np.random.default_rng(0)
     first, second = rng.integers(len(points), size=(2, 8 * _CIRCLES))
-    a, b = points[first], points[second]
+    a = points[first]
+    b = points[second]
     cosine = (a * b).sum(axis=1)
     near = (cosine < _NEAREST) & (cosine > _FARTHEST)
     normals = np.cross(a[near], b[near])[:_CIRCLES]

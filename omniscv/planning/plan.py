@@ -85,7 +85,8 @@ class Plan:
 
     def available(self, views: Sequence[View]) -> bool:
         """Return whether the source can deliver views: a recording, as colours or as ground truth."""
-        recorded, scales = self.recorded, {1, self.options.truth_scale}
+        recorded = self.recorded
+        scales = {1, self.options.truth_scale}
         return recorded is None or any(recorded.hold(view.scaled(n) for view in views) for n in scales)
 
     @property
@@ -110,7 +111,8 @@ class Plan:
 
         ArgumentError: an unknown strategy, or truth or an accuracy that it, or the source, does not reach.
         """
-        made, scale = self.made or (), self.options.truth_scale
+        made = self.made or ()
+        scale = self.options.truth_scale
         adapts = any(viewpoint.keep for round_ in made for viewpoint in round_.viewpoints)
         if self.made is not None and not adapts and self.aim is None:
             for round_ in made:  # noqa: UP028 - a tuple takes nothing that is sent

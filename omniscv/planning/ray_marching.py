@@ -40,9 +40,12 @@ _ON_SURFACE = 0.003  # distance of a refined crossing from its surface, relative
 _MARGIN = 1.3  # by which a neighbouring surface may go on beyond the pixels that show it
 _ROUNDED = 1.2  # by which errors grow because slopes come from rounded depth, too
 _BEHIND = 1.0 + 1e-6  # relative depth beyond which a ray's origin counts as hidden from the centre
-_DEEPER_PX, _TOUCHING = 2.0, 4.0
+_DEEPER_PX = 2.0
+_TOUCHING = 4.0
 """A ray grazes a surface if, ``_DEEPER_PX`` on, it is less than ``_TOUCHING`` depth errors behind it."""
-_BESIDE_PX, _BESIDE = 2.5, 0.98  # a nearer surface beside: so many px away, and relative depth below
+# a nearer surface beside: so many px away, and relative depth below
+_BESIDE_PX = 2.5
+_BESIDE = 0.98
 _LEAST_COSINE = 1e-3  # between a ray and a surface's normal: more grazing rays have no sharper error
 
 

@@ -49,7 +49,8 @@ class Search:
 
     def __init__(self, plan: Plan, groups: Groups) -> None:
         rays = plan.rays
-        self._plan, self._truth = plan, any(modalities.get(mode).truth for mode in plan.modes)
+        self._plan = plan
+        self._truth = any(modalities.get(mode).truth for mode in plan.modes)
         self.pixels = np.flatnonzero(rays.valid)
         self.origins_w, self.directions_w = plan.origins_w(self.pixels), plan.directions_w(self.pixels)
         own = rays.own_viewpoints
@@ -75,7 +76,8 @@ class Search:
     def depth_viewpoint(self, center_w: Array) -> Viewpoint:
         """Return a viewpoint whose depth is kept, and that serves no pixel yet."""
         views = self._faces.views(center_w, self._hit)
-        scale, no_pixel = self._plan.options.truth_scale, np.zeros(0, np.int64)
+        scale = self._plan.options.truth_scale
+        no_pixel = np.zeros(0, np.int64)
         return Viewpoint(center_w, views, no_pixel, modes=("depth",), keep=True, truth_scale=scale)
 
     def first_views(self) -> list[View]:
@@ -126,12 +128,14 @@ class Search:
         Returns:
             Of the rays that meet something else in finer depth, or an edge: their hits are replaced.
         """
-        before, after = self.hits.of(rows), self._through(number, rows)
+        before = self.hits.of(rows)
+        after = self._through(number, rows)
         with np.errstate(invalid="ignore"):
             off = np.abs(after.reach - before.reach)
             bounded = (off < np.inf) & (after.error < np.inf) & (off <= before.error + after.error)
         wrong = ~bounded & ~(np.isposinf(before.reach) & np.isposinf(after.reach))
-        self.hits[rows[wrong]], self.asked[rows[wrong]] = after[wrong], 1
+        self.hits[rows[wrong]] = after[wrong]
+        self.asked[rows[wrong]] = 1
         self.shell_of[rows[wrong & np.isnan(after.reach)]] = -1
         return rows[wrong]
 
@@ -147,7 +151,8 @@ class Search:
     def hidden_origin(self, worth: float) -> Array | None:
         """Return the origin (3,), world frame, metres, around which most rays are not certified; None where
         these are fewer than ``worth``."""
-        groups, hidden = int(self.center_of.max()) + 1, self.center_of[~self.hits.sure]
+        groups = int(self.center_of.max()) + 1
+        hidden = self.center_of[~self.hits.sure]
         reach = max(1, groups // tuned.NEIGHBOURHOODS)
         before = np.concatenate([[0], np.cumsum(np.bincount(hidden, minlength=groups))])
         at = np.arange(groups)
@@ -170,7 +175,8 @@ class Search:
         return hits
 
     def _march_through(self, number: int, rows: Ints) -> None:
-        hits, known = self._through(number, rows), self.hits.of(rows)
+        hits = self._through(number, rows)
+        known = self.hits.of(rows)
         alone = hits.copy()
         agree = hits.narrow(known)
         known.narrow(alone)
@@ -186,7 +192,8 @@ class Search:
     def viewpoint(self, rows: Ints, views: tuple[View, ...] | None, occluded: Mask | None) -> Viewpoint:
         """Return the viewpoint of rays that one centre serves, with views that see what they meet; None: the
         cheapest that do. ``occluded`` (N,) is whether their own optical centres are."""
-        center_w, toward_w = self.shells[self.shell_of[rows[0]]].center_w, self.toward_w(rows)
+        center_w = self.shells[self.shell_of[rows[0]]].center_w
+        toward_w = self.toward_w(rows)
         viewpoint = Viewpoint(
             center_w,
             self._coarse_views(center_w, toward_w) if views is None else views,
@@ -200,12 +207,14 @@ class Search:
 
     def _coarse_views(self, center_w: Array, toward_w: Array) -> tuple[View, ...]:
         """Return faces that hold rays, or one view where that is cheaper."""
-        plan, faces = self._plan, self._faces.views(center_w, faces_hit(toward_w, np.eye(3)))
+        plan = self._plan
+        faces = self._faces.views(center_w, faces_hit(toward_w, np.eye(3)))
         if plan.shared or plan.options.seams != "keep" or not plan.sets_views:
             return faces
         rays = toward_w / np.linalg.norm(toward_w, axis=1, keepdims=True)
         R_w_c, half = looking(rays, rays.mean(axis=0), plan.pose.R_w_c[:, 1])
-        pose, price = Pose(center_w, R_w_c), Price(*plan.options.capture_ms)
+        pose = Pose(center_w, R_w_c)
+        price = Price(*plan.options.capture_ms)
         view = holding_view(plan, pose, half, plan.edge / 2) if half.max() <= STEEPEST else None
         some = [faces, (view,)] if view else [faces]
         return min(some, key=lambda views: float(price.of(len(views), pixels_of(views))))

@@ -83,14 +83,17 @@ class ImageRays:
     """
 
     def __init__(self, camera: Camera, block_bytes: int | None = None) -> None:
-        self.camera, height = camera, camera.height
+        self.camera = camera
+        height = camera.height
         rows = height if block_bytes is None else max(1, block_bytes // (BYTES_PER_RAY * camera.width))
-        self._rows, self.kept = rows, rows >= height
+        self._rows = rows
+        self.kept = rows >= height
         self.origins: Array | None = None
         self._groups: dict[int | None, tuple[RayGroup, ...]] = {}
         if self.kept:
             unprojected = densities.unproject(camera, camera.pixels())
-            self._directions, self.valid = unprojected.directions, unprojected.valid
+            self._directions = unprojected.directions
+            self.valid = unprojected.valid
             self.origins = None if camera.central else unprojected.origins
         else:
             self.valid = np.empty((height, camera.width), np.bool_)
@@ -267,8 +270,13 @@ class RayBlock:
         pixels: Ints | None = None,
         toward: Array | None = None,
     ) -> None:
-        self._image, self._rows, self.part, self._pixels, self._toward = image, rows, part, pixels, toward
-        self.kept, self.row = image.kept, image.camera.width if pixels is None else 0
+        self._image = image
+        self._rows = rows
+        self.part = part
+        self._pixels = pixels
+        self._toward = toward
+        self.kept = image.kept
+        self.row = image.camera.width if pixels is None else 0
 
     @cached_property
     def _around(self) -> tuple[int, Array]:
@@ -306,7 +314,8 @@ class RayBlock:
         if self._toward is not None:
             return densities.squares(self._toward, self.steps(slice(None)))
         first, around = self._around
-        pixels, width = self._pixels, around.shape[1]
+        pixels = self._pixels
+        width = around.shape[1]
         if pixels is None:
             pixels = np.arange(self._rows.start * width, self._rows.stop * width)
         return densities.footprints_of(pixels, around, first * width, self._image.rim)
@@ -350,5 +359,6 @@ def looking(rays: Array, toward: Array, axis: Array, steps: int = _CENTERING_STE
 
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product of two vectors; numpy.cross takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    (ax, ay, az) = a.tolist()
+    (bx, by, bz) = b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

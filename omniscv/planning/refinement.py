@@ -31,7 +31,8 @@ from omniscv.sources.recorded_views import RecordedViews
 
 AIM = "aim"
 _PANORAMA_SR = 2 * math.pi**2  # of its pixels, were all as large as those at its horizon
-STUCK, SPENT = "doubt no longer falls", "a budget is spent"
+STUCK = "doubt no longer falls"
+SPENT = "a budget is spent"
 BEYOND = "captures store no depth beyond {:.4g} m"
 RECORDED = "the recording holds no finer views"
 
@@ -75,7 +76,8 @@ class Refinement(ABC):
     serves: ClassVar[bool] = True
 
     def __init__(self, plan: Plan) -> None:
-        self.plan, options = plan, plan.options
+        self.plan = plan
+        options = plan.options
         assert plan.aim is not None
         self.price = Price(*options.capture_ms)
         self.truth = tuple(mode for mode in plan.modes if modalities.get(mode).truth)
@@ -83,11 +85,14 @@ class Refinement(ABC):
         beats = options.checks == "beat"
         self.patched = plan.modes if beats else self.truth
         self._modes = max(1, len(self.patched) + beats * len(self.truth))  # captures of a patch
-        self._aim, self._doubted = plan.aim * plan.rays.valid_count, Doubted(plan.rays.valid, 0, np.inf)
+        self._aim = plan.aim * plan.rays.valid_count
+        self._doubted = Doubted(plan.rays.valid, 0, np.inf)
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(plan.rays.valid.size, plan.edge / 2 * options.truth_scale, np.float32)
         self.reserved = 0, 0
-        self._requests, self._pixels, self._limited = 0, 0, False
+        self._requests = 0
+        self._pixels = 0
+        self._limited = False
         self._partly = False  # whether a recording lacks views that were chosen
 
     @property
@@ -116,10 +121,12 @@ class Refinement(ABC):
 
     def _check_budgets(self) -> None:
         """Refuse budgets that do not allow what is captured first, whatever it shows."""
-        options, first = self.plan.options, type(self)(replace(self.plan, doubt=None))
+        options = self.plan.options
+        first = type(self)(replace(self.plan, doubt=None))
         for _ in pass_on(first.planned(), first._count):
             pass
-        count, megapixels = first._requests, first._pixels / 1e6
+        count = first._requests
+        megapixels = first._pixels / 1e6
         advice = "which the first captures of the image take"
         if options.most_captures is not None and count > options.most_captures:
             raise ArgumentError(
@@ -171,7 +178,9 @@ class Refinement(ABC):
 
     def finer(self) -> Rounds:
         """Yield finer captures of what is in doubt, and at last why they end."""
-        before, stuck, promised = np.inf, 0, 0.0
+        before = np.inf
+        stuck = 0
+        promised = 0.0
         for _ in range(tuned.MOST_ROUNDS):
             doubt = self.doubtful()
             if len(doubt) <= self.aim:
@@ -227,7 +236,11 @@ class Refinement(ABC):
 
     def _patched(self, count: int, doubts: Sequence[Doubt], focal_px: float, most_ms: float) -> Choice:
         """Return patches of a focal length; not all of them if they cost more than another choice."""
-        modes, left, target, ms, area = self._modes, float(count), tuned.SAFE * self.aim, 0.0, 0.0
+        modes = self._modes
+        left = float(count)
+        target = tuned.SAFE * self.aim
+        ms = 0.0
+        area = 0.0
         batch: list[Patch] = []
         sources = [self._patches(doubt, focal_px) for doubt in doubts]
         for each in heapq.merge(*sources, key=lambda each: -each.worth / each.price):
@@ -236,7 +249,8 @@ class Refinement(ABC):
                 self._limited = True
                 break
             batch.append(each)
-            ms, left = ms + each.price, left - each.worth
+            ms = ms + each.price
+            left = left - each.worth
             if left <= target or ms > most_ms:
                 break
         if left > target:
@@ -255,7 +269,8 @@ class Refinement(ABC):
 
     def _finer_faces(self, doubt: Doubt, focal_px: float, worth: Array) -> list[Patch]:
         """Return finer faces of a source that cannot set a field of view."""
-        edge, faces = int(2 * focal_px), []
+        edge = int(2 * focal_px)
+        faces = []
         if edge > LARGEST_FACE_PX:
             return []
         views = CubeFaces(self.plan, edge, 0).views(doubt.center_w, ALL_FACES)
@@ -269,7 +284,8 @@ class Refinement(ABC):
 
     def local_ms(self, share: float) -> float:
         """Return what patches are expected to take after faces that leave a share of the pixels in doubt."""
-        rays, price = self.plan.rays, self.price
+        rays = self.plan.rays
+        price = self.price
         edges = share / tuned.ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
         dearer = (price.request / PRICE[0] + price.megapixel / PRICE[1]) / 2 * len(self.truth) / 2
         further = math.sqrt(share * rays.valid_count / max(1.0, self.aim)) - 1
@@ -277,7 +293,8 @@ class Refinement(ABC):
 
     def full(self, pixels: float, requests: int) -> bool:
         """Return whether more captures exceed a budget."""
-        options, most = self.plan.options, self.plan.options.most_captures
+        options = self.plan.options
+        most = self.plan.options.most_captures
         if most is None and options.accuracy is None:
             most = tuned.DEFAULT_MOST_CAPTURES
         requests += self._requests + self.reserved[0]
@@ -312,7 +329,8 @@ class OneCenter(Refinement):
     def _first(self) -> Rounds:
         """Yield captures of all that the image shows: ground truth in the smallest faces."""
         plan = self.plan
-        base, options = self._faces(plan.edge), plan.options
+        base = self._faces(plan.edge)
+        options = plan.options
         any_size = options.face_size == "auto" and options.truth_scale == 1 and plan.capabilities.can_set_size
         if base is None or not any_size or not self.truth:
             yield from self.exact().rounds()

@@ -26,27 +26,39 @@ from omniscv.parallel import side_by_side
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 
-WINDOW_PX, TURNS = 16, 8
+WINDOW_PX = 16
+TURNS = 8
 """Along a row or a column, changes of the sign of second differences, or of labels, from which on they are
 relief."""
-_LONE_BOX_PX, _LONE_SHARE = (32, 16), 0.08
+_LONE_BOX_PX = (32, 16)
+_LONE_SHARE = 0.08
 """Length and breadth of a box, and the share of its pixels that stand out alone: three thin lines in it."""
-_STEPS, _ALIKE, _AGAINST = 24, 0.6, 0.3
+_STEPS = 24
+_ALIKE = 0.6
+_AGAINST = 0.3
 """px within which three steps are a pattern, if the least is so large a part of the largest; and by what part
 the second differences at both ends of a step may differ."""
-_UNEVEN_PX, _UNEVEN = 2, 1 / 8
+_UNEVEN_PX = 2
+_UNEVEN = 1 / 8
 """By how much the distances of three steps differ, and by what part of their sum, if they are of a beat."""
-_NOISE, _GRAZING, _DOUBT = 3.0, 0.4, 1 / 3
+_NOISE = 3.0
+_GRAZING = 0.4
+_DOUBT = 1 / 3
 """Rounding errors that one of the two second differences of a turn exceeds, 1.5 steps: those of a rounded
 plane are at most one. And so large a part more on planes at grazing angles, where they are at most two. The
 other one exceeds a third of that."""
-_GROWN_PX, _BEAT_PX = 3, 48
+_GROWN_PX = 3
+_BEAT_PX = 48
 """How far relief goes on beyond what was counted; and where every pixel turns, as of bars every two pixels:
 there a beat hides them in turn."""
 _EVERY = 200  # changes of labels in a box of 16 x 16 px, from which on every pixel turns
-_LABELS_PX, _LONE_LABELS = 24, 48
+_LABELS_PX = 24
+_LONE_LABELS = 48
 """A box's side, and so many labels in it that stand alone from their row or column: two thin lines."""
-_FEW_DIGITS, _SWINGS, _SWING_PX, _SWING_STEPS = 11, 3, 48, 8.0
+_FEW_DIGITS = 11
+_SWINGS = 3
+_SWING_PX = 48
+_SWING_STEPS = 8.0
 """Depth of so few significant digits, as in half floats, is relief if it turns back so often within so many
 px, by less than so many rounding steps: a rounded surface goes one way, or turns back once. More steps are an
 edge."""
@@ -63,7 +75,8 @@ def depth_relief(captures: Sequence[Capture]) -> Floats:
     off = side_by_side(planar_relief, list(captures))
     if all(each is None for each in off):
         return np.empty(0, np.float32)
-    none, lengths = np.zeros(captures[0].pixels.shape, np.float32), captures[0].view.ray_lengths()
+    none = np.zeros(captures[0].pixels.shape, np.float32)
+    lengths = captures[0].view.ray_lengths()
     return np.stack([none if each is None else np.float32(each * lengths) for each in off])
 
 
@@ -121,9 +134,11 @@ def planar_relief(capture: Capture) -> Floats | None:
     """Return (h, w) float32 metres that planar depth may be off by relief; None where there is none."""
     if capture.encoding == codecs.RESAMPLED:
         return None
-    depth, focal = capture.pixels, capture.view.focal_px
+    depth = capture.pixels
+    focal = capture.view.focal_px
     fired = np.zeros(depth.shape, np.uint8)
-    alone, beats = np.zeros((2, *depth.shape), np.uint8), np.zeros(depth.shape, np.uint8)
+    alone = np.zeros((2, *depth.shape), np.uint8)
+    beats = np.zeros(depth.shape, np.uint8)
     precision = codecs.precision(capture)
     off = next(iter(planar_errors([capture])), np.zeros((0, 0), np.float32))
     counts = _patterns(depth, focal, precision, off, fired, alone, beats)
@@ -147,7 +162,8 @@ def _off(depth: Floats, marks: Marks, grown_px: int, near_px: int) -> Floats:
     """Return (h, w) metres that depth may be off within ``grown_px`` of marks, by what is within
     ``near_px``."""
     near = np.ones((2 * near_px + 1, 2 * near_px + 1), np.uint8)
-    most, farthest = cv2.dilate(_bent(depth), near), cv2.dilate(depth, near)
+    most = cv2.dilate(_bent(depth), near)
+    farthest = cv2.dilate(depth, near)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         off = most * depth * depth
         reach = np.where(most * depth < 1, off / (1 - most * depth), np.inf)

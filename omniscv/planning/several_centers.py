@@ -57,14 +57,16 @@ class SeveralCenters(Refinement):
         if around is not None:
             self._occluded = occlusion(around, search.origins_w)[1]
         search.adopt_lost()
-        rate, most = 0.0, math.inf
+        rate = 0.0
+        most = math.inf
         for _ in range(tuned.DEPTH_ROUNDS):
             doubt = search.pixels[search.doubtful(search.hits)]
             enough = tuned.EDGES * self.aim if self.truth else self.aim
             choice = self.choice(doubt) if enough < len(doubt) < most else ""
             if isinstance(choice, str):
                 break
-            rate, most = choice.rate, len(doubt) - tuned.LEAST_RESOLVED * choice.promised
+            rate = choice.rate
+            most = len(doubt) - tuned.LEAST_RESOLVED * choice.promised
             yield from self._capture_depth(choice)
         self.reserved = 0, 0
         every = np.arange(len(search.pixels))
@@ -104,7 +106,9 @@ class SeveralCenters(Refinement):
 
     def _march(self, groups: Groups) -> Generator[Round, Captures | None, bool]:
         """Yield depth at few centres, and at more while these are worth it; return whether it was sent."""
-        search, plan, hidden = self._search, self.plan, math.inf
+        search = self._search
+        plan = self.plan
+        hidden = math.inf
         viewpoints = [search.depth_viewpoint(plan.pose.to_world(group.center_c)) for group in groups]
         while viewpoints:
             serving = Round(tuple(map(serving_all, viewpoints))).changed(plan.finished)
@@ -116,7 +120,8 @@ class SeveralCenters(Refinement):
                 self.expected_ms = self.local_ms(tuned.ROOM_OF_FEW_CENTERS * tuned.ROOM)
                 return False
             search.march([captures["depth"] for captures in kept])
-            before, hidden = hidden, float(np.count_nonzero(~search.hits.sure))
+            before = hidden
+            hidden = float(np.count_nonzero(~search.hits.sure))
             if not tuned.MOST_HIDDEN * self.aim < hidden < tuned.HIDDEN_LEFT * before:
                 break
             origin_w = search.hidden_origin(max(1.0, tuned.LEAST_PROMISED * self.aim))
@@ -140,7 +145,8 @@ class SeveralCenters(Refinement):
     def _serve(self, rows: Ints, rate: float, again: bool = False) -> Rounds:
         """Yield the patches of rays whose depth is not in doubt, as far as these are worth their price, with
         ``rate`` ms a pixel; coarse views ``again`` for rays that no patch shows."""
-        search, viewpoints = self._search, []
+        search = self._search
+        viewpoints = []
         rows = rows[~search.doubtful(search.hits.of(rows))]
         for number in np.unique(search.shell_of[rows]):
             mine = rows[search.shell_of[rows] == number]
@@ -154,7 +160,9 @@ class SeveralCenters(Refinement):
             ]
             if again and len(rest := mine[patch_of < 0]):
                 viewpoints += self._coarse_views(rest, self.patched)
-        worthy, count, area = [], 0, 0
+        worthy = []
+        count = 0
+        area = 0
         for viewpoint in viewpoints:
             requests = viewpoint.requests(self.patched)
             pixels = pixels_of(request.view for request in requests)
@@ -163,7 +171,8 @@ class SeveralCenters(Refinement):
                 area + pixels, count + len(requests)
             ):
                 worthy.append(viewpoint)
-                count, area = count + len(requests), area + pixels
+                count = count + len(requests)
+                area = area + pixels
                 self.focal_px[viewpoint.pixels] = viewpoint.views_of("depth")[0].focal_px
         if worthy:
             yield Round(tuple(worthy))
@@ -182,7 +191,8 @@ class SeveralCenters(Refinement):
         search = self._search
         rows = self._rows_of(pixels)
         hits = search.hits.of(rows)
-        deep, parts = search.doubtful(hits), []
+        deep = search.doubtful(hits)
+        parts = []
         beside = deep & (hits.beside_from <= hits.beside_to)
         helped = ~hits.known_depth().unsure | (hits.hidden_from > hits.hidden_to)  # finer depth shows an end
         for chosen, reach in (
@@ -267,7 +277,8 @@ class Auto(Strategy):
     :class:`Exact` does.
     """
 
-    name, own_centers = "auto", True
+    name = "auto"
+    own_centers = True
 
     def rounds(self, plan: Plan) -> Rounds:
         return Exact().rounds(plan) if plan.aim is None else _refinement(plan).counted()

@@ -97,7 +97,8 @@ def _cheapest_new(plans: list[Plan], modes: Sequence[str]) -> list[Plan]:
                 for plan, alone, shares in zip(plans, own, sharing, strict=True)
             ]
             if (work := _work(some)) < least:
-                best, least = some, work
+                best = some
+                least = work
     return best
 
 
@@ -153,7 +154,8 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     Raises:
         ArgumentError: the source cannot do what the strategy needs.
     """
-    total, price = Cost(way, 0, 0, 0.0), Price(0, 0)
+    total = Cost(way, 0, 0, 0.0)
+    price = Price(0, 0)
     shared: dict[Request, None] = {}
     apart: dict[ImageRays, dict[tuple[Any, ...], Plan]] = defaultdict(dict)
     for plans in frames:
@@ -168,7 +170,8 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
     for of_camera in apart.values():
         some = list(of_camera.values())[:: math.ceil(len(of_camera) / _PLANNED_POSES)]
         alone = reduce(add, (_cost_alone(plan, way) for plan in some))
-        times, counts = len(of_camera) / len(some), ("requests", "pixels", "most")
+        times = len(of_camera) / len(some)
+        counts = ("requests", "pixels", "most")
         total += replace(alone, **{of: round(times * getattr(alone, of)) for of in counts})
     total += Cost(way, len(shared), pixels_of(request.view for request in shared), 0.0, len(shared))
     return replace(total, seconds=price.of(total.requests, total.pixels) / 1e3)

@@ -62,7 +62,8 @@ class Exact(Strategy):
     field of view, or is a recording without those views.
     """
 
-    name, own_centers = "exact", True
+    name = "exact"
+    own_centers = True
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         """Return the viewpoints of groups of pixels; ``around`` is the depth around the camera, if
@@ -86,7 +87,8 @@ class Exact(Strategy):
 class Cube(Exact):
     """Capture whole cube maps, as in the paper: one set serves every camera at the same centres."""
 
-    name, own_centers = "cube", False
+    name = "cube"
+    own_centers = False
 
     def viewpoints(self, plan: Plan, groups: Groups, around: DepthShell | None) -> tuple[Viewpoint, ...]:
         return face_viewpoints(plan, groups, around, whole=True)
@@ -105,7 +107,8 @@ def capture_around(
     if len(groups) < 2 and (plan.rays.origins is None or len(plan.rays.own_viewpoints.centers) < 2):
         return None
     center_w = plan.pose.t_w_c
-    fine, small = max(plan.edge, _OCCLUDED_PX), _OCCLUDED_PX
+    fine = max(plan.edge, _OCCLUDED_PX)
+    small = _OCCLUDED_PX
     edges = [small] if plan.options.viewpoints is None else [fine, small] if shared else [small, fine]
     sizes = [CubeFaces(plan, edge, 0).views(center_w, ALL_FACES) for edge in edges]
     available = [views for views in sizes if plan.available(views)]
@@ -172,14 +175,16 @@ def _recorded_viewpoints(plan: Plan, recorded: RecordedViews, group: RayGroup) -
         unseen |= serving[views] < 0
         unsure |= edge_px < _TO_A_CENTER_PX
     if unseen.all() or (unseen.any() and plan.options.unseen == "refuse"):
-        at, share = np.round(center_w, 6).tolist(), f"{100 * unseen.mean():.3g} %"
+        at = np.round(center_w, 6).tolist()
+        share = f"{100 * unseen.mean():.3g} %"
         advice = "render with unseen='blank' (unseen: blank in a job) for the image of what is seen"
         expected = f"expected recorded views at {at} m to see all rays, but {share} are seen by none"
         raise MissingCaptureError(expected, None, advice)
     for views, modes in modes_of.items():
         for k in np.unique(serving[views][~unseen]):
             mine = ~unseen & (serving[views] == k)
-            only, view = tuple(modes) if len(modes_of) > 1 else None, views[k]
+            only = tuple(modes) if len(modes_of) > 1 else None
+            view = views[k]
             yield Viewpoint(view.pose.t_w_c, (view,), group.pixels[mine], only, unsure=unsure[mine])
 
 
@@ -248,7 +253,8 @@ def _claims(plan: Plan, group: RayGroup, around: DepthShell | None) -> dict[str,
     """Return the fields of Viewpoint that depth around the camera decides, for rays that share a centre."""
     if plan.rays.origins is None:
         return {}
-    origins_w, center_w = plan.origins_w(group.pixels), plan.pose.to_world(group.center_c)
+    origins_w = plan.origins_w(group.pixels)
+    center_w = plan.pose.to_world(group.center_c)
     shared_m = float(np.abs(origins_w - center_w).max())
     nearest_m = 1.0
     if around is not None:

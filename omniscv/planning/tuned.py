@@ -23,7 +23,9 @@ PATCH_PX = 200_000  # of a typical patch
 FINER = (2.0, 3.0, 4.5, 7.0, 11.0)
 COARSE_QUANTILE = 0.25  # quantile of the focal lengths of what is in doubt: patches are finer than this
 DOUBT_LEFT = 0.85  # of the doubt that n times finer captures leave, by 1 / n
-LEAST_RESOLVED, PATIENCE = 0.15, 2  # of the pixels that patches promise, and how many rounds may miss it
+# of the pixels that patches promise, and how many rounds may miss it
+LEAST_RESOLVED = 0.15
+PATIENCE = 2
 MOST_ROUNDS = 12
 FINER_FACES = 1.2  # how much more finely faces sample on the mean than patches of their focal length
 

@@ -164,7 +164,8 @@ def strip_size(
     """
     sample = [np.array(_thinned(rays, _SAMPLED_RAYS)) for rays in _thinned(rays_w, _SAMPLED_VIEWPOINTS)]
     circles = [(rays, *_circle(rays)) for rays in sample]
-    best, least = (capabilities.min_size, capabilities.min_size), np.inf
+    best = (capabilities.min_size, capabilities.min_size)
+    least = np.inf
     for count in range(1, _MOST_VIEWS + 1):
         strips = [strip for circle in circles for strip in _shares(*circle, count)]
         if len(strips) >= least:  # too many, whatever their size
@@ -175,7 +176,8 @@ def strip_size(
         size = holding_size(np.maximum(half, (least_half, 0.0)), focal_px, border_px, capabilities)
         cost = len(strips) * (1 + size[0] * size[1] / PIXELS_PER_REQUEST)
         if cost < least:
-            best, least = size, cost
+            best = size
+            least = cost
     return best
 
 

@@ -35,7 +35,8 @@ __all__ = ["PRESETS", "Sensor"]
 
 Image = TypeVar("Image")  # an image in memory: omniscv.compose.image.OmniImage, which is beside this room
 
-_FEWEST_BITS, _MOST_BITS = 8, 16
+_FEWEST_BITS = 8
+_MOST_BITS = 16
 _MOST_KERNELS = 5
 _BLOCK_PX = 1 << 21  # pixels whose random words are in memory at a time
 
@@ -228,7 +229,8 @@ class Sensor:
         self, light: Floats, pattern: tuple[int, ...], plane: int, key: Any, fixed: Any
     ) -> NDArray[np.uint16]:
         """Return the codes of a plane; ``pattern`` has the channels of its even rows, then of odd ones."""
-        codes, (height, width) = np.empty(light.shape, np.uint16), light.shape
+        codes = np.empty(light.shape, np.uint16)
+        (height, width) = light.shape
         step = max(1, _BLOCK_PX // width)
         electrons = np.array([self.electrons_by_channel[channel] for channel in pattern]).reshape(2, 2)
         dark = self.dark_current * self.exposure_s
@@ -280,7 +282,8 @@ class Sensor:
             ArgumentError: an image without ``lit``.
         """
         seen: Any = image
-        light, transfer = seen["lit"], "srgb" if seen.transfer == "unknown" else seen.transfer
+        light = seen["lit"]
+        transfer = "srgb" if seen.transfer == "unknown" else seen.transfer
         if lateral:
             light = light.copy()
         others: Any = zip((0, 2), lateral, strict=False)

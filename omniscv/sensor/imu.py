@@ -26,7 +26,9 @@ from omniscv.sensor import noise
 
 PASSES = 1e-6
 """Metres and radians within which the spline passes through the poses that were given."""
-_WHITE, _WALK = 0, 1  # purposes of random numbers
+# purposes of random numbers
+_WHITE = 0
+_WALK = 1
 _MOST = 100_000_000  # samples
 
 
@@ -53,7 +55,8 @@ class ImuNoise:
 
     def errors(self, seed: int, name: str, rate: float, count: int) -> tuple[Array, Array]:
         """Return biases and white noise, (count, 3) each, of the samples from the first one on."""
-        biases, white = np.tile(self.bias, (count, 1)), np.zeros((count, 3))
+        biases = np.tile(self.bias, (count, 1))
+        white = np.zeros((count, 3))
         key = noise.key(seed, f"imu.{name}")
         for axis, (density, walk) in enumerate(zip(self.noise_density, self.random_walk, strict=True)):
             if density:
@@ -124,14 +127,17 @@ def measure(path: Trajectory, imu: Imu | None = None) -> ImuSamples:
     Raises:
         ArgumentError: fewer than two poses, poses without times, or too many samples.
     """
-    imu, path = imu or Imu(), replace(path, curve="spline")
+    imu = imu or Imu()
+    path = replace(path, curve="spline")
     first, last = (path.times_ns or (0,))[0], (path.times_ns or (0,))[-1]
     span = (last - first) / NS * imu.rate
     if span >= _MOST:
         raise ArgumentError(f"imu: expected at most {_MOST} samples, got {span:g}; give a lower rate")
     times = first + np.rint(np.arange(math.ceil(span - 1e-6) + 1) * (NS / imu.rate)).astype(np.int64)
-    at, mounted = path.motions(times), imu.pose
-    rotations, lever = at.rotations @ mounted.rotation, mounted.position
+    at = path.motions(times)
+    mounted = imu.pose
+    rotations = at.rotations @ mounted.rotation
+    lever = mounted.position
     # The point that it is mounted at moves and accelerates by the rig's turning, too.
     turning = np.cross(at.rates, lever)
     across = np.cross(at.rate_changes, lever) + np.cross(at.rates, turning)

@@ -18,13 +18,17 @@ from numpy.typing import NDArray
 from omniscv.compiled import njit
 from omniscv.geometry.arrays import Floats
 
-PIXEL, ROW, PRNU, DSNU = 0, 1, 2, 3
+PIXEL = 0
+ROW = 1
+PRNU = 2
+DSNU = 3
 """Purposes: a pixel's shot and read noise, half a word for each of the two; row noise; fixed patterns."""
 
 _STEP_BITS = 6
 _STEPS = 1 << _STEP_BITS
 """Intervals per octave of the table of normal numbers; linear interpolation in them is exact to 3e-5."""
-_MANTISSA, _BIAS = 52, 1023
+_MANTISSA = 52
+_BIAS = 1023
 """Of float64: bits of the mantissa, and what is added to the exponent."""
 _EXPANDED = 10.0
 """Mean from which a Poisson number is an expansion about the normal one: to 3e-4 of probability."""

@@ -36,7 +36,9 @@ Shading = str | tuple[tuple[float, float], ...]
 NATURAL = "natural"
 _STEP_PX = 1e-3
 
-RESPONSE, VIGNETTE, TIMES = "pcalib.txt", "vignette.png", "times.txt"
+RESPONSE = "pcalib.txt"
+VIGNETTE = "vignette.png"
+TIMES = "times.txt"
 
 
 @lru_cache(8)
@@ -81,7 +83,8 @@ def _lens(camera: Camera) -> Camera:
 
 def _solid_angles(camera: Camera, pixels: Any) -> Any:
     """Return steradians per square px at pixels (..., 2): by differences, one-sided at the rim."""
-    middle, sides = camera.unproject(pixels).directions, []
+    middle = camera.unproject(pixels).directions
+    sides = []
     for step in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
         after, before = (camera.unproject(pixels + sign * np.array(step)).directions for sign in (1, -1))
         span = 2.0 - np.isnan(after) - np.isnan(before)

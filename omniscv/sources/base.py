@@ -115,7 +115,8 @@ class Source(ABC):
 
     def stated(self, capture: Capture) -> Capture:
         """Return one of its captures with what the capabilities say of it in its provenance."""
-        can, told = self.capabilities, dict[str, Any]()
+        can = self.capabilities
+        told = dict[str, Any]()
         if capture.mode == "lit" and can.transfer != "unknown":
             told = {"transfer": can.transfer}
         if capture.mode == "depth" and any(can.depth_error):
@@ -330,7 +331,9 @@ class ProcessBound(SourceWrapper):
     """
 
     def __init__(self, source: Source, address: str, host: ExitStack | None = None) -> None:
-        self._opened, self._address, self._process = source, address, os.getpid()
+        self._opened = source
+        self._address = address
+        self._process = os.getpid()
         self._host = host or ExitStack()
 
     def __repr__(self) -> str:
@@ -373,7 +376,8 @@ def check_modes(source: Source, modes: Iterable[str]) -> None:
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
     """Raise ArgumentError for unknown names of objects."""
     if unknown := sorted(set(objects) - set(known)):
-        name, names = unknown[0], sorted(known)
+        name = unknown[0]
+        names = sorted(known)
         advice = did_you_mean(name, names) or f"; it has {', '.join(names)}"
         raise ArgumentError(f"{what}: expected objects of the scene, got {shown(name)}{advice}")
 

@@ -22,11 +22,14 @@ from omniscv.sources.base import Capture, View
 Decoder = Callable[[bytes, str, View], NDArray[Any]]
 """``decoder(payload, mode, view)`` gives pixels as :class:`omniscv.sources.base.Capture` describes them."""
 
-NEAR_MIDDLE, BOUNDED, RESAMPLED = "npy 0.005 px", "npy bounded", "npy resampled"
+NEAR_MIDDLE = "npy 0.005 px"
+BOUNDED = "npy bounded"
+RESAMPLED = "npy resampled"
 """Resampled depth shows the pixels of another picture, whose steps are no relief."""
 
 _PFM = re.compile(rb"Pf\s+(\d{1,5})\s+(\d{1,5})\s+(-?[0-9.eE+-]{1,20})\s")
-_TARTANAIR_FAR_M, _CARLA_STEP_M = 10_000.0, 1000 / (2**24 - 1)
+_TARTANAIR_FAR_M = 10_000.0
+_CARLA_STEP_M = 1000 / (2**24 - 1)
 
 UNREAL_SKY = 65504.0  # the largest half float: what servers send for no surface, in their unit
 _HALF_DIGITS = 11  # significant binary digits of the half floats through which the engine passes depth
@@ -113,11 +116,13 @@ def encode(pixels: NDArray[Any]) -> tuple[bytes, str]:
 
 def payload_of(capture: Capture) -> tuple[bytes, str]:
     """Return the bytes and encoding of a capture, encoded if it has none; BadReplyError for wrong pixels."""
-    pixels, row = capture.pixels, modalities.get(capture.mode)
+    pixels = capture.pixels
+    row = modalities.get(capture.mode)
     size = capture.view.height, capture.view.width
     ids = bool(row.derives) and pixels.dtype == np.uint16 and pixels.ndim == 2
     if not (ids or row.fits(pixels)) or pixels.shape[:2] != size:
-        shape, dtypes = (*size, row.channels) if row.channels else size, " or ".join(row.dtypes)
+        shape = (*size, row.channels) if row.channels else size
+        dtypes = " or ".join(row.dtypes)
         got = f"{pixels.dtype}, shape {pixels.shape}"
         raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {got}")
     if capture.payload is not None and capture.encoding in encodings():
@@ -141,9 +146,11 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 def check_png(payload: bytes, view: View) -> None:
     """Raise BadReplyError unless the header is that of a PNG of the view's size."""
-    bits, (width, height) = png.header(payload).bits, picture_size(payload)
+    bits = png.header(payload).bits
+    (width, height) = picture_size(payload)
     if (width, height) != (view.width, view.height):
-        wanted, got = f"{view.width} x {view.height}", f"{bits}-bit {width} x {height}"
+        wanted = f"{view.width} x {view.height}"
+        got = f"{bits}-bit {width} x {height}"
         raise BadReplyError(f"expected a PNG of {wanted}, got {got}")
 
 
@@ -213,7 +220,8 @@ def _png_colors(payload: bytes, mode: str, view: View) -> NDArray[Any]:
 
 
 def _npy_pixels(payload: bytes, mode: str, view: View) -> NDArray[Any]:
-    array, row = decode_npy(payload, view), modalities.get(mode)
+    array = decode_npy(payload, view)
+    row = modalities.get(mode)
     if row.interpolation == "surface":
         check_depth(array)
         return array.astype(row.dtypes[0])

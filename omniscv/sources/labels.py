@@ -26,7 +26,8 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
     """
     colors_of = tuple(table.colors[name] for name in table.names())
     label_of = _label_of_colors(colors_of, table.tolerance)
-    colors, labels = np.ascontiguousarray(mask).reshape(-1, 3), np.empty(mask.shape[:-1], np.uint16)
+    colors = np.ascontiguousarray(mask).reshape(-1, 3)
+    labels = np.empty(mask.shape[:-1], np.uint16)
     run(_look_up, (colors, labels.reshape(-1)), label_of)
     unknown_pixels = colors[labels.reshape(-1) == 0].astype(np.uint32)
     codes = unknown_pixels[:, 0] << 16 | unknown_pixels[:, 1] << 8 | unknown_pixels[:, 2]
@@ -37,10 +38,12 @@ def labels_of(mask: NDArray[Any], table: ObjectTable) -> tuple[Labels, dict[Colo
 
 def labels_of_ids(ids: NDArray[np.uint16], table: ObjectTable) -> tuple[Labels, NDArray[np.uint8]]:
     """Return the labels (...) of instance ids (...), and (..., 3) uint8 RGB of the objects' colours."""
-    label_of, color_of = np.zeros(1 << 16, np.uint16), np.zeros((1 << 16, 3), np.uint8)
+    label_of = np.zeros(1 << 16, np.uint16)
+    color_of = np.zeros((1 << 16, 3), np.uint8)
     for label, name in enumerate(table.names(), start=1):
         if name in table.ids:
-            label_of[table.ids[name]], color_of[table.ids[name]] = label, table.colors[name]
+            label_of[table.ids[name]] = label
+            color_of[table.ids[name]] = table.colors[name]
     return label_of[ids], color_of[ids]
 
 

@@ -115,7 +115,8 @@ class DepthForm(NamedTuple):
         """Return the form of ``KIND-UNIT``, such as ``planar-mm`` or ``ray-1/512``, or of a packed one."""
         if text in PACKED:
             return cls(False, 1.0, PACKED[text], missing)
-        (kind, _, unit), (above, _, below) = text.partition("-"), text.partition("-")[2].partition("/")
+        (kind, _, unit) = text.partition("-")
+        (above, _, below) = text.partition("-")[2].partition("/")
         per_m = PER_M.get(unit, 0.0)
         if below:
             per_m = number("depth", below, above=0) / number("depth", above, above=0)
@@ -220,7 +221,8 @@ def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     clipped = 0
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32, copy=False)
-        low, wrong = ~(pixels >= 0), np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
+        low = ~(pixels >= 0)
+        wrong = np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
         if wrong and not (clip and (pixels[~low] <= _MOST_LIGHT).all()):
             got = f"{wrong} of {pixels.size} other values; --clip takes negative and NaN as 0"
             raise ArgumentError(f"expected light of 0 to {_MOST_LIGHT:g}, got {got}")
@@ -246,7 +248,9 @@ def _packed_depth(file: Path, encoding: str) -> Picture:
 def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
     from omniscv.sources.codecs import encodings, no_surface
 
-    stored, whole, per_m = pixels[..., 0], pixels.dtype.kind != "f", form.per_m or 1.0
+    stored = pixels[..., 0]
+    whole = pixels.dtype.kind != "f"
+    per_m = form.per_m or 1.0
     grey = np.repeat(pixels[..., :1], pixels.shape[2], axis=2)
     if not np.array_equal(pixels, grey, equal_nan=not whole) or stored.dtype == np.uint8:
         got = f"{pixels.dtype} colours, which are no metres"

@@ -51,17 +51,22 @@ class SourcePool(SourceWrapper):
     def __init__(self, sources: Sequence[Source], exposure: SharedExposure | None = None) -> None:
         if not sources:
             raise ArgumentError("sources: expected at least one, got none")
-        self._sources, self._working = tuple(sources), list(sources)
+        self._sources = tuple(sources)
+        self._working = list(sources)
         self._capabilities = _same_in_all([source.capabilities for source in sources])
         self._objects = _same_in_all([source.objects() for source in sources])
         self._scene = _same_in_all([source.scene_identity for source in sources])
         self._digest = sources[0].world_digest
         self._last_fault = closed_error("pool")
-        self._lock, self._closed = threading.Lock(), False
+        self._lock = threading.Lock()
+        self._closed = False
         self.share_exposure(exposure or SharedExposure())
 
-    recorded, recorded_in = Source.recorded, Source.recorded_in  # of all replicas, as these:
-    one_instant, world = Source.one_instant, Source.world
+    # of all replicas, as these:
+    recorded = Source.recorded
+    recorded_in = Source.recorded_in
+    one_instant = Source.one_instant
+    world = Source.world
 
     @property
     def capabilities(self) -> Capabilities:
@@ -106,7 +111,8 @@ class SourcePool(SourceWrapper):
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""
         self._check_working()
-        batches, idle = self._batches(iter(requests)), SimpleQueue[Source]()
+        batches = self._batches(iter(requests))
+        idle = SimpleQueue[Source]()
         for replica in self._working:
             idle.put(replica)
         under_way: deque[Future[list[Capture]]] = deque()
@@ -205,7 +211,8 @@ def _same_in_all(values: Sequence[T]) -> T:
     first, *others = values
     for number, value in enumerate(others, start=2):
         for field in fields(first):
-            a, b = getattr(first, field.name), getattr(value, field.name)
+            a = getattr(first, field.name)
+            b = getattr(value, field.name)
             if a != b:
                 fault = f"source {number} differs from source 1 in {field.name}"
                 both = f"{_excerpt(b, a)} against {_excerpt(a, b)}"

@@ -20,19 +20,26 @@ from omniscv.sources.base import Request, View
 from omniscv.sources.recording import inspection
 from omniscv.sources.recording.replay import RecordedSource
 
-_SAME_M, _SAME, _SAME_DEG = 1e-3, 1e-3, 1e-3  # positions, entries of rotations, fields of view
+# positions, entries of rotations, fields of view
+_SAME_M = 1e-3
+_SAME = 1e-3
+_SAME_DEG = 1e-3
 
 
 class RecordedScene:
     """The scene of a recording, RecordingError if it cannot be read. Nothing in it can be moved or hidden."""
 
-    moving, time, room = (), 0.0, None
+    moving = ()
+    time = 0.0
+    room = None
 
     def __init__(self, path: Path) -> None:
-        self._source, self._path = RecordedSource(path), path
+        self._source = RecordedSource(path)
+        self._path = path
         self.name = self._source.scene_identity.name or path.stem
         table = self._source.objects()
-        self.objects, self.colors = tuple(table.names()), table.colors
+        self.objects = tuple(table.names())
+        self.colors = table.colors
         self.static = frozenset(self.objects)
         self._boxes = self._source.geometry().boxes
 
@@ -82,7 +89,8 @@ class RecordedScene:
         """Return what was recorded of what ``mock_server.Scene.view`` traces, read when it is needed."""
         if hidden := sorted(hidden):
             raise NotShownError(f"expected all objects, as they were recorded, got {hidden[0]} hidden")
-        (height, width), points = length.shape, rays * length[..., None]
+        (height, width) = length.shape
+        points = rays * length[..., None]
         across = (points[0, -1] - points[0, 0]) / max(width - 1, 1)
         down = (points[-1, 0] - points[0, 0]) / max(height - 1, 1)
         x, y = (step / np.linalg.norm(step) for step in (across, down))
@@ -105,7 +113,9 @@ class _RecordedView:
     """A recorded view in the place of ``mock_server.scene.ViewHits``: arrays by its names."""
 
     def __init__(self, asked: View, pixels: Callable[[View, str], NDArray[Any]], length: Array) -> None:
-        self._asked, self._pixels, self._length = asked, pixels, length
+        self._asked = asked
+        self._pixels = pixels
+        self._length = length
 
     @cached_property
     def depth(self) -> Array:

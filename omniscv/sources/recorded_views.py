@@ -86,7 +86,8 @@ class RecordedViews:
     """A recording's views, of all modes or those that ``of_mode`` returns; cubes by position and shape."""
 
     def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:
-        self.views, self._of_mode = views, of_mode
+        self.views = views
+        self._of_mode = of_mode
         self._held = frozenset(views)
         self._at: dict[Position, list[View]] = defaultdict(list)
         for view, position in zip(views, _positions([view.pose.t_w_c for view in views]), strict=True):
@@ -119,7 +120,8 @@ class RecordedViews:
         """
         (at,) = _positions([center_w])
         requested = Shape.of(six[0])
-        best, most = tuple(six), (False, False, 0, 0, 0)
+        best = tuple(six)
+        most = (False, False, 0, 0, 0)
         for cube in self._cubes_at(at):
             for shape in cube.coarse_shapes(requested, truth_scale):
                 recorded = cube.faces.get(shape.scaled(truth_scale), {})
@@ -167,7 +169,8 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
     of any length: (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's
     edge.
     """
-    index, edge_px = np.full(len(directions_w), -1), np.full(len(directions_w), -1.0)
+    index = np.full(len(directions_w), -1)
+    edge_px = np.full(len(directions_w), -1.0)
     most = np.zeros(len(directions_w))
     for k, view in enumerate(views):
         u, v, z = view.project(view.pose.t_w_c + directions_w).T
@@ -176,10 +179,13 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
         # The mean of the scale along (1 / cos^2) and across (1 / cos) the way to the principal point:
         density = np.sqrt(fx * fy) * (1 + tangents) ** 0.75
         margin = np.minimum(np.minimum(u, view.width - u), np.minimum(v, view.height - v))
-        supported, before = margin >= _SUPPORT_PX, edge_px >= _SUPPORT_PX
+        supported = margin >= _SUPPORT_PX
+        before = edge_px >= _SUPPORT_PX
         finer = density > most * (1 + _SAME)
         better = (z > 0) & (margin >= 0) & np.where(supported == before, finer, supported)
-        index[better], edge_px[better], most[better] = k, margin[better], density[better]
+        index[better] = k
+        edge_px[better] = margin[better]
+        most[better] = density[better]
     return index, edge_px
 
 

@@ -58,7 +58,8 @@ class Rendered(Source):
         named = {*instant.hidden, *instant.poses, *instant.varied.get("objects", {})}
         known_objects(named, self._objects.ids, self._name)
         drawn, undrawn = instant.placed(self.poses)
-        hidden, moved = self._hidden.union(instant.hidden, undrawn), {**instant.poses, **drawn}
+        hidden = self._hidden.union(instant.hidden, undrawn)
+        moved = {**instant.poses, **drawn}
         return SourceView(copy_with(self, _hidden=hidden, _instant=instant, _moved=moved))
 
     def _check(self, request: Request) -> None:

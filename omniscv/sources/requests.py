@@ -81,7 +81,8 @@ class View:
     def projection(self) -> pinhole.Projection:
         """Focal lengths and principal point, px."""
         squeeze, x, y = self.lens or Lens()
-        focal, center = self.focal_px, (self.width / 2 + self.width * x, self.height / 2 + self.height * y)
+        focal = self.focal_px
+        center = (self.width / 2 + self.width * x, self.height / 2 + self.height * y)
         return pinhole.Projection(focal, focal * squeeze, *center)
 
     def scaled(self, factor: int) -> Self:

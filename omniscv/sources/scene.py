@@ -82,7 +82,8 @@ class SceneSource(Source):
     ) -> None:
         one_of("lit", lit, get_args(Lit))
         one_of("masks", masks, get_args(Masks))
-        self.made, self._instant = 0, instant
+        self.made = 0
+        self._instant = instant
         named = {*instant.hidden, *hidden, *instant.poses, *instant.varied.get("objects", {})}
         known_objects(named, scene.objects, f"scene {scene.name}")
         try:
@@ -97,8 +98,11 @@ class SceneSource(Source):
         except ValueError as wrong:
             raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
         # Removed by without(); with those that the instant hides:
-        self._without, self._hidden = frozenset(hidden), instant.hidden.union(hidden, undrawn)
-        self._capabilities, self._lit, self._closed = capabilities or _CAPABILITIES, lit, False
+        self._without = frozenset(hidden)
+        self._hidden = instant.hidden.union(hidden, undrawn)
+        self._capabilities = capabilities or _CAPABILITIES
+        self._lit = lit
+        self._closed = False
         self._identity = SceneIdentity(scene.name, content=scene.digest())
         ids = {name: scene.label(name) for name in scene.objects}
         colors = ObjectTable({}, ids=ids).colors
@@ -173,7 +177,8 @@ class SceneSource(Source):
         return self._copy(self._without, instant)
 
     def close(self) -> None:
-        self._closed, self._unpainted = True, ({}, [])
+        self._closed = True
+        self._unpainted = ({}, [])
         self._pixels_of.cache_clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -186,7 +191,8 @@ class SceneSource(Source):
     def _pixels(self, request: Request) -> NDArray[Any]:
         """Return a mode's pixels (H, W, ...). Colours cost as much as all others, and are made on request;
         of a small view that was traced last, from its rays."""
-        view, pixels = request.view, self._pixels_of(request.view)
+        view = request.view
+        pixels = self._pixels_of(request.view)
         if request.mode not in pixels:
             of, paints = self._unpainted
             if of is pixels and request.mode == "lit":
@@ -215,7 +221,8 @@ class SceneSource(Source):
         kept = not colored and view.width * view.height <= _UNPAINTED_PX
 
         def block(rows: slice) -> tuple[dict[str, NDArray[Any]], Paint | None]:
-            size, lens = (view.width, view.height), view.projection if view.lens else None
+            size = (view.width, view.height)
+            lens = view.projection if view.lens else None
             rays, lengths = pinhole_rays(view.pose.R_w_c, view.fov_deg, size, rows=rows, projection=lens)
             hits = self.scene.trace(view.pose.position, rays, self._hidden)
             pixels: dict[str, NDArray[Any]] = {

@@ -57,7 +57,8 @@ def _by_curve(pixels: NDArray[Any], power: float, to_rec709: NDArray[np.float64]
 
 def _to_rec709(primaries: Sequence[float]) -> NDArray[np.float64]:
     """Return the matrix (3, 3) from light of some primaries to that of Rec. 709; white stays white."""
-    own, theirs = _xyz_of_rgb(REC_709), _xyz_of_rgb(primaries)
+    own = _xyz_of_rgb(REC_709)
+    theirs = _xyz_of_rgb(primaries)
     if not np.isfinite(theirs).all():
         raise ArgumentError(f"expected chromaticities of three colours, got {shown([*primaries])}")
     cones = (_BRADFORD @ own.sum(axis=1)) / (_BRADFORD @ theirs.sum(axis=1))

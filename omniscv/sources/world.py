@@ -137,7 +137,8 @@ class SharedExposure:
     """
 
     def __init__(self, position: Array | None = None) -> None:
-        self.position, self._lock = position, threading.Lock()
+        self.position = position
+        self._lock = threading.Lock()
         self.value: Exposure | None = None
 
     def get(self, find: Callable[[], Exposure]) -> Exposure:

@@ -26,7 +26,9 @@ Download = Callable[[Path], None]
 _SUM = ".sha256"
 _LIMIT_GB = 50.0
 _KEPT_S = 24 * 3600.0
-_CLEANED, _CLEANED_EVERY_S = ".cleaned", 3600.0  # a file whose time is that of the last clean-up
+# a file whose time is that of the last clean-up
+_CLEANED = ".cleaned"
+_CLEANED_EVERY_S = 3600.0
 _KEY = re.compile("[0-9a-f]{64}")
 
 
@@ -81,7 +83,8 @@ def _digest(path: Path) -> str:
 def _make_room() -> None:
     """Remove the least recently used copies while the cache is too large; at most once an hour."""
     limit_gb = number("OMNISCV_CACHE_GB", os.environ.get("OMNISCV_CACHE_GB") or _LIMIT_GB, least=0)
-    now, mark = time.time(), folder() / _CLEANED
+    now = time.time()
+    mark = folder() / _CLEANED
     if mark.exists() and now - mark.stat().st_mtime < _CLEANED_EVERY_S:
         return
     mark.touch()

@@ -33,7 +33,8 @@ _NO_LOCKS = (
 """With which file systems say that they lock nothing: Lustre, NFS, and those in user space."""
 _BUSY = (errno.EAGAIN, errno.EACCES)
 _LOCK_WAIT_S = 3600.0
-_FIRST_LINE_S, _LINES_EVERY_S = 10.0, 60.0
+_FIRST_LINE_S = 10.0
+_LINES_EVERY_S = 60.0
 _POLL_S = 0.05
 _MOST_SCRATCH_FOLDERS = 100  # that are made in vain
 _log = logging.getLogger("omniscv")

@@ -34,11 +34,15 @@ SCHEMES = ("file", "s3", "gs", "memory")
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _USER = re.compile(r"(?<=://)[^/@\s'\"]*@")
 _QUERY = re.compile(r"(?<=\S)\?[^\s'\"]*(?==)[^\s'\"]*|#[^\s'\"]*=[^\s'\"]*")
-_ATTEMPTS, _FIRST_WAIT_S = 7, 0.05
-_PATIENCE_S, _ANSWER_S, _LISTING_S = 20.0, 8.0, 60.0
+_ATTEMPTS = 7
+_FIRST_WAIT_S = 0.05
+_PATIENCE_S = 20.0
+_ANSWER_S = 8.0
+_LISTING_S = 60.0
 """Seconds after which no attempt starts; seconds for an attempt of a request, and of a listing, which is many
 requests. The packages of some stores retry within an attempt."""
-_SLOWEST, _SMALL = 1e5, 1 << 20
+_SLOWEST = 1e5
+_SMALL = 1 << 20
 """Bytes a second for which an attempt gets more time; bytes of a file that is read in one request."""
 _S3_CLIENT = {
     "connect_timeout": _ANSWER_S,
@@ -153,7 +157,8 @@ class RemoteFolder(Folder):
         if info is None:
             raise MissingFileError(f"{where}: expected a file, it is missing")
         version = repr(sorted((str(key), str(value)) for key, value in info.items()))
-        key, nbytes = hashlib.sha256(f"{where}\n{version}".encode()).hexdigest(), _size_in(info)
+        key = hashlib.sha256(f"{where}\n{version}".encode()).hexdigest()
+        nbytes = _size_in(info)
         return cache.copy_of(key, name, lambda path: self._copy(name, path, nbytes), size=nbytes)
 
     def copy(self, name: str, path: Path, most: int | None = None) -> None:
@@ -279,7 +284,8 @@ def _bound(where: str, most: int) -> Any:
 
 def _failure(where: str, cause: Exception, seconds: float, *, is_final: bool) -> StorageError:
     got = f"{getattr(cause, 'strerror', None) or cause or type(cause).__name__}"
-    number, advice = getattr(cause, "errno", None), ""
+    number = getattr(cause, "errno", None)
+    advice = ""
     if isinstance(cause, TimeoutError):
         got = f"no answer in {seconds:.0f} s"
     if number in NO_SPACE:

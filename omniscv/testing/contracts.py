@@ -82,7 +82,9 @@ def check_pixels(source: Source, requests: Sequence[Request]) -> None:
     """Pixels have the dtype, shape and values of their modality, and what they show is described."""
     table = source.objects()
     for capture in source.capture(requests):
-        row, pixels, view = modalities.get(capture.mode), capture.pixels, capture.view
+        row = modalities.get(capture.mode)
+        pixels = capture.pixels
+        view = capture.view
         ids = bool(table.ids) and capture.mode == "object_mask"
         assert row.fits(pixels) or (ids and pixels.dtype == np.uint16 and pixels.ndim == 2), capture.mode
         assert pixels.shape[:2] == (view.height, view.width)
@@ -109,7 +111,8 @@ def check_rays(source: Source, requests: Sequence[Request]) -> None:
     """Rays meet what pictures show at the middles of their pixels, but for a pixel in a hundred at edges."""
     masks = source.objects().mask_values()
     for capture in source.capture([request for request in requests if request.mode != "lit"][::7]):
-        view, pixels = capture.view, capture.pixels
+        view = capture.view
+        pixels = capture.pixels
         hits = source.trace(view.pose.position, view.directions_w())
         assert np.array_equal(np.isinf(hits.distance), hits.label == 0)
         rays = {
@@ -167,7 +170,9 @@ def round_trip_error(camera: Camera) -> float:
     """Return the largest |project(unproject(p)) - p|, px, at any distance; inf if a pixel is lost."""
     pixels = np.concatenate([all_pixels(camera), last_pixels(camera)])
     rays = camera.unproject(pixels)
-    pixels, origins, directions = pixels[rays.valid], rays.origins[rays.valid], rays.directions[rays.valid]
+    pixels = pixels[rays.valid]
+    origins = rays.origins[rays.valid]
+    directions = rays.directions[rays.valid]
     worst = 0.0
     for metres in CENTRAL_METRES if camera.central else NONCENTRAL_METRES:
         again, seen = camera.project(origins + metres * directions)
@@ -182,9 +187,11 @@ def round_trip_error(camera: Camera) -> float:
 
 def see_one_ray(camera: Camera, pixels: Floats, others: Floats) -> Any:
     """Return (N,) whether two pixels see one ray, as at a seam or pole, to within the tolerance."""
-    rays, same = camera.unproject(pixels), camera.unproject(others)
+    rays = camera.unproject(pixels)
+    same = camera.unproject(others)
     around = PIXEL_TOLERANCE * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[:, None]
-    nearby, alike = camera.unproject(pixels + around), same.valid
+    nearby = camera.unproject(pixels + around)
+    alike = same.valid
     for part in ("origins", "directions"):
         own = getattr(rays, part)
         allowed = np.nanmax(np.linalg.norm(getattr(nearby, part) - own, axis=-1), axis=0)
@@ -262,7 +269,8 @@ def check_projection(
     distance = length(offset)
     # Next to a cone's tip the rounding of the pixel moves the point, whatever the angle.
     away = distance > 1e-12 * length(rays.origins)
-    offset, directions = offset[away], rays.directions[away]
+    offset = offset[away]
+    directions = rays.directions[away]
     offset /= np.abs(offset).max(axis=1, keepdims=True)
     offset /= np.linalg.norm(offset, axis=1, keepdims=True)
     assert ((offset * directions).sum(axis=1) > 0).all()
@@ -275,7 +283,8 @@ def check_projection(
 def changes_by_a_nudge(camera: Camera, pixels: Floats, at_the_border: float) -> tuple[Any, Any]:
     """Return how far nudges of pixels (N, 2) move their rays, metres (N,), and turn them, rad (N,)."""
     aside = np.multiply.outer(NUDGE_PX * NUDGE_PARTS, [[-1, 0], [1, 0], [0, -1], [0, 1]]).reshape(-1, 1, 2)
-    own, beside = camera.unproject(pixels), camera.unproject(pixels + aside)
+    own = camera.unproject(pixels)
+    beside = camera.unproject(pixels + aside)
     turned = np.linalg.norm(beside.directions - own.directions, axis=-1)
     moved = length(beside.origins - own.origins)
     turned = np.where(np.isnan(turned), at_the_border, turned)
@@ -297,7 +306,8 @@ def check_narrow_numbers(camera: Camera) -> None:
     """Pixels and points in float32 or whole numbers give the float64 results of the same numbers."""
     pixels = all_pixels(camera)
     for narrow in (pixels.astype(np.float32), pixels.astype(np.int32), pixels.astype(np.uint8)):
-        given, wide = camera.unproject(narrow), camera.unproject(narrow.astype(np.float64))
+        given = camera.unproject(narrow)
+        wide = camera.unproject(narrow.astype(np.float64))
         np.testing.assert_array_equal(given.directions, wide.directions)
         assert given.directions.dtype == np.float64
     points = np.random.default_rng(2).normal(size=(1000, 3)).astype(np.float32) * 5

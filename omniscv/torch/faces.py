@@ -80,7 +80,8 @@ class Faces:
                 objects = source.objects()
                 masks = np.stack(faces)  # colours, or instance ids
                 labels, _ = (labels_of_ids if masks.ndim == 3 else labels_of)(masks, objects)
-                mode, faces = "labels", list(labels)
+                mode = "labels"
+                faces = list(labels)
                 if classes is not None:
                     self._class_of = _class_of(class_rules(classes), objects).to(self._device)
             kind = modalities.get(mode).interpolation
@@ -132,7 +133,8 @@ class Faces:
     def _sample(self, camera: Camera, valid: Tensor, R_w_c: Array) -> tuple[dict[str, Tensor], Tensor | int]:
         """Return layers, and how many rays no view sees."""
         lookups: dict[tuple[View, ...], DeviceLookup | ProcessorLookup] = {}
-        layers, unseen = {}, 0
+        layers = {}
+        unseen = 0
         for name, (views, tiles) in self._tiles.items():
             if views not in lookups:
                 lookups[views] = (

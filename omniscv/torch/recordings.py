@@ -102,10 +102,12 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         if not callable(draw):
             raise ArgumentError(f"draw: expected a function of a generator, got {shown(draw)}")
         self.path = Path(storage.fetch_file(path)).absolute()
-        self.draw, self.modes = draw, modalities.chosen(modes)
+        self.draw = draw
+        self.modes = modalities.chosen(modes)
         self.per_center = whole_number("per_center", per_center)
         self.seed = whole_number("seed", seed, least=0)
-        self.truth_scale, self.cache_bytes = truth_scale, 1 << 30
+        self.truth_scale = truth_scale
+        self.cache_bytes = 1 << 30
         self.classes = None if classes is None else class_rules(classes)
         with RecordedSource(self.path) as source:
             self.centers = source.recorded().centers()
@@ -125,7 +127,8 @@ class RecordingDataset(Epochs, Dataset[Sample]):
         faces = self._cache.get(center, lambda: make(self._source, center, self.modes))
         self._cache.trim()
         layers = {name: batch[0] for name, batch in faces.render(camera, R_w_c).items()}
-        pose, place = Pose(np.array(center), R_w_c), ",".join(f"{value:.3f}" for value in center)
+        pose = Pose(np.array(center), R_w_c)
+        place = ",".join(f"{value:.3f}" for value in center)
         frame = Frame(f"{self.epoch}-{index}", camera.name, camera, pose, place=place)
         return sample_of(frame, layers)
 

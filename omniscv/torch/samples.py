@@ -205,7 +205,8 @@ class ShardDataset(Epochs, IterableDataset[Sample]):
     ) -> None:
         super().__init__()
         self.batch_size = None if batch_size is None else whole_number("batch_size", batch_size)
-        self.shuffle, self.seed = flag("shuffle", shuffle), whole_number("seed", seed, least=0)
+        self.shuffle = flag("shuffle", shuffle)
+        self.seed = whole_number("seed", seed, least=0)
         self.layers = None if layers is None else texts("layers", layers)
         self._rank = rank_share(rank, world_size)
         # A worker may have another working folder.
@@ -260,7 +261,8 @@ def rank_share(rank: int | None, world_size: int | None) -> Share:
     if rank is None or world_size is None:
         if torch.distributed.is_available() and torch.distributed.is_initialized():
             return Share(torch.distributed.get_rank(), torch.distributed.get_world_size())
-        rank, world_size = int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1"))
+        rank = int(os.environ.get("RANK", "0"))
+        world_size = int(os.environ.get("WORLD_SIZE", "1"))
     count = whole_number("world_size", world_size)
     return Share(whole_number("rank", rank, least=0, most=count - 1), count)
 

@@ -97,7 +97,9 @@ class DeviceTiles:
     def __init__(
         self, kind: Interpolation, views: Sequence[View], faces: Pictures, device: torch.device
     ) -> None:
-        self._kind, self._flat, pixels = kind, faces[0].ndim == 2, np.stack(faces)
+        self._kind = kind
+        self._flat = faces[0].ndim == 2
+        pixels = np.stack(faces)
         self._channels = 1 if self._flat else pixels.shape[3]
         if kind == "blended":
             border = min(min(view.width, view.height) / 2 - view.focal_px for view in views)
@@ -115,11 +117,14 @@ class DeviceTiles:
         """Return (B, N) or (B, C, N) values, whole numbers of maps as int64; 0 if no view sees the ray."""
         from omniscv.torch import kernels
 
-        (batch, count), dtype, channels = lookup.shape, self.tensor.dtype, self._channels
+        (batch, count) = lookup.shape
+        dtype = self.tensor.dtype
+        channels = self._channels
         whole = not dtype.is_floating_point
         kind = torch.int64 if self._flat and whole else dtype
         out = torch.empty((batch, channels, count), dtype=kind, device=self.tensor.device)
-        arguments, shape = (self.tensor, self._of_views, *lookup.arrays, out), self.tensor.shape
+        arguments = (self.tensor, self._of_views, *lookup.arrays, out)
+        shape = self.tensor.shape
         if self._kind == "blended":
             step = 1 if self._flat else shape[2]
             constants = kernels.OPTIONS | {"CHANNELS": channels, "STEP": step, "ROUND": whole}
@@ -134,7 +139,8 @@ class ProcessorLookup:
     """The views and pixels of a camera's rays in B orientations, found by the kernels of composition."""
 
     def __init__(self, camera: Camera, views: tuple[View, ...], R_w_c: Array) -> None:
-        self.views, rays = views, _rays_of(camera)
+        self.views = views
+        rays = _rays_of(camera)
         self.samplers = [Sampler(rays.blocks, R, views) for R in R_w_c]
         self.unseen = sum(sampler.unseen for sampler in self.samplers)
 
@@ -144,13 +150,16 @@ class ProcessorTiles:
 
     def __init__(self, interpolation: Interpolation, views: Sequence[View], faces: Pictures) -> None:
         stack: Any = np.stack(faces)
-        self._interpolation, self._stack, self.tensor = interpolation, stack, torch.from_numpy(stack)
+        self._interpolation = interpolation
+        self._stack = stack
+        self.tensor = torch.from_numpy(stack)
         if interpolation == "surface":
             self._depth = DepthPictures.of(stack, views, Precision(), stack.size)
 
     def sample(self, lookup: ProcessorLookup) -> Tensor:
         """Return what :meth:`DeviceTiles.sample` does."""
-        kind, stack = self._interpolation, self._stack
+        kind = self._interpolation
+        stack = self._stack
         filter = "bilinear" if kind == "blended" else "nearest"
         values = [
             sampler.sample_depth("nearest", self._depth, None).distance

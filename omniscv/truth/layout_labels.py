@@ -24,9 +24,13 @@ from omniscv.truth.room_in_image import first_hits, inside, radians_per_pixel
 
 Map = NDArray[np.uint8]
 
-_EDGE_SIGMA, _CORNER_SIGMA = 0.0054, 0.0107  # of the pixels around the horizon, as in published maps
+# of the pixels around the horizon, as in published maps
+_EDGE_SIGMA = 0.0054
+_CORNER_SIGMA = 0.0107
 _REACH = np.sqrt(2 * np.log(255 / 0.5))  # sigmas; beyond, 255 times a Gaussian rounds to 0
-_ORIGINAL_EDGE, _ORIGINAL_CORNER = 0.0065, 0.009  # blur radii, of the longer side
+# blur radii, of the longer side
+_ORIGINAL_EDGE = 0.0065
+_ORIGINAL_CORNER = 0.009
 _CANNY = 100, 200
 _LEVELS = 5  # of each channel: steps of 63 exceed Canny's thresholds
 
@@ -57,7 +61,8 @@ def exact_maps(
         corners = [corner["pixel"] for corner in shown]
     except KeyError as cause:
         raise ArgumentError(f"layout: expected a record of a layout, without {cause}") from cause
-    turn, valid = 2 * np.pi / radians_per_pixel(camera), camera.valid()
+    turn = 2 * np.pi / radians_per_pixel(camera)
+    valid = camera.valid()
     edge_map = _blobs(np.array(curves), turn * edge_sigma, camera, valid)
     return edge_map, _blobs(np.array(corners), turn * corner_sigma, camera, valid)
 
@@ -73,7 +78,8 @@ def original_maps(record: Mapping[str, Any], camera: Camera, pose: Pose) -> tupl
     import cv2
     from PIL import Image, ImageFilter
 
-    room, rays = room_of(record), camera.unproject()
+    room = room_of(record)
+    rays = camera.unproject()
     if not rays.valid.all():
         raise ArgumentError("layout: expected an image that fills its rectangle for the original recipe")
     surface = first_hits(room, pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T).surface
@@ -107,7 +113,8 @@ def _blobs(points: Array, sigma: float, camera: Camera, valid: NDArray[np.bool_]
     drawn = np.zeros((camera.height, camera.width), np.uint8)
     if not len(points):
         return drawn
-    reach, wrap = sigma * _REACH, camera.wraps
+    reach = sigma * _REACH
+    wrap = camera.wraps
     column, row = np.minimum(points.astype(int), [camera.width - 1, camera.height - 1]).T
     drawn[row, column] = 1
     margin = int(np.ceil(reach)) + 2 if wrap else 0
@@ -173,7 +180,8 @@ def room_seen(corners: ArrayLike, width: int, height: int) -> Room:
     HorizonNet's evaluation. ArgumentError without pairs of a ceiling above the horizon and a floor below it,
     in one column."""
     pixels = numbers("cor_id", corners, (None, 2))
-    ceiling, floor = pixels[0::2], pixels[1::2]
+    ceiling = pixels[0::2]
+    floor = pixels[1::2]
     paired = len(ceiling) == len(floor) and np.abs(ceiling[:, 0] - floor[:, 0]).max() <= width / 100
     if not paired or len(floor) < 3:
         raise ArgumentError("cor_id: expected at least 3 pairs of corners, a ceiling's above a floor's")

@@ -64,7 +64,8 @@ def project_layout(
         ArgumentError: a depth of another size than the image, or a room that is none.
     """
     known = RoomLayout(room) if isinstance(room, Room) else room
-    room, allowed = known.room, tolerance or Tolerance()
+    room = known.room
+    allowed = tolerance or Tolerance()
 
     def flags(points_c: Array, pixels: Array, origins_c: Array) -> tuple[Flags, Flags | None]:
         """(S,) ``visible_room`` and ``visible`` of points on the room's edges."""
@@ -105,7 +106,8 @@ def room_of(record: Mapping[str, Any]) -> Room:
         corners_w = numbers("corners", [corner["world"] for corner in record["corners"]], (None, 3))
         walls = [edge["planes"] for edge in record["edges"] if edge["kind"] != "vertical"]
         count = len(corners_w) // 2
-        floor, ceiling = corners_w[:count], corners_w[count:]
+        floor = corners_w[:count]
+        ceiling = corners_w[count:]
         walls = [tuple(walls[i]) for i in range(2 * count)]
     except (KeyError, TypeError, IndexError) as cause:
         raise ArgumentError(f"layout: expected a record of a layout, got {shown(record)}") from cause
@@ -126,8 +128,10 @@ def _corner_records(
 ) -> list[dict[str, Any]]:
     pixels, origins_c, seen = resolved(camera, corners_c, camera.project(corners_c)[0])
     in_room, in_full = flags(corners_c[seen], pixels[seen], origins_c[seen])
-    visible_room, visible = np.zeros_like(seen), np.zeros_like(seen)
-    visible_room[seen], visible[seen] = in_room, in_room if in_full is None else in_full
+    visible_room = np.zeros_like(seen)
+    visible = np.zeros_like(seen)
+    visible_room[seen] = in_room
+    visible[seen] = in_room if in_full is None else in_full
     count = len(corners_w) // 2
     return [
         {
@@ -167,7 +171,8 @@ def _pieces(curves: Samples, in_room: Flags, in_full: Flags | None) -> dict[int,
     full = in_room if in_full is None else in_full
     cut = ~curves.joined[:-1] | (in_room[1:] != in_room[:-1]) | (full[1:] != full[:-1])
     bounds = [0, *(np.flatnonzero(cut) + 1).tolist(), len(curves.edge)]
-    pixels, pieces = curves.pixels.tolist(), dict[int, list[dict[str, Any]]]()
+    pixels = curves.pixels.tolist()
+    pieces = dict[int, list[dict[str, Any]]]()
     for start, end in pairwise(bounds):
         if start < end:
             piece = {

@@ -20,7 +20,9 @@ from omniscv.truth.layout_labels import room_seen
 from omniscv.truth.room_in_image import first_hits
 
 _CLOSE = 1.25  # ratio of depths that count as equal
-_TRUE_FROM, _PREDICTED_ABOVE = 0.01, 0.1  # CFL's thresholds, which differ on purpose
+# CFL's thresholds, which differ on purpose
+_TRUE_FROM = 0.01
+_PREDICTED_ABOVE = 0.1
 
 
 class LayoutScores(NamedTuple):
@@ -65,7 +67,8 @@ def layout_scores(found: ArrayLike, truth: ArrayLike, width: int = 1024, height:
         OmniscvError: shapely is not installed.
     """
     rooms = [room_seen(corners, width, height) for corners in (found, truth)]
-    (area, other, shared), heights = _areas(rooms), [room.ceiling_z - room.floor_z for room in rooms]
+    (area, other, shared) = _areas(rooms)
+    heights = [room.ceiling_z - room.floor_z for room in rooms]
     volumes = area * heights[0] + other * heights[1]
     volume = shared * min(heights)
     (depth, kind), (true_depth, true_kind) = (_depth(room, width, height) for room in rooms)
@@ -95,15 +98,19 @@ def map_scores(found: ArrayLike, truth: ArrayLike) -> MapScores:
     """
     from PIL import Image
 
-    prediction, expected = np.asarray(found), np.asarray(truth)
+    prediction = np.asarray(found)
+    expected = np.asarray(truth)
     if prediction.ndim != 2 or expected.ndim != 2 or expected.dtype != np.uint8:
         got = shown((prediction.shape, expected.shape, expected.dtype.name))
         raise ArgumentError(f"maps: expected (H, W) numbers and a uint8 (H, W) map, got {got}")
     size = prediction.shape[::-1]
     resized = np.asarray(Image.fromarray(expected).resize(size)) / 255.0
-    positive, true = prediction > _PREDICTED_ABOVE, resized >= _TRUE_FROM
-    both, either = int((positive & true).sum()), int((positive | true).sum())
-    precision, recall = _ratio(both, positive.sum()), _ratio(both, true.sum())
+    positive = prediction > _PREDICTED_ABOVE
+    true = resized >= _TRUE_FROM
+    both = int((positive & true).sum())
+    either = int((positive | true).sum())
+    precision = _ratio(both, positive.sum())
+    recall = _ratio(both, true.sum())
     f1 = _ratio(2 * precision * recall, precision + recall)
     return MapScores(precision, recall, float((positive == true).mean()), f1, _ratio(both, either))
 

@@ -186,8 +186,10 @@ _SURFACE = np.concatenate(_SIDES)  # (216, 3) the middles of equal tiles of the 
 
 def _derive_boxes(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`boxes`, with ``truncated`` where a box in space is known."""
-    image, known = frame.rendered(), frame.geometry.boxes
-    labels, wrap = frame.layer("labels"), image.camera.wraps
+    image = frame.rendered()
+    known = frame.geometry.boxes
+    labels = frame.layer("labels")
+    wrap = image.camera.wraps
     records = boxes(labels, frame.instances, frame.classes, wrap=wrap, depth=image.depth)
     with_box = [record for record in records if record["name"] in known]
     shares = truncated([known[record["name"]] for record in with_box], image.camera, image.pose)
@@ -199,7 +201,8 @@ def _derive_boxes(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
 def _derive_boxes3d(frame: Frame, options: NoOptions) -> list[dict[str, Any]]:
     """Return the records of :func:`boxes3d` of the objects that are seen: of boxes that the source knows,
     else of those around visible points, where the image has depth."""
-    image, known = frame.rendered(), frame.geometry.boxes
+    image = frame.rendered()
+    known = frame.geometry.boxes
     visible = visible_ids(frame.layer("labels"))
     names = {name: instance for name, instance in frame.instances.items() if instance in visible}
     unknown = {name: instance for name, instance in names.items() if name not in known}

@@ -104,7 +104,8 @@ def flow(
         mine = seen[rows]
         objects = None if labels is None else labels[rows][mine]
         depth = depth0[rows][mine].astype(np.float64)
-        directions, origins = rays0.directions[rows][mine], rays0.origins[rows][mine]
+        directions = rays0.directions[rows][mine]
+        origins = rays0.origins[rows][mine]
         points_c1, scene = _move(pose0, pose1, motions, depth, directions, origins, objects)
         target, known = camera1.project(points_c1)
         mask = np.where(known, np.where(np.isposinf(depth), AT_INFINITY, VALID), INVALID)
@@ -115,7 +116,9 @@ def flow(
         if wrap == "shortest" and camera1.wraps:
             half = camera1.width / 2
             target[:, 0] = (target[:, 0] + half) % camera1.width - half
-        result.pixels[rows][mine], result.mask[rows][mine], result.scene[rows][mine] = target, mask, scene
+        result.pixels[rows][mine] = target
+        result.mask[rows][mine] = mask
+        result.scene[rows][mine] = scene
 
     row_blocks(fill, height, width)
     return result
@@ -154,7 +157,8 @@ def _move(
         else:
             points_w = pose0.to_world(points_c0[mine])
             moved_w = motion.to_world(points_w)
-            points_c1[mine], scene[mine] = pose1.to_camera(moved_w), moved_w - points_w
+            points_c1[mine] = pose1.to_camera(moved_w)
+            scene[mine] = moved_w - points_w
     return points_c1, scene
 
 
@@ -165,7 +169,8 @@ class _Occlusion:
         if depth1.shape != (camera1.height, camera1.width):
             size = camera1.height, camera1.width
             raise ArgumentError(f"depth1: expected the size of the camera, {size}, got {depth1.shape}")
-        self._camera, self._tolerance = camera1, tolerance
+        self._camera = camera1
+        self._tolerance = tolerance
         self._inverse = 1 / np.where(depth1 > 0, depth1, np.inf).astype(np.float64)
 
     def __call__(self, pixels: Array, points_c1: Array) -> Mask:

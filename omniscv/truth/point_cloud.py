@@ -121,7 +121,8 @@ def sweep(frame: Frame, max_relative: float | None = None, intensity: bool = Fal
     Raises:
         ArgumentError: the frame has no depth; or no colours or normals, for an intensity.
     """
-    lidar, depth = lidar_of(frame.camera), frame.layer("depth")
+    lidar = lidar_of(frame.camera)
+    depth = frame.layer("depth")
     rays = (lidar or frame.camera).unproject()
     seen = rays.valid & np.isfinite(depth) & (depth > 0)
     if "unsure" in frame.files:

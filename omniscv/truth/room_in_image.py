@@ -74,10 +74,15 @@ def sample_edges(camera: Camera, starts_c: Array, ends_c: Array) -> Samples:
             break
         more_edge, more_angle = _between(edge, angle, wide, parts[wide])
         more_pixels, more_valid = camera.project(edges.points(more_edge, more_angle))
-        edge, angle = np.concatenate([edge, more_edge]), np.concatenate([angle, more_angle])
-        pixels, valid = np.concatenate([pixels, more_pixels]), np.concatenate([valid, more_valid])
+        edge = np.concatenate([edge, more_edge])
+        angle = np.concatenate([angle, more_angle])
+        pixels = np.concatenate([pixels, more_pixels])
+        valid = np.concatenate([valid, more_valid])
         order = np.lexsort((angle, edge))
-        edge, angle, pixels, valid = edge[order], angle[order], pixels[order], valid[order]
+        edge = edge[order]
+        angle = angle[order]
+        pixels = pixels[order]
+        valid = valid[order]
     return _samples(camera, edge, edges.points(edge, angle), pixels)
 
 
@@ -97,7 +102,8 @@ def _samples(camera: Camera, edge: NDArray[np.intp], points_c: Array, pixels: Ar
     pixels, origins_c, seen = resolved(camera, points_c, pixels)
     gaps = _gaps(pixels)
     near = seen[1:] & seen[:-1] & (edge[1:] == edge[:-1]) & (gaps <= SPACING_PX)
-    joined, continued = np.append(near, False), np.append(False, near)
+    joined = np.append(near, False)
+    continued = np.append(False, near)
     step = np.floor(np.cumsum(np.append(0.0, np.where(near, gaps, 0.0))) / _THINNEST_PX)
     keep = seen & (~joined | ~continued | (np.diff(step, prepend=-1) > 0))
     return Samples(edge[keep], points_c[keep], pixels[keep], origins_c[keep], joined[keep])
@@ -107,7 +113,8 @@ class _Edges:
     """Edges in steps of equal angle, as the camera's origin sees them."""
 
     def __init__(self, starts_c: Array, ends_c: Array) -> None:
-        self._start, along = starts_c, ends_c - starts_c
+        self._start = starts_c
+        along = ends_c - starts_c
         self._length = np.linalg.norm(along, axis=-1)
         self._direction = along / self._length[:, None]
         self._nearest = -(starts_c * self._direction).sum(axis=-1)
@@ -150,7 +157,8 @@ def _gaps(pixels: Array) -> Array:
 
 def _parts(edge: NDArray[np.intp], angle: Array, pixels: Array, valid: NDArray[np.bool_]) -> NDArray[np.intp]:
     """(S - 1,) the number of parts to divide the intervals between neighbours into; 1 where they are fine."""
-    gaps, both = _gaps(pixels), valid[1:] & valid[:-1]
+    gaps = _gaps(pixels)
+    both = valid[1:] & valid[:-1]
     parts = np.where(both, np.clip(np.ceil(gaps / _AIM_PX), 2, _MOST_PARTS), _MOST_PARTS)
     fine = np.where(both, gaps <= SPACING_PX - _THINNEST_PX, valid[1:] == valid[:-1])
     fine |= (edge[1:] != edge[:-1]) | (np.diff(angle) <= _FINEST)
@@ -194,13 +202,15 @@ def first_hits(room: Room, origins_w: ArrayLike, directions_w: ArrayLike) -> Roo
         for i, (start, end) in enumerate(_walls(room)):
             t = _wall_distance(room, start, end, o, d)
             nearer = t < distance
-            distance, surface = np.where(nearer, t, distance), np.where(nearer, np.int16(i), surface)
+            distance = np.where(nearer, t, distance)
+            surface = np.where(nearer, np.int16(i), surface)
         count = len(room.corners_w)
         for i, z in ((count, room.floor_z), (count + 1, room.ceiling_z)):
             t = (z - o[..., 2]) / d[..., 2]
             nearer = (t > 0) & (t < distance)
             nearer[nearer] = inside(room, o[nearer, :2] + t[nearer, None] * d[nearer, :2])
-            distance, surface = np.where(nearer, t, distance), np.where(nearer, np.int16(i), surface)
+            distance = np.where(nearer, t, distance)
+            surface = np.where(nearer, np.int16(i), surface)
     return RoomHits(distance, surface)
 
 
@@ -259,7 +269,8 @@ def seen_in_depth(
     shift = np.arange(9)  # the 3 x 3 pixels around points; border pixels are repeated
     column = np.clip(np.floor(pixels[:, :1]).astype(np.intp) + shift % 3 - 1, 0, camera.width - 1)
     row = np.clip(np.floor(pixels[:, 1:]).astype(np.intp) + shift // 3 - 1, 0, camera.height - 1)
-    across, down = np.abs(pixels[:, :1] - column - 0.5), np.abs(pixels[:, 1:] - row - 0.5)
+    across = np.abs(pixels[:, :1] - column - 0.5)
+    down = np.abs(pixels[:, 1:] - row - 0.5)
     weight = _spline(across) * _spline(down) + _OFF_GRID
     flat, inverse = np.unique(row * camera.width + column, return_inverse=True)
     centers = np.column_stack([flat % camera.width, flat // camera.width]) + 0.5

@@ -30,7 +30,9 @@ WIDEST_GAP_M = 1.0
 
 _PREFIX = "layout"
 _CLASSES = ("wall", "floor", "ceiling")
-_UPRIGHT, _LEVEL = np.sin(np.radians(6.0)), np.cos(np.radians(6.0))  # of a normal's vertical part
+# of a normal's vertical part
+_UPRIGHT = np.sin(np.radians(6.0))
+_LEVEL = np.cos(np.radians(6.0))
 _MOST_POINTS = 40_000  # of an image
 _LEAST_POINTS = 12  # of a wall
 _INLIER_M = 0.03
@@ -196,13 +198,15 @@ def _walls(surfaces: _Surfaces, use: NDArray[np.bool_]) -> list[_Wall]:
     walls: list[_Wall] = []
     for name in np.unique(surfaces.names[use]).tolist():
         mine = use & (surfaces.names == name)
-        points, normals = surfaces.points_w[mine, :2], surfaces.normals_w[mine, :2]
+        points = surfaces.points_w[mine, :2]
+        normals = surfaces.normals_w[mine, :2]
         while len(points) >= least:
             inliers = _largest_plane(points, normals)
             if np.count_nonzero(inliers) < least:
                 break
             walls += _walls_on_line(name, points[inliers], normals[inliers])
-            points, normals = points[~inliers], normals[~inliers]
+            points = points[~inliers]
+            normals = normals[~inliers]
     return walls
 
 
@@ -228,7 +232,8 @@ def _largest_plane(points: Array, normals: Array) -> NDArray[np.bool_]:
 
 def _walls_on_line(name: str, points: Array, normals: Array) -> list[_Wall]:
     """The line through points of one plane, cut at wide gaps, where it may be two walls."""
-    center, inward = points.mean(axis=0), np.median(normals, axis=0)
+    center = points.mean(axis=0)
+    inward = np.median(normals, axis=0)
     along = np.linalg.svd(np.cov((points - center).T))[2][0]
     if along @ [inward[1], -inward[0]] < 0:  # the room is on the left
         along = -along
@@ -243,7 +248,8 @@ def _walls_on_line(name: str, points: Array, normals: Array) -> list[_Wall]:
 
 def _meeting(wall: _Wall, following: _Wall) -> Array:
     """(2,) metres, the intersection of two walls; NaN of parallel ones."""
-    a, b = wall.along, following.along
+    a = wall.along
+    b = following.along
     turn = a[0] * b[1] - a[1] * b[0]
     if abs(turn) < np.sin(np.radians(_TURN_DEG)):
         return np.full(2, np.nan)
@@ -270,7 +276,8 @@ def _ring(walls: list[_Wall]) -> list[_Wall]:
     largest = 1e6
     gaps = [[largest if a is b else min(_gap(a, b), largest) for b in walls] for a in walls]
     follower = linear_sum_assignment(np.array(gaps))[1].tolist() if len(walls) > 2 else []
-    ring, wall = list[int](), 0
+    ring = list[int]()
+    wall = 0
     while follower and wall not in ring:
         ring.append(wall)
         wall = follower[wall]

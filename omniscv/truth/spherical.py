@@ -53,7 +53,8 @@ class SphericalBox:
     def R_c_b(self) -> Array:
         """(3, 3) from the box's tangent frame to the camera's; columns right, down, forward."""
         angles = np.radians([self.lon, self.lat, self.rot])
-        (sl, sp, sr), (cl, cp, cr) = np.sin(angles), np.cos(angles)
+        (sl, sp, sr) = np.sin(angles)
+        (cl, cp, cr) = np.cos(angles)
         right, down, forward = np.array([[cl, 0, -sl], [sp * sl, cp, sp * cl], [cp * sl, -sp, cp * cl]])
         return np.stack([cr * right + sr * down, cr * down - sr * right, forward], axis=-1)
 
@@ -74,7 +75,8 @@ class SphericalBox:
             down = np.abs(np.degrees(lat) - self.lat)
         else:
             x, y, z = np.moveaxis(directions @ self.R_c_b, -1, 0)
-            across, down = np.degrees(np.abs(np.arctan2(x, z))), np.degrees(np.abs(np.arctan2(y, z)))
+            across = np.degrees(np.abs(np.arctan2(x, z)))
+            down = np.degrees(np.abs(np.arctan2(y, z)))
         return np.asarray(np.minimum(self.fov_h / 2 - across, self.fov_v / 2 - down))
 
     def corners(self) -> Array:
@@ -98,7 +100,8 @@ def spherical_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mappi
     Raises:
         ArgumentError: a box of kind ``lonlat``, or a fov of 180 degrees or more.
     """
-    first, second = _perspective("b1", b1), _perspective("b2", b2)
+    first = _perspective("b1", b1)
+    second = _perspective("b2", b2)
     both = _polygon_area(_clipped(first.corners(), _sides(second)))
     return both / (first.area + second.area - both)
 
@@ -113,7 +116,8 @@ def fov_iou(b1: SphericalBox | Mapping[str, Any], b2: SphericalBox | Mapping[str
     Raises:
         ArgumentError: as :func:`spherical_iou`.
     """
-    g, p = _perspective("b1", b1), _perspective("b2", b2)
+    g = _perspective("b1", b1)
+    p = _perspective("b2", b2)
     apart = (p.lon - g.lon + 180) % 360 - 180
     shift = apart * np.cos(np.radians(g.lat + p.lat) / 2)
     across = min(g.fov_h / 2, shift + p.fov_h / 2) - max(-g.fov_h / 2, shift - p.fov_h / 2)
@@ -143,7 +147,10 @@ def _clipped(polygon: Array, normals: Array) -> Array:
         inside = polygon @ normal
         clipped = []
         for i in range(len(polygon)):
-            a, b, da, db = polygon[i - 1], polygon[i], inside[i - 1], inside[i]
+            a = polygon[i - 1]
+            b = polygon[i]
+            da = inside[i - 1]
+            db = inside[i]
             if (da > _FLAT and db < -_FLAT) or (da < -_FLAT and db > _FLAT):
                 crossing = a * abs(db) + b * abs(da)
                 clipped.append(crossing / np.linalg.norm(crossing))
@@ -161,7 +168,9 @@ def _polygon_area(polygon: Array) -> float:
     polygon = polygon[apart > _FLAT]
     if len(polygon) < 3:
         return 0.0
-    first, second, third = polygon[0], polygon[1:-1], polygon[2:]
+    first = polygon[0]
+    second = polygon[1:-1]
+    third = polygon[2:]
     # Van Oosterom and Strackee 1983: tan(area / 2) of triangles, exact for small ones.
     volume = np.einsum("j,ij->i", first, np.cross(second, third))
     edges = 1 + second @ first + third @ first + (second * third).sum(axis=1)

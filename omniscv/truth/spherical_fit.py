@@ -62,7 +62,8 @@ def bfovs(
         directions_at: of the camera.
         wrap: whether the left and the right border are neighbours.
     """
-    found, boxes = {}, ndimage.find_objects(labels)
+    found = {}
+    boxes = ndimage.find_objects(labels)
     for instance, outline in _outlines(labels, directions_at, wrap).items():
         box = boxes[instance - 1]
         rows, columns = np.nonzero(labels[box] == instance)
@@ -84,7 +85,8 @@ def _wraps(rays: Rays) -> bool:
         return False
     first, second, last = (rays.directions[:, i] for i in (0, 1, -1))
     with np.errstate(invalid="ignore"):
-        step, seam = np.linalg.norm(first - second, axis=-1), np.linalg.norm(first - last, axis=-1)
+        step = np.linalg.norm(first - second, axis=-1)
+        seam = np.linalg.norm(first - last, axis=-1)
         return bool((seam <= _NEIGHBOURS * step).any())
 
 
@@ -109,12 +111,14 @@ def _outlines(labels: Labels, directions_at: DirectionsAt, wrap: bool) -> dict[i
     re, ce = np.nonzero(ends & (labels > 0))
     owners = labels[np.concatenate([r0, r1, re]), np.concatenate([c0, c1, ce])]
     both = directions_at(np.concatenate([r0, r1]), np.concatenate([c0, c1]))
-    a, b = both[: len(r0)], both[len(r0) :]
+    a = both[: len(r0)]
+    b = both[len(r0) :]
     at_ends = directions_at(re, ce)
     middle = np.where(np.isnan(a), b, np.where(np.isnan(b), a, a + b))
     points = np.concatenate([middle, middle, at_ends])
     usable = (owners > 0) & ~np.isnan(points[:, 0])
-    owners, points = owners[usable], points[usable]
+    owners = owners[usable]
+    points = points[usable]
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     order = np.argsort(owners, kind="stable")
     instances, starts = np.unique(owners[order], return_index=True)
@@ -194,10 +198,12 @@ def _lonlat(directions: Array) -> SphericalBox:
     occupied = np.flatnonzero(np.bincount(((lon + 180) / 360 * _BINS).astype(int) % _BINS, minlength=_BINS))
     gaps = np.diff(occupied, append=occupied[0] + _BINS)
     widest = int(gaps.argmax())
-    start, across = occupied[(widest + 1) % len(occupied)], _BINS - gaps[widest] + 1
+    start = occupied[(widest + 1) % len(occupied)]
+    across = _BINS - gaps[widest] + 1
     low, high = float(lat.min()), float(lat.max())
     if across >= _BINS * 0.99:
-        start, across = 0, _BINS
+        start = 0
+        across = _BINS
     middle = (start + across / 2) / _BINS * 360 - 180
     return SphericalBox(
         float((middle + 180) % 360 - 180), (low + high) / 2, across / _BINS * 360, high - low, 0.0, "lonlat"

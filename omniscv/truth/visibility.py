@@ -96,7 +96,8 @@ def amodal(
         # Visible pixels are the object's even where a border pixel is not when it is rendered alone.
         alone = np.where(np.isin(labels, list(shown.values())), labels, alone)
         for box in boxes(alone, shown, wrap=wrap):
-            instance, px_all = box["instance_id"], box["area"]
+            instance = box["instance_id"]
+            px_all = box["area"]
             px_visib = int(visible[instance])
             entry: dict[str, Any] = {"instance_id": instance, "name": box["name"]}
             entry |= {"px_all": px_all, "px_visib": px_visib, "visib_fract": px_visib / px_all}
@@ -166,7 +167,8 @@ def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:
     image = frame.rendered()
     center_w, radius = centers_ball(np.asarray(image.centers_w))
     groups = groups_apart(_things(frame), frame.geometry.boxes, center_w, radius)
-    labels, names = frame.layer("labels"), frame.instances
+    labels = frame.layer("labels")
+    names = frame.instances
     labels_of = partial(_labels_alone, frame, renderer)
     return amodal(labels, names, groups, labels_of, wrap=image.camera.wraps, masks=options.kind == "masks")
 
@@ -174,7 +176,8 @@ def _derive(frame: Frame, options: AmodalOptions) -> list[dict[str, Any]]:
 def _things(frame: Frame) -> list[str]:
     """Return the objects that are visible, or may be in the image behind others: only an analytic scene lists
     boxes of its own objects alone; those of an engine may be far away."""
-    visible, room = visible_ids(frame.layer("labels")), frame.geometry.room
+    visible = visible_ids(frame.layer("labels"))
+    room = frame.geometry.room
     surfaces = () if room is None else room.surfaces
     things = []
     for name, instance in sorted(frame.instances.items()):
@@ -188,7 +191,8 @@ def _things(frame: Frame) -> list[str]:
 
 def _labels_alone(frame: Frame, renderer: Renderer, names: Iterable[str]) -> Labels:
     """(H, W) ids of the image with only these objects shown."""
-    image, instances = frame.rendered(), frame.instances
+    image = frame.rendered()
+    instances = frame.instances
     others = set(renderer.source.objects().names()) - set(names)
     with renderer.source.without(sorted(others)) as source:
         alone = renderer.of(source).render(image.camera, image.pose, ("object_mask",), image.options)

@@ -28,7 +28,8 @@ class Outcome(NamedTuple):
 
 def ran(arguments):
     """Run a command line; warnings are errors, and what the process printed may not control a terminal."""
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with (
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
@@ -108,9 +109,11 @@ def require(condition, message):
 @contextlib.contextmanager
 def nothing_left(folder, may_leave=False):
     """A folder to work in; temporary files are made beside it, and none may be left, unless they may."""
-    work, temporary = folder / "work", folder / "tmp"
+    work = folder / "work"
+    temporary = folder / "tmp"
     work.mkdir(), temporary.mkdir()
-    before, previous = tempfile.tempdir, os.getcwd()
+    before = tempfile.tempdir
+    previous = os.getcwd()
     tempfile.tempdir = str(temporary)
     os.chdir(work)
     try:

@@ -209,7 +209,8 @@ def repacked(rng, data):
                 if kind == 0:
                     member.type = rng.choice([tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, b"5"])
                     member.linkname = rng.choice([member.name, members[0][0].name, "/etc/passwd", "../x"])
-                    member.size, content = 0, b""
+                    member.size = 0
+                    content = b""
                 elif kind == 1:
                     member.name = rng.choice(["../x", "/etc/x", members[0][0].name, "x" * 300, "a\nb", "."])
                 else:

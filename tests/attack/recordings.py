@@ -17,7 +17,9 @@ def bytes_changed(rng, data):
     data = bytearray(data)
     pages = len(data) // PAGE
     for _ in range(rng.choice([1, 1, 1, 2, 8])):
-        header, page = rng.randrange(100), rng.randrange(pages) * PAGE + rng.randrange(64)  # a b-tree's head
+        # a b-tree's head
+        header = rng.randrange(100)
+        page = rng.randrange(pages) * PAGE + rng.randrange(64)
         tables = rng.randrange(min(len(data), 4 * PAGE))  # the schema, small tables, indexes
         offset = rng.choice([header, page, tables, rng.randrange(len(data))])
         length = min(rng.choice([1, 1, 1, 4, 16, 300]), len(data) - offset)
@@ -32,7 +34,8 @@ def bytes_changed(rng, data):
 def pages_changed(rng, data):
     """The file cut, lengthened, or with its pages exchanged."""
     pages = [data[i : i + PAGE] for i in range(0, len(data), PAGE)]
-    i, j = rng.randrange(len(pages)), rng.randrange(len(pages))
+    i = rng.randrange(len(pages))
+    j = rng.randrange(len(pages))
     longer = data + rng.randbytes(rng.choice([1, 100, PAGE, 3 * PAGE]))
     changes = rng.choice([{i: pages[j], j: pages[i]}, {i: pages[j]}, {i: bytes(PAGE)}])
     changed = b"".join(changes.get(k, page) for k, page in enumerate(pages))
@@ -48,8 +51,10 @@ def sql_changed(rng, path):
         tables = [name for (name,) in database.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")]
         table = rng.choice(tables)
         columns = [row[1] for row in database.execute(f'PRAGMA table_info("{table}")')]
-        column, other = rng.choice(columns), rng.choice(columns)
-        value, one = rng.choice(SQL), f"rowid = {rng.randint(1, 6)}"
+        column = rng.choice(columns)
+        other = rng.choice(columns)
+        value = rng.choice(SQL)
+        one = f"rowid = {rng.randint(1, 6)}"
         statements = [
             *[f'UPDATE "{table}" SET "{column}" = {value} WHERE {one}'] * 8,
             f'UPDATE "{table}" SET "{column}" = {value}',

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import psutil
 
-HANG_S, START_S = 90, 300
+HANG_S = 90
+START_S = 300
 """For one case, which has far shorter deadlines of its own; for the first, where much is compiled."""
 
 MEMORY = 8 << 30
@@ -30,7 +31,9 @@ class Tally:
     """Cases by family, and what they found, with the seeds of each kind."""
 
     def __init__(self):
-        self.cases, self.seconds, self.faults = Counter(), Counter(), {}
+        self.cases = Counter()
+        self.seconds = Counter()
+        self.faults = {}
 
     def add(self, family, seed, seconds, fault):
         self.cases[family] += 1

@@ -45,8 +45,12 @@ def spoiled(rng, body):
 @contextmanager
 def lying(rng):
     """The address of a server that spoils the replies that a seed chooses, all of one kind."""
-    seed, first, share = rng.random(), rng.choice([0, 0, 3, 10, 20]), rng.choice([0.05, 0.3, 1.0])
-    kind, count, lock = rng.choice([b"\x89PNG", b"\x93NUM", None, None]), iter(range(10**9)), threading.Lock()
+    seed = rng.random()
+    first = rng.choice([0, 0, 3, 10, 20])
+    share = rng.choice([0.05, 0.3, 1.0])
+    kind = rng.choice([b"\x89PNG", b"\x93NUM", None, None])
+    count = iter(range(10**9))
+    lock = threading.Lock()
 
     def change(command, forward):
         body = forward(command)
@@ -62,7 +66,8 @@ def lying(rng):
 
 def case(rng, folder):
     """A hostile server is an error in one line, in time; where only the transport lied, images are right."""
-    true, honest = sample(), rng.random() < 0.5
+    true = sample()
+    honest = rng.random() < 0.5
     with nothing_left(folder) as work, (failing if honest else lying)(rng) as uri:
         (work / "job.yaml").write_text(JOB.format(source=uri))
         started = time.monotonic()

@@ -23,10 +23,12 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL]
 
 
 def case(rng, folder):
-    name, number = rng.choice(list(COMMANDS)), rng.choice(SIGNALS)
+    name = rng.choice(list(COMMANDS))
+    number = rng.choice(SIGNALS)
     with nothing_left(folder, may_leave=number == signal.SIGKILL) as work:
         environment = {**os.environ, "TMPDIR": str(folder / "tmp")}
-        children, sent = [], [number]
+        children = []
+        sent = [number]
         with started("-c", PROGRAM, *COMMANDS[name], cwd=work, env=environment) as process:
             process.stdout.readline()
             time.sleep(rng.choice([rng.uniform(0, 0.1), rng.uniform(0, 1.5), rng.uniform(1, 4)]))

@@ -59,7 +59,8 @@ def bytes_changed(rng, data):
     data = bytearray(data)
     for _ in range(rng.choice([0, 1, 1, 5]) if data else 0):
         data[rng.randrange(len(data))] = rng.randrange(256)
-    cut, more = rng.choice([len(data), rng.randrange(len(data) + 1)]), rng.choice([b"", b"", b"x" * 99])
+    cut = rng.choice([len(data), rng.randrange(len(data) + 1)])
+    more = rng.choice([b"", b"", b"x" * 99])
     return bytes(data[:cut]) + more
 
 

@@ -68,8 +68,10 @@ def case(rng, folder):
     """What comes from such a store is what was put there, or a refusal; nothing else is kept or written."""
     fsspec.register_implementation("lying", LyingStore, clobber=True)
     LyingStore.store.clear()
-    LyingStore.rng, LyingStore.share = rng, 0.0
-    waits, remote._FIRST_WAIT_S = remote._FIRST_WAIT_S, 0.0
+    LyingStore.rng = rng
+    LyingStore.share = 0.0
+    waits = remote._FIRST_WAIT_S
+    remote._FIRST_WAIT_S = 0.0
     out, right = made()
     with nothing_left(folder) as work:
         there = storage.folder("lying://held/room")

@@ -37,7 +37,8 @@ def written(value):
 
 def spoiled(rng, value):
     """What takes the place of a value in a description."""
-    other, twice = Raw(rng.choice(YAML)), Raw(f"{written(value)}, {written(value)}")
+    other = Raw(rng.choice(YAML))
+    twice = Raw(f"{written(value)}, {written(value)}")
     return rng.choice([other, [value], {"a": value}, {other: value}, value, twice])
 
 
@@ -132,7 +133,8 @@ def command_line(rng, folder):
     command = rng.choice([*OPTIONS, "render", "render", "plan"])
     arguments = RUNS.get(command, "").split()
     for _ in range(rng.randint(1, 3)):
-        option, value = rng.choice([*OPTIONS[command], ""]), rng.choice(ARGUMENTS)
+        option = rng.choice([*OPTIONS[command], ""])
+        value = rng.choice(ARGUMENTS)
         one = option and rng.random() < 0.5
         arguments += [f"{option}={value}"] if one else filter(None, (option, value))
     if command == "recording":

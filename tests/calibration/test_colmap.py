@@ -72,7 +72,8 @@ def test_every_model_of_the_table_is_tested_and_has_colmaps_id(tmp_path: Path) -
     known = [row.words[0] for row in colmap.COLMAP.rows]
     assert {*PARAMS, "EQUIRECTANGULAR"} == set(known)
     assert [name for name in colmap.NAMES if name in known] == known
-    scene, lines = pycolmap.Reconstruction(), []
+    scene = pycolmap.Reconstruction()
+    lines = []
     for i, (model, words) in enumerate(PARAMS.items(), start=1):
         params = list(map(float, words.split()))
         scene.add_camera(pycolmap.Camera(model=model, width=64, height=48, params=params, camera_id=i))

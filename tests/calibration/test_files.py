@@ -92,7 +92,8 @@ def typical(model: str, format: str) -> cameras.Camera:
 def test_every_model_is_carried_exactly_or_refused(format: str) -> None:
     """Walks the registry: a model added later must say where it goes."""
     for model in cameras.names():
-        camera, name = typical(model, format), named(format)
+        camera = typical(model, format)
+        name = named(format)
         others = AS_ANOTHER.get(model, set()) & {*FORMS[format].written}
         bent = model == "unified" and model not in FORMS[format].written
         limited = (model, format) in (("ftheta", "woodscape"), ("ftheta", "isaac"))
@@ -158,7 +159,8 @@ def test_limits_skew_and_second_cameras_are_not_lost_silently(format: str, tmp_p
 
 
 def test_a_chain_of_kalibr_keeps_its_names() -> None:
-    first, second = cameras.Pinhole(61, 48), cameras.Unified(61, 48, 40.0, 40.0, xi=0.7)
+    first = cameras.Pinhole(61, 48)
+    second = cameras.Unified(61, 48, 40.0, 40.0, xi=0.7)
     again = calibration.loads(calibration.dumps({"cam1": first, "cam0": second}, "kalibr"), "kalibr")
     assert {name: camera.name for name, camera in again.items()} == {"cam1": "pinhole", "cam0": "unified"}
     with pytest.raises(ArgumentError, match="cam0, cam1"):

@@ -17,7 +17,8 @@ from omniscv.errors import ArgumentError
 
 F = {"fx": 310.5, "fy": 309.25, "cx": 322.25, "cy": 238.75}
 K = [[F["fx"], 0.0, F["cx"]], [0.0, F["fy"], F["cy"]], [0.0, 0.0, 1.0]]
-D5, D8 = [-0.12, 0.03, 1e-3, -2e-3, 4e-3], [0.1, 0.02, 1e-3, -2e-3, 4e-3, 0.3, 0.05, 2e-3]
+D5 = [-0.12, 0.03, 1e-3, -2e-3, 4e-3]
+D8 = [0.1, 0.02, 1e-3, -2e-3, 4e-3, 0.3, 0.05, 2e-3]
 KB = [0.03, -0.012, 0.005, -1e-3]
 SIZE = (640, 480)
 EYE = np.eye(4).tolist()
@@ -559,7 +560,8 @@ def test_what_comes_through_the_gate_is_right_or_refused(cases: int) -> None:
     The plain readers of other libraries agree: OpenCV's formulas judge each camera that comes through.
     """
     random = np.random.default_rng(cases)
-    names, outcomes = list(PLAIN_TEXTS), []
+    names = list(PLAIN_TEXTS)
+    outcomes = []
     for i in range(cases):
         name = names[i % len(names)]
         text = changed(str(CASES[name][0]), random)

@@ -31,7 +31,8 @@ def attributes(camera: cameras.Camera) -> dict[str, list[float]]:
 
 def test_isaacs_f_theta_gives_the_angle_of_a_pixels_distance() -> None:
     given_ = attributes(THETA)
-    pixels, rays = THETA.pixels().reshape(-1, 2), THETA.unproject().directions.reshape(-1, 3)
+    pixels = THETA.pixels().reshape(-1, 2)
+    rays = THETA.unproject().directions.reshape(-1, 3)
     offset = pixels - 0.5 - given_["opticalCenter"]  # pixel centres at whole numbers
     angle = polyval(np.hypot(*offset.T), [given_[f"k{i}"][0] for i in range(5)])
     np.testing.assert_allclose(np.arctan2(np.hypot(*rays[:, :2].T), rays[:, 2]), angle, atol=1e-12)

@@ -44,7 +44,8 @@ terms = st.lists(st.integers(-20, 20).map(lambda n: n / 1000), min_size=12, max_
 @cases(15)
 @given(st.sampled_from([4, 5, 8, 12]), terms, st.floats(30, 60), st.floats(30, 60))
 def test_the_plain_model_is_opencvs(count: int, terms: list[float], fx: float, fy: float) -> None:
-    K, D = np.array([[fx, 0, 30.25], [0, fy, 22.5], [0, 0, 1]]), np.array(terms[:count])
+    K = np.array([[fx, 0, 30.25], [0, fy, 22.5], [0, 0, 1]])
+    D = np.array(terms[:count])
     camera = calibration.from_opencv(K, D, 64, 48)
     rays = camera.unproject()
     seen = rays.directions[rays.valid]

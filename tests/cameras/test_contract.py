@@ -32,7 +32,8 @@ def test_contract(camera, check):
 
 @every_model
 def test_example_shows_the_same_at_any_size(name):
-    small, large = cameras.model(name).example(32), cameras.model(name).example(256)
+    small = cameras.model(name).example(32)
+    large = cameras.model(name).example(256)
     pixels = small.pixels()[small.valid()]
     if name != "lidar":  # whose first column fires at one angle, however many there are
         np.testing.assert_allclose(
@@ -181,7 +182,8 @@ def test_parameters_that_changed_places_are_given_by_name(name):
 @pytest.mark.parametrize("name", [name for name in cameras.names() if cameras.model(name).lens])
 def test_the_numbers_of_a_lens_make_the_same_lens(name):
     """What a model declares for lens files are arguments of its constructor, in order and all of them."""
-    lens, camera = cameras.model(name).lens, cameras.model(name).example(64)
+    lens = cameras.model(name).lens
+    camera = cameras.model(name).example(64)
     limits = {key: value for key, value in camera.to_dict().items() if key in ("reference", "fov_deg")}
     numbers = lens.numbers(camera)
     assert tuple(numbers) == tuple(each for each in lens.names if each in numbers)

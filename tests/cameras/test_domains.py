@@ -175,7 +175,9 @@ def test_terms_without_a_turn_do_not_limit_the_image(k):
 def test_domains_of_tangential_terms_and_prisms(distortion):
     """On the disc's rim, and nowhere within, the distortion stretches some direction by nothing."""
     camera = cameras.create("pinhole", width=10_000, height=640, fx=F, fy=F, distortion=distortion)
-    rim, high = 0.0, 20.0  # the largest x / z that the camera sees to the right
+    # the largest x / z that the camera sees to the right
+    rim = 0.0
+    high = 20.0
     for _ in range(60):
         middle = (rim + high) / 2
         rim, high = (middle, high) if camera.project(np.array([middle, 0, 1.0]))[1] else (rim, middle)
@@ -183,7 +185,8 @@ def test_domains_of_tangential_terms_and_prisms(distortion):
     def least_stretch(r):
         """The least eigenvalue of the derivative's symmetric part around the circle, by differences."""
         a = np.linspace(0, 2 * np.pi, 721)
-        at, h = r * np.stack([np.cos(a), np.sin(a)]), 1e-6
+        at = r * np.stack([np.cos(a), np.sin(a)])
+        h = 1e-6
         steps = h * np.array([[[1.0], [0.0]], [[0.0], [1.0]]])
         dx, dy = (
             (opencv(*(at + aside), distortion) - opencv(*(at - aside), distortion)) / (2 * h)
@@ -273,7 +276,8 @@ def off_axis_deg(camera, pixel):
 @cases(15)
 @given(st.floats(0.001, 0.999), st.floats(-2, 2), st.floats(-2, 2))
 def test_the_last_ray_of_a_ball(part, size, away):
-    radius, distance = 10**size, 10**away
+    radius = 10**size
+    distance = 10**away
     limit = 360 - 2 * np.degrees(np.arcsin(radius / (radius + distance)))
     camera = create("noncentral-spherical-mirror", part * limit, mirror_radius=radius, distance=distance)
     inside = EDGE - (1e-9, 0)

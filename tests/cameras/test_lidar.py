@@ -79,17 +79,21 @@ def test_tables_of_files(tmp_path):
     with pytest.raises(ArgumentError, match="width: expected the firings in a turn"):
         cameras.create("lidar", preset=str(tmp_path / "velodyne.yaml"))
     camera = cameras.create("lidar", width=40, preset=str(tmp_path / "velodyne.yaml"))
-    rays, azimuth = camera.unproject(), np.pi + np.arange(40) * 2 * np.pi / 40  # clockwise, from behind
+    # clockwise, from behind
+    rays = camera.unproject()
+    azimuth = np.pi + np.arange(40) * 2 * np.pi / 40
     points = in_sensor(rays.origins + 7 * rays.directions)
     np.testing.assert_allclose(points, velodyne_points(lasers, azimuth, 7.0), atol=1e-14)
 
-    elevation, offsets = [0.3, 0.1, -0.2], [0.01, 0.0, -0.01]
+    elevation = [0.3, 0.1, -0.2]
+    offsets = [0.01, 0.0, -0.01]
     columns = np.linspace(1.0, 1.0 - 2 * np.pi, 60, endpoint=False)
     ncore = {"row_elevations_rad": elevation, "row_azimuth_offsets_rad": offsets, "spinning_direction": "cw"}
     ncore |= {"column_azimuths_rad": columns.tolist(), "spinning_frequency_hz": 20.0}
     (tmp_path / "ncore.json").write_text(json.dumps(ncore))
     camera = cameras.create("lidar", preset=str(tmp_path / "ncore.json"))
-    e, a = np.array(elevation)[:, None], columns + np.array(offsets)[:, None]
+    e = np.array(elevation)[:, None]
+    a = columns + np.array(offsets)[:, None]
     wanted = np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
     np.testing.assert_allclose(in_sensor(camera.unproject().directions), wanted, rtol=0, atol=1e-14)
     assert camera.rate == 20
@@ -105,7 +109,8 @@ def test_a_turn_while_moving():
     """At 10 m/s the first and the last column of a turn see the wall behind 1 m apart, on its own place."""
     lidar = cameras.create("lidar", preset="os1-64")
     moving = cameras.RollingShutter(1024, 64, lidar, 0.1, (0.0, 0.0, 10.0), scan="left-to-right")
-    rays, still = moving.unproject(), lidar.unproject()
+    rays = moving.unproject()
+    still = lidar.unproject()
     reach = (-20 - rays.origins[..., 2]) / rays.directions[..., 2]  # to a wall 20 m behind the start
     behind = reach * still.directions[..., 2] + still.origins[..., 2]  # in the frame that moves
     np.testing.assert_allclose(behind[:, 0] - behind[:, -1], 1.0 * 1023 / 1024, rtol=0, atol=1e-12)

@@ -58,8 +58,10 @@ def test_vr180_eyes_are_apart_by_the_distance():
 
 @pytest.mark.parametrize("scan", SCANS)
 def test_every_line_is_the_base_at_its_time(scan):
-    camera, pose = moving(scan), START
-    rays, base = camera.unproject(), BASE.unproject()
+    camera = moving(scan)
+    pose = START
+    rays = camera.unproject()
+    base = BASE.unproject()
     np.testing.assert_array_equal(rays.valid, base.valid)
     for v, u in np.argwhere(rays.valid)[::37]:
         there = pose_between(SCANS[scan](u + 0.5, v + 0.5))
@@ -70,7 +72,8 @@ def test_every_line_is_the_base_at_its_time(scan):
 
 @pytest.mark.parametrize("scan", ["top-to-bottom", "right-to-left"])
 def test_points_are_seen_in_the_line_that_is_read_just_then(scan):
-    camera, pose = moving(scan), START
+    camera = moving(scan)
+    pose = START
     points_c = np.random.default_rng(2).uniform((-3, -2, -0.5), (3, 2, 4), (60, 3))
     pixels, seen = camera.project(points_c)
     parts = np.linspace(0, 1, 201)
@@ -94,12 +97,15 @@ def test_every_line_is_where_the_path_is_at_its_time(curve):
     """On a rig with a lever, over a bend of the path; a scanner's first column fires at the image's time."""
     times = np.arange(0, 1, 0.04)
     poses = [Pose.from_angles((t**2, np.sin(5 * t), 1.5), 200 * t, 20 * np.sin(9 * t)) for t in times]
-    path, mounted = Trajectory.timed(poses, times, curve), Pose((0.3, 0.1, -0.2), BENT)
+    path = Trajectory.timed(poses, times, curve)
+    mounted = Pose((0.3, 0.1, -0.2), BENT)
     lidar = create("lidar", preset="vlp-16")
     for camera in (create("rolling-shutter", 48, 36, base=BASE, readout=0.03), as_shutter(lidar)):
         moved = camera.on(path, 500_000_000, mounted)
-        pose, seconds = path.at(500_000_000) @ mounted, moved.seconds()
-        rays, base = moved.unproject(), camera.base.unproject()
+        pose = path.at(500_000_000) @ mounted
+        seconds = moved.seconds()
+        rays = moved.unproject()
+        base = camera.base.unproject()
         for v, u in np.argwhere(rays.valid)[::97]:
             there = path.at(500_000_000 + round(1e9 * seconds[v, u])) @ mounted
             own = there.to_world(base.origins[v, u] if base.origins.ndim > 1 else base.origins)
@@ -175,13 +181,15 @@ def test_a_push_broom_on_a_straight_even_path_is_the_one_that_travels(scan):
     end = Pose(START.to_world(travel), START.rotation)
     moved = camera.on(Trajectory.timed((START, end), (0.0, 0.5)), 0)
     assert from_dict(moved.to_dict()) == moved
-    rays, wanted = moved.unproject(), known.unproject()
+    rays = moved.unproject()
+    wanted = known.unproject()
     np.testing.assert_allclose(rays.origins, wanted.origins + travel / 2, atol=1e-12)
     np.testing.assert_allclose(rays.directions, wanted.directions, atol=1e-12)
     centers = moved.viewpoints().centers, known.viewpoints().centers + travel / 2
     np.testing.assert_allclose(*(of[np.lexsort(of.T)] for of in centers), atol=1e-12)
     points = np.random.default_rng(4).uniform((-2, -2, -1), (2, 2, 4), (300, 3))
-    (pixels, seen), (known_pixels, known_seen) = moved.project(points + travel / 2), known.project(points)
+    (pixels, seen) = moved.project(points + travel / 2)
+    (known_pixels, known_seen) = known.project(points)
     np.testing.assert_array_equal(seen, known_seen)
     assert 20 < seen.sum() < 280
     np.testing.assert_allclose(pixels[seen], known_pixels[seen], atol=1e-9)
@@ -207,7 +215,8 @@ def test_an_orthographic_image_is_a_plan():
 @pytest.mark.parametrize("count", [None, 1, 7, 200])
 def test_orthographic_centres_are_the_middles_of_blocks(count):
     camera = create("orthographic", 31, 20, width_m=3.1)
-    views, origins = camera.viewpoints(count), camera.unproject().origins
+    views = camera.viewpoints(count)
+    origins = camera.unproject().origins
     assert len(views.centers) <= (count or 620)
     assert len(views.centers) >= min(count or 620, 620) / 2
     for k in range(0, len(views.centers), 1 + len(views.centers) // 50):

@@ -9,7 +9,8 @@ from support.mirrors import ray_errors, seen_by
 
 from omniscv import cameras
 
-SIZE, FOCAL = 100, 50.0
+SIZE = 100
+FOCAL = 50.0
 MIRRORS = {
     "noncentral-conical-mirror": {"half_angle_deg": 60, "distance": 0.3},
     "noncentral-spherical-mirror": {"mirror_radius": 0.5, "distance": 0.3},
@@ -111,7 +112,8 @@ def start(camera, pixel, rays):
     """Where on a ray, metres from its origin, the light comes in free: beyond the mirror's surface."""
     if camera.name != "noncentral-conical-mirror":
         return 3 * max(camera.parameters().get(key) or 0.0 for key in ("radius", "distance", "mirror_radius"))
-    r, slope = np.linalg.norm(pixel - camera.center) / camera.focal, np.tan(np.radians(camera.half_angle_deg))
+    r = np.linalg.norm(pixel - camera.center) / camera.focal
+    slope = np.tan(np.radians(camera.half_angle_deg))
     return 1.001 * r * camera.distance * slope / (slope - r) / np.hypot(*rays.directions[:2])
 
 
@@ -148,7 +150,8 @@ def test_a_point_on_a_ray_is_seen_by_its_pixel(camera, azimuth, part, away):
 
 
 def test_the_panorama_at_radius_0_is_the_equirectangular_to_the_bit():
-    still, plain = panorama(radius=0), cameras.create("equirectangular", width=SIZE, height=SIZE)
+    still = panorama(radius=0)
+    plain = cameras.create("equirectangular", width=SIZE, height=SIZE)
     for part in ("directions", "origins"):
         np.testing.assert_array_equal(getattr(still.unproject(), part), getattr(plain.unproject(), part))
     points = np.random.default_rng(0).normal(size=(10_000, 3)) * np.logspace(-9, 9, 10_000)[:, None]
@@ -177,7 +180,8 @@ def test_points_on_the_axis(name):
 
 def displaced(camera, count):
     """The largest distance, metres, between a pixel's own optical centre and the shared one."""
-    rays, views = camera.unproject(), camera.viewpoints(count)
+    rays = camera.unproject()
+    views = camera.viewpoints(count)
     return np.nanmax(np.linalg.norm(rays.origins - views.centers[views.index], axis=-1))
 
 
@@ -201,7 +205,8 @@ def test_panorama_in_equal_steps_of_azimuth():
 def test_mirrors_have_a_centre_for_each_ring_of_a_pixel_or_for_steps_of_height(name):
     """In fewer steps no pixel is further off than half of one; out of the image there is none."""
     camera = create(name, 64, 64)
-    views, valid = camera.viewpoints(), camera.valid()
+    views = camera.viewpoints()
+    valid = camera.valid()
     r = np.linalg.norm(camera.pixels() - camera.center, axis=-1)
     np.testing.assert_array_equal(views.index[valid], np.floor(r[valid]))
     np.testing.assert_array_equal(views.centers[:, :2], 0)
@@ -224,7 +229,8 @@ def test_lines_are_plucker_coordinates(name):
     lines = rays.lines()
     assert lines.shape == (SIZE, SIZE, 6)
     assert np.isnan(lines[~rays.valid]).all()
-    direction, moment = lines[rays.valid][:, :3], lines[rays.valid][:, 3:]
+    direction = lines[rays.valid][:, :3]
+    moment = lines[rays.valid][:, 3:]
     np.testing.assert_allclose((direction * moment).sum(axis=1), 0, rtol=0, atol=1e-15)
     further = np.cross(rays.origins[rays.valid] + 5 * direction, direction)
     np.testing.assert_allclose(further, moment, rtol=0, atol=5e-15)  # a 5 m arm's rounding
@@ -238,7 +244,8 @@ def test_the_lines_of_a_panorama_are_those_of_the_papers_text():
     camera = panorama(radius=0.7)
     R_paper_c = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     u, v = np.moveaxis(camera.pixels(), -1, 0)
-    theta, phi = -(2 * u / SIZE - 1) * np.pi, v / SIZE * np.pi
+    theta = -(2 * u / SIZE - 1) * np.pi
+    phi = v / SIZE * np.pi
     xi = np.stack([np.sin(phi) * np.cos(theta), np.sin(phi) * np.sin(theta), np.cos(phi)], axis=-1)
     moment = 0.7 * np.stack([np.sin(theta), -np.cos(theta), 0 * theta], axis=-1)
     expected = np.concatenate([xi, np.cos(phi)[..., None] * moment], axis=-1)

@@ -98,7 +98,8 @@ def test_faces_look_where_the_table_says(name, layout):
 )
 def test_faces_go_on_across_the_borders_of_these_layouts(name, layout, borders):
     """Rays on both sides of a border between two faces are neighbours: nothing is turned or mirrored."""
-    camera, smooth_borders = cube(name, layout), 0
+    camera = cube(name, layout)
+    smooth_borders = 0
     for corner in itertools.product(range(0, camera.width, FACE), range(0, camera.height, FACE)):
         for across in np.eye(2):
             on_border = corner + np.arange(5.0, FACE, 6)[:, None] * (1 - across)

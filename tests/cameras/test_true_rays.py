@@ -10,7 +10,8 @@ from support.mirrors import DIGITS, bounce, hyperboloid, paraboloid, plane
 
 from omniscv import cameras
 
-SIZE, RADIUS = {"width": 400, "height": 400}, 200.0
+SIZE = {"width": 400, "height": 400}
+RADIUS = 200.0
 EPS = 2.3e-16
 
 
@@ -36,7 +37,8 @@ def cylinder(camera, x, y):
     spans = [
         mp.radians(camera.parameters().get(key, deg)) for key, deg in (("fov_h_deg", 360), ("fov_v_deg", 180))
     ]
-    azimuth, up = spans[0] * x / camera.width, -spans[1] * y / camera.height
+    azimuth = spans[0] * x / camera.width
+    up = -spans[1] * y / camera.height
     if camera.parameters().get("profile") == "perspective":
         up = -mp.atan(2 * y / camera.height * mp.tan(spans[1] / 2))
     return [mp.cos(up) * mp.sin(azimuth), -mp.sin(up), mp.cos(up) * mp.cos(azimuth)]

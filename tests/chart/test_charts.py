@@ -145,7 +145,8 @@ def row(name, face_size, ms, rms, **more):
 
 def test_the_title_names_sizes_speed_truth_and_front():
     ours = [row("nearest", 16, 1, 5), row("bilinear", 16, 2, 3), row("area", 16, 4, 3.5)]
-    slower, limit = row("ffmpeg v360", 16, 8, 3.01), row("cv2.remap, map ready", 16, 0.5, np.nan)
+    slower = row("ffmpeg v360", 16, 8, 3.01)
+    limit = row("cv2.remap, map ready", 16, 0.5, np.nan)
     start = "6 x 16\u00b2 to 64 x 32 px, bilinear: 2.0 ms, 4.0 times as fast as ffmpeg v360"
     title = central.finding([*ours, slower, limit])
     assert title == f"{start}; none of them is nearer to the truth. Front: nearest 16, bilinear 16"

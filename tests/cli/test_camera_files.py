@@ -11,7 +11,8 @@ from omniscv.cli import run
 from omniscv.errors import ArgumentError
 from omniscv.job import load
 
-K, D = [[21.0, 0.0, 15.5], [0.0, 21.5, 11.5], [0.0, 0.0, 1.0]], [0.02, -0.008, 0.002, -0.0004]
+K = [[21.0, 0.0, 15.5], [0.0, 21.5, 11.5], [0.0, 0.0, 1.0]]
+D = [0.02, -0.008, 0.002, -0.0004]
 FISHEYE = calibration.from_opencv_fisheye(K, D, 32, 24)
 PLAIN = calibration.from_opencv(K, D, 32, 24)
 
@@ -101,7 +102,8 @@ def test_the_example_of_a_model_is_its_typical_camera(name, here, monkeypatch, c
     assert lens is None or not lens.names or text[-1] == f"In lens files: {lens}"
     assert run(shlex.split(example.removeprefix("Example: omniscv "))) == 0
     typical = cameras.model(name).example(256)
-    (camera,), (pose,) = jobs[0].cameras.values(), jobs[0].poses
+    (camera,) = jobs[0].cameras.values()
+    (pose,) = jobs[0].poses
     assert (camera.name, camera.width, camera.height) == (name, 256, typical.height)
     both = camera.valid() & typical.valid()
     assert both.mean() > 0.99 * typical.valid().mean()

@@ -98,7 +98,8 @@ def test_scenes_models_and_plans_as_json(capsys):
 def test_places_of_a_recording(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert run(["recording", "places", str(RECORDING), "--json"]) == 0
-    found, held = json.loads(capsys.readouterr().out), info(RECORDING)
+    found = json.loads(capsys.readouterr().out)
+    held = info(RECORDING)
     positions = np.array([each["center"] for each in found])
     assert len(np.unique(positions.round(6), axis=0)) == len(found) == held.centers
     for mode, count in held.captures.items():

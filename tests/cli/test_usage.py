@@ -72,7 +72,8 @@ def test_a_capture_that_a_recording_lacks_is_described_whole(capsys, tmp_path, m
 
 def test_recording_again_says_how_many_captures_are_new(capsys, tmp_path, monkeypatch):
     """Those of another process in the same file are not counted."""
-    path, opened = tmp_path / "one.sqlite", render.opened
+    path = tmp_path / "one.sqlite"
+    opened = render.opened
     arguments = ["record", "--set", "face_size=16", "--out", str(path), "--modes"]
     wanted = ("lit", "6 captures"), ("lit", "6 captures, none new"), ("lit,depth", "12 captures, 6 new")
     for modes, count in wanted:
@@ -123,7 +124,8 @@ def test_a_job_is_recorded_where_the_help_says_and_what_may_be_changed(job, tmp_
     assert info(out).scenes == ["six-wall"]
     job.write_text(job.read_text() + "record: kept.sqlite\n")
     assert run(["record", str(job)]) == 0
-    one, kept = info(tmp_path / "capture.sqlite"), info(tmp_path / "kept.sqlite")
+    one = info(tmp_path / "capture.sqlite")
+    kept = info(tmp_path / "kept.sqlite")
     assert kept.captures == one.captures
     edge, wider = (int(next(iter(held.sizes)).partition("x")[0]) for held in (one, info(out)))
     assert wider > edge

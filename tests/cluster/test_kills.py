@@ -106,7 +106,8 @@ def test_every_worker_launches_a_game_of_its_own_and_one_that_is_killed_again(tm
     game.write_text(f"#!{sys.executable}\n{STAND_IN.read_text()}")
     game.chmod(0o755)
     make(load(job_of(tmp_path, "single", f"launch:{game}", 12)))
-    job, out = job_of(tmp_path, "launched", f"launch:{game}", 12), tmp_path / "launched"
+    job = job_of(tmp_path, "launched", f"launch:{game}", 12)
+    out = tmp_path / "launched"
     with started(*OMNISCV, "dataset", "make", job, "--cluster", "local:2") as process:
         wait_for_frames(process, out, 2)
         # Not the process that watches a game.

@@ -24,7 +24,9 @@ from omniscv.make import make, parts_of
 from omniscv.sources.base import SourceWrapper
 from omniscv.sources.registry import open_source
 
-OPENED, CLOSED, FAULTS = Counter(), Counter(), Counter()
+OPENED = Counter()
+CLOSED = Counter()
+FAULTS = Counter()
 
 
 class Failing(SourceWrapper):
@@ -76,7 +78,8 @@ def test_servers_that_fail_are_opened_again(job, tmp_path):
     for counter in (OPENED, CLOSED):
         counter.clear()
     FAULTS.update({"failing:0": 2, "failing:1": 1})
-    warnings, seen = [], []
+    warnings = []
+    seen = []
     there = replace(job, source=("failing:0", "failing:1"))
     made = cluster.make(
         there, threads, warn=warnings.append, progress=lambda now: seen.append((now.frames, now.of_frames))
@@ -103,7 +106,8 @@ def test_repeated_failures_end_the_run(job):
 
 
 def test_after_its_scheduler_has_ended_the_same_command_goes_on(job, tmp_path):
-    job, started = replace(job, source="scene://four-wall", poses=job.poses * 2), []
+    job = replace(job, source="scene://four-wall", poses=job.poses * 2)
+    started = []
     soon = {"distributed.comm.timeouts.connect": "0.1s"}  # workers look for the scheduler at their end
 
     @contextmanager
@@ -138,7 +142,8 @@ def test_sampled_poses_are_found_once(job, tmp_path):
     start, _, rest = (tmp_path / "dataset.yaml").read_text().partition("poses:\n")
     box = "low: [-1, -1, 1.2], high: [1, 1, 1.8], clearance: 0.3, start: [0, 0, 1.5]"
     path.write_text(f"{start}poses: {{random: {{count: 4, {box}}}}}\nmodes:{rest.partition('modes:')[2]}")
-    camera, plain = {"pano": job.cameras["pano"]}, replace(job.recipe, classes=None)
+    camera = {"pano": job.cameras["pano"]}
+    plain = replace(job.recipe, classes=None)
     sampled = replace(load(path), modes=("lit",), cameras=camera, recipe=plain)
     made = cluster.make(replace(sampled, out=tmp_path / "clustered"), threads)
     assert made.written == 4

@@ -65,14 +65,16 @@ def test_a_store_that_is_far_away_and_fails_in_twelve_percent(single, job, tmp_p
         there = replace(job, out=f"s3://{BUCKET}/far")
         assert make(there, shard=(0, 1)).written == 3
         assert 4 <= store.most_waiting <= 64
-        store.requests, store.fault = 0, lambda number: ""
+        store.requests = 0
+        store.fault = lambda number: ""
         assert make(there, existing="resume").kept == 3
         assert store.requests < 45
         assert tree_at(f"s3://{BUCKET}/far") == tree(single / "dataset")
 
 
 def test_a_late_frame_stops_no_other(monkeypatch):
-    last, waited = threading.Event(), []
+    last = threading.Event()
+    waited = []
     with failing_store() as store, omniscv.open_source("scene://four-wall") as source:
         camera = omniscv.cameras.create("equirectangular", 8, 4)
         image = omniscv.render(camera, Pose.from_angles((0, 0, 1.5)), source, ("depth",), face_size=8)

@@ -42,7 +42,8 @@ CHECKERBOARD = Scene("Hall", {"sky": [0.5, 0.6, 0.7], "objects": {"Hall": HALL}}
 def means(scene, camera, subrays=SUBRAYS):
     """(H, W, 3) colours: the mean of the valid ones of a pixel's rays."""
     at = (np.arange(subrays) + 0.5) / subrays - 0.5
-    total, count = np.zeros((camera.height, camera.width, 3)), 0
+    total = np.zeros((camera.height, camera.width, 3))
+    count = 0
     for offset in product(at, at):
         rays = camera.unproject(camera.pixels() + offset)
         inside = rays.valid[..., None]
@@ -86,8 +87,10 @@ def kept(values, scene, camera):
 )
 def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
     """.77 and .85 of their height; the pinhole has one view."""
-    camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
-    image, wanted = shown(scene, camera, face_size), means(scene, camera)
+    camera = CAMERAS[name]
+    scene = waves(period_px * PIXEL[name])
+    image = shown(scene, camera, face_size)
+    wanted = means(scene, camera)
     assert abs(kept(image.lit, scene, camera) - kept(wanted, scene, camera)) <= 0.01
     assert rms(image, wanted) <= 2
 
@@ -95,7 +98,8 @@ def test_sinusoids_keep_what_the_mean_keeps(name, period_px, face_size):
 @pytest.mark.parametrize(("name", "period_px"), [*zip(CAMERAS, (0.7, 0.9), strict=False)])
 def test_sinusoids_shorter_than_a_pixel_keep_no_more_than_the_mean_keeps(name, period_px):
     """A bilinear image shows others in their place, that are not there."""
-    camera, scene = CAMERAS[name], waves(period_px * PIXEL[name])
+    camera = CAMERAS[name]
+    scene = waves(period_px * PIXEL[name])
     wanted = means(scene, camera)
     image, bilinear = (shown(scene, camera, 384, filter) for filter in ("area", "bilinear"))
     assert abs(kept(image.lit, scene, camera)) <= abs(kept(wanted, scene, camera)) + 0.05
@@ -116,7 +120,8 @@ def test_at_the_rim_only_what_is_inside_the_field_of_view_counts():
 def test_pixels_of_a_viewpoint_are_averaged_too(strategy):
     """A strip is as wide as the footprints of its rays."""
     scene = waves(3 * np.pi / 16)
-    image, wanted = shown(scene, NONCENTRAL, 128, strategy=strategy), means(scene, NONCENTRAL)
+    image = shown(scene, NONCENTRAL, 128, strategy=strategy)
+    wanted = means(scene, NONCENTRAL)
     assert rms(image, wanted) <= 2
 
 
@@ -128,13 +133,15 @@ def test_what_depth_marching_finds_is_averaged_over_the_step_of_a_pixel():
 
 
 def test_auto_averages_where_the_image_is_coarser():
-    camera, scene = CAMERAS["equirectangular"], waves(3 * PIXEL["equirectangular"])
+    camera = CAMERAS["equirectangular"]
+    scene = waves(3 * PIXEL["equirectangular"])
     area, auto, bilinear = (shown(scene, camera, 384, filter).lit for filter in ("area", "auto", "bilinear"))
     assert np.array_equal(area, auto)
     assert not np.array_equal(area, bilinear)
 
 
-HEIGHT, WIDTH = 24, 31
+HEIGHT = 24
+WIDTH = 31
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
 INSIDE = st.tuples(st.floats(1, WIDTH - 3), st.floats(1, HEIGHT - 3))
 

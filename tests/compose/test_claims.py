@@ -89,7 +89,8 @@ def test_what_is_wrong_is_marked(name, room, way, rooms):
 
 def test_the_bound_of_depth_is_near_its_error(rooms):
     """Half floats round a wall by one amount: many poses are needed for the median of all."""
-    errors, bounds = [], []
+    errors = []
+    bounds = []
     for name in ("equirectangular", "fisheye-equidistant", "noncentral-panorama"):
         camera = SMALL[name] if name in SMALL else model(name).example(96)
         for seed in range(2):
@@ -98,7 +99,8 @@ def test_the_bound_of_depth_is_near_its_error(rooms):
             image = omniscv.render(camera, drawn_pose(seed), source, MODES, face_size=96, **way)
             errors.append(Errors(image, scene).depth_m[image.valid])
             bounds.append(image.depth_error[image.valid])
-    bound, error = np.median(np.concatenate(bounds)), np.median(np.concatenate(errors))
+    bound = np.median(np.concatenate(bounds))
+    error = np.median(np.concatenate(errors))
     # What rounding adds: 1/32 of the surface's own bound, and the last of six binary digits.
     assert bound <= 2.97 * (1 + 1 / 32) ** 2 * error
 
@@ -111,7 +113,8 @@ def test_no_point_hangs_in_the_open(name, rooms):
     way = SHARED if name in SMALL else {}
     image = omniscv.render(camera, drawn_pose(3), source, MODES, face_size=256, **way)
     shown = image.valid & np.isfinite(image.depth)
-    away, bounded = distance_to_surfaces(scene, image.points()), np.isfinite(image.depth_error[shown])
+    away = distance_to_surfaces(scene, image.points())
+    bounded = np.isfinite(image.depth_error[shown])
     near = away <= np.maximum(0.05, 0.01 * image.depth[shown])
     assert near[bounded].all()
     assert near.all() or not image.camera.central
@@ -140,7 +143,8 @@ def test_normals_lie_on_a_surface(normals, most, rooms):
     """No normal is blended across an edge: nearly all are those of a surface within a pixel (review, A5)."""
     scene, source = rooms["four-wall"]
     for name, way in (("equirectangular", {}), ("noncentral-panorama", WAYS[0])):
-        camera, modes = SMALL.get(name) or model(name).example(96), (*MODES, "normals")
+        camera = SMALL.get(name) or model(name).example(96)
+        modes = (*MODES, "normals")
         image = omniscv.render(camera, drawn_pose(2), source, modes, face_size=192, normals=normals, **way)
         assert Errors(image, scene).normals_off() <= most
 
@@ -150,7 +154,8 @@ class Inexact(SourceWrapper):
 
     def __init__(self, source, whole):
         super().__init__(source)
-        self._whole, self._rng = whole, np.random.default_rng(0)
+        self._whole = whole
+        self._rng = np.random.default_rng(0)
 
     @property
     def capabilities(self):
@@ -163,7 +168,8 @@ class Inexact(SourceWrapper):
                 yield capture
             elif self._whole:
                 stored = np.where(capture.pixels < np.inf, np.round(capture.pixels * 1000), 0)
-                payload, encoding = png.encode(stored.astype(np.uint16)), "png uint16 1000"
+                payload = png.encode(stored.astype(np.uint16))
+                encoding = "png uint16 1000"
                 depth = codecs.decode(payload, encoding, "depth", capture.view)
                 yield replace(capture, pixels=depth, payload=payload, encoding=encoding)
             else:
@@ -249,8 +255,10 @@ def test_marks_are_the_same_at_every_scale(name, way):
 
 
 def test_a_centre_a_micrometre_off_a_wall():
-    x, (y, z) = -3.0 + 1e-6, np.random.default_rng(0).uniform((-1, 0.5), 2)
-    camera, pose = CAMERAS["panorama"](1), Pose.from_angles((x, y, z), yaw_deg=40, pitch_deg=25)
+    x = -3.0 + 1e-6
+    (y, z) = np.random.default_rng(0).uniform((-1, 0.5), 2)
+    camera = CAMERAS["panorama"](1)
+    pose = Pose.from_angles((x, y, z), yaw_deg=40, pitch_deg=25)
     with omniscv.open_source("scene://six-wall?traces=0") as source:
         image = omniscv.render(camera, pose, source, MODES)
     assert not Errors(image, mock_server.load_scene("six-wall")).uncovered.any()

@@ -26,12 +26,14 @@ HALF_FLOATS_CM = Precision(0.01, 11, along_ray=False, largest_m=655.04)
 )
 def test_depth_of_every_central_model(room, name):
     """Faces of 512 px, images of 128, float32 depth. Of ten thousand points and more none is in the air."""
-    source, camera = ROOMS[room], CENTRAL[name]
+    source = ROOMS[room]
+    camera = CENTRAL[name]
     image = omniscv.render(camera, POSE, source, ("depth",), face_size=512)
     every = 4  # of the rows, one in so many is traced
     rays = camera.unproject(camera.pixels()[::every])
     truth = source.scene.trace(POSE.t_w_c, rays.directions @ POSE.R_w_c.T).distance
-    depth, valid = image.depth[::every], image.valid[::every]
+    depth = image.depth[::every]
+    valid = image.valid[::every]
     off = np.abs(depth[valid] - truth[valid]) / truth[valid]
     assert np.median(off) <= 1e-5
     assert np.quantile(off, 0.99) <= 1e-3
@@ -89,7 +91,8 @@ def test_a_curve_that_rounding_hides_is_within_its_bound():
     Where a step of the half floats is as large as what a curve bends in a pixel, the pixels look flat.
     """
     pytest.importorskip("numba")  # Python calls a kernel that others call
-    rng, focal = np.random.default_rng(4), 196.0
+    rng = np.random.default_rng(4)
+    focal = 196.0
     for radius, away in rng.uniform((0.08, 0.9), (0.15, 1.6), (20, 2)):
         inside = int(0.6 * radius / away * focal)
 

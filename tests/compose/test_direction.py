@@ -16,7 +16,8 @@ CAMERAS = cameras_at(64)
 
 def error_px(image):
     """The angle between each pixel's ray and the one it shows, in steps between pixels."""
-    camera, valid = image.camera, image.valid
+    camera = image.camera
+    valid = image.valid
     rays = camera.unproject()
     shown = 2 * image.lit.astype(np.float64) - 1
     wanted = rays.directions @ image.pose.R_w_c.T

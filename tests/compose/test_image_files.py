@@ -38,7 +38,8 @@ def image():
     camera = omniscv.cameras.create("fisheye-equidistant", width=70, height=61, fov_deg=190)
     with SceneSource(mock_server.load_scene("four-wall")) as source:
         image = omniscv.render(camera, POSE, source, MODES, **OPTIONS)
-    depth, labels = image.depth.copy(), image.labels.copy()
+    depth = image.depth.copy()
+    labels = image.labels.copy()
     depth[30, 20 : 20 + len(EXTREMES)] = EXTREMES
     labels[30, 20:23] = 1, 256, 65535
     unsure = np.zeros(image.valid.shape, bool)
@@ -216,7 +217,8 @@ def test_layers_read_back_are_those_in_memory(image, tmp_path, image_format):
     assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["blank"] == ["unsure"]
     for name in image.layers.keys() - {"unsure"}:
         (path,) = (each for each in tmp_path.glob(f"a.{name}.*"))
-        again, layer = read(path, name), image[name]
+        again = read(path, name)
+        layer = image[name]
         assert again.dtype == layer.dtype
         if name == "depth_error":
             assert (again >= layer).all()
@@ -249,7 +251,8 @@ def foreign(path):
     """The pixels of a file of floats as other programs read them."""
     if path.suffix == ".npy":
         return [np.load(path)]
-    bgr, own = cv2.imread(str(path), cv2.IMREAD_UNCHANGED), imagecodecs.tiff_decode(path.read_bytes())
+    bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    own = imagecodecs.tiff_decode(path.read_bytes())
     return [own, bgr[..., ::-1]] if bgr.ndim == 3 else [own, bgr, with_pillow(path)[1]]
 
 
@@ -270,7 +273,10 @@ def test_depth_has_no_more_digits_than_its_bound_knows():
     rng = np.random.default_rng(3)
     depth = np.float32(10.0 ** rng.uniform(-6, 6, (50, 200)))
     error = np.float32(depth * 10.0 ** rng.uniform(-9, 2, depth.shape))
-    depth[0], error[1], error[2], depth[3] = np.inf, np.inf, 0, 0
+    depth[0] = np.inf
+    error[1] = np.inf
+    error[2] = 0
+    depth[3] = 0
     rounded, bound = round_depth(depth, error)
     np.testing.assert_array_equal(rounded[:4], depth[:4])
     assert (rounded[4:] > 0).all()

@@ -60,7 +60,8 @@ def test_values_and_types_pass_through(value, dtype, filter):
 
 def faulty(fault):
     def make(i, request):
-        view, dtype = request.view, np.float32 if fault == "type" and i else np.uint8
+        view = request.view
+        dtype = np.float32 if fault == "type" and i else np.uint8
         if fault == "size" and i == 3:
             view = View(view.pose, view.fov_deg, 50, 50)
         if fault == "direction":
@@ -101,7 +102,8 @@ def test_alpha_is_dropped_and_grey_becomes_colour(mode):
 
 def test_depth_that_cannot_be_and_encodings_for_another_mode_are_refused():
     for wrong, encoding in product((np.nan, -1.0, -np.inf), ("npy", "npy planar cm", "npy ray m")):
-        depth, stream = np.ones((4, 6), np.float32), io.BytesIO()
+        depth = np.ones((4, 6), np.float32)
+        stream = io.BytesIO()
         depth[2, 3] = wrong
         np.save(stream, depth)
         with pytest.raises(BadReplyError, match="1 of 24"):

@@ -37,7 +37,8 @@ def test_every_layer_is_a_picture_of_its_size_and_no_other(image):
 
 
 def test_near_is_red_far_is_blue_and_the_sky_is_white(image):
-    shown, sky = np.array(image.to_pil("depth")).astype(int), np.isposinf(image.depth)
+    shown = np.array(image.to_pil("depth")).astype(int)
+    sky = np.isposinf(image.depth)
     assert (shown[sky & image.valid] == 255).all()
     seen = image.valid & ~sky
     order = np.argsort(image.depth[seen])

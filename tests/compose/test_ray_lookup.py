@@ -38,13 +38,15 @@ def test_the_most_central_view_serves(views, seed):
     rays = np.concatenate([np.linspace(start, end, 100), rng.normal(size=(100, 3)), near])
     found = look_up(rays, views)
 
-    off, pixel = np.full((len(views), len(rays)), np.inf), np.zeros((len(views), len(rays), 2))
+    off = np.full((len(views), len(rays)), np.inf)
+    pixel = np.zeros((len(views), len(rays), 2))
     for k, view in enumerate(views):
         x, y, z = view.pose.R_w_c.T @ rays.T
         seen = z > 0
         pixel[k, seen] = (view.focal_px * np.stack([x, y]) / z).T[seen]
         off[k, seen] = np.abs(pixel[k, seen] / (view.width / 2, view.height / 2)).max(axis=1)
-    every, most = np.arange(len(rays)), off.min(axis=0)
+    every = np.arange(len(rays))
+    most = off.min(axis=0)
     np.testing.assert_array_equal(found.view[most < 1 - CLOSE] >= 0, True)
     np.testing.assert_array_equal(found.view[most > 1 + 2 * CLOSE], -1)
     served = found.view >= 0

@@ -65,7 +65,8 @@ def test_a_sky_and_a_bound_that_depth_keeps_mark_no_label():
 
 
 def test_what_rays_are_marched_through_knows_its_relief():
-    scene, rng = world("logs", 1.4, 11), np.random.default_rng(0)
+    scene = world("logs", 1.4, 11)
+    rng = np.random.default_rng(0)
     shell = depth_shell(np.zeros(3), [captured(scene, VIEW)["depth"]], cube=False)
     rays = np.concatenate([rng.uniform(-0.6, 0.6, (2000, 2)), np.ones((2000, 1))], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -118,7 +119,8 @@ def test_every_kind_is_bounded_or_marked(kind):
 
 def test_where_one_capture_says_its_error_the_others_have_one_of_zero():
     view = View(Pose(np.zeros(3), np.eye(3)), 90.0, 4, 4)
-    depth, request = np.ones((4, 4), np.float32), Request(view, "depth")
+    depth = np.ones((4, 4), np.float32)
+    request = Request(view, "depth")
     payload, _ = codecs.encode(np.stack([depth, 0.01 * view.ray_lengths().astype(np.float32)], axis=-1))
     said = Capture(request, view, depth, payload=payload, encoding=codecs.BOUNDED)
     exact, bounded = planar_errors([Capture(request, view, depth, encoding="npy"), said])
@@ -134,7 +136,8 @@ RING = create("noncentral-panorama", 32, 16, radius=0.3)
 
 def test_a_beat_is_marked():
     """Logs of 1.05 px of the faces."""
-    scene, camera = world("logs", 2.1, 21, 0.0), create("fisheye-equidistant", 60, 60, fov_deg=70)
+    scene = world("logs", 2.1, 21, 0.0)
+    camera = create("fisheye-equidistant", 60, 60, fov_deg=70)
 
     def unmarked(checks):
         image = omniscv.render(camera, AHEAD, relief.Traced(scene), MODES, face_size=192, checks=checks)
@@ -147,7 +150,9 @@ def test_a_beat_is_marked():
 @pytest.mark.soak
 def test_a_beat_that_is_found_is_captured_finer(tmp_path):
     path = relief.scene_of_bars(tmp_path, 0.0521)  # a pixel of the faces: they show a smooth wall
-    scene, wrong, doubtful = mock_server.load_scene(path), {}, {}
+    scene = mock_server.load_scene(path)
+    wrong = {}
+    doubtful = {}
     with omniscv.open_source(f"scene://{path}?traces=0") as source:
         for checks in ("none", "beat"):
             image = omniscv.render(PANORAMA, POSE, source, MODES, face_size=96, checks=checks, accuracy=0.03)
@@ -174,7 +179,8 @@ def test_rooms_are_hardly_marked_more(scene, camera):
 
 
 def test_a_recording_replays_what_it_was_made_with(tmp_path):
-    room, small = "scene://six-wall?traces=0", ["--position", "0.13,-0.21,1.47", "--set", "face_size=64"]
+    room = "scene://six-wall?traces=0"
+    small = ["--position", "0.13,-0.21,1.47", "--set", "face_size=64"]
     for name in ("beat", "none"):
         out = str(tmp_path / f"{name}.sqlite")
         assert run(["record", "--source", room, *small, "--set", f"checks={name}", "--out", out]) == 0
@@ -192,7 +198,8 @@ def test_a_recording_replays_what_it_was_made_with(tmp_path):
 
 def test_a_recording_replays_finer_captures_of_a_ring(tmp_path):
     """Views that were planned and not captured are not asked for."""
-    images, path = [], tmp_path / "ring.sqlite"
+    images = []
+    path = tmp_path / "ring.sqlite"
     for opened in (lambda: Recording(open_scene("scene://four-wall"), path), lambda: RecordedSource(path)):
         with opened() as source:
             images.append(omniscv.render(RING, POSE, source, MODES, accuracy=0.02, checks="beat"))

@@ -108,7 +108,8 @@ def test_few_pixels_are_those_of_an_image_that_reads_many(name, filter, monkeypa
 
 
 CAMERA = omniscv.cameras.create("equirectangular", width=16, height=8)
-HERE, THERE = (0, 0, 1.5), (0.2, 0.1, 1.4)
+HERE = (0, 0, 1.5)
+THERE = (0.2, 0.1, 1.4)
 TRUTHS = ("lit", "object_mask", "depth")
 OPTIONS = omniscv.RenderOptions(strategy="cube", face_size=16)
 ALL = 6 * len(TRUTHS)
@@ -158,7 +159,8 @@ def test_what_does_not_fit_is_read_again(recording, limit):
 
 
 def test_what_images_share_is_released_after_the_last_of_them():
-    request, counts = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit"), []
+    request = Request(View(Pose.from_angles(HERE), 90.0, 16, 16), "lit")
+    counts = []
     with CountingSource(omniscv.open_source("scene://four-wall?traces=0")) as source:
         shared = HeldCaptures(source, {request: 2})
         for _ in range(4):

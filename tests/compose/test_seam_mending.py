@@ -156,7 +156,8 @@ def test_faces_with_overscan_fade_into_each_other():
     assert mended.report["faded_px"] == 8
     row = mended.pixels[0][72, :, 0].astype(int)
     x = (np.arange(144) + 0.5 - 72) / 64  # of the face, in half widths
-    own, other = 1.125 - np.abs(x), np.maximum(1.125 - 1 / np.maximum(np.abs(x), 1e-9), 0)
+    own = 1.125 - np.abs(x)
+    other = np.maximum(1.125 - 1 / np.maximum(np.abs(x), 1e-9), 0)
     assert np.abs(row - (100 + 12 * own / (own + other))).max() <= 0.5 + 1e-3  # rounded
     assert mended.report["steps_after"]["worst"] < 1  # a row of the ramp
     agreeing = np.full((6, 144, 144, 3), 100, np.uint8)
@@ -189,8 +190,10 @@ def test_places_of_a_recording_show_the_vignette_together(tmp_path):
     """Without overscan: no step, but a crease at each edge. The doctor says it, and gains take it out."""
     places = [(0.1, -0.7, 1.1), (0.6, 0.5, 1.5)]
     x = (np.arange(128) + 0.5) / 64 - 1
-    camera, pose = omniscv.cameras.create("equirectangular", 128, 64), Pose.from_angles(places[0])
-    found, images = {}, {}
+    camera = omniscv.cameras.create("equirectangular", 128, 64)
+    pose = Pose.from_angles(places[0])
+    found = {}
+    images = {}
     for strength in (0.0, 0.16):
         path = tmp_path / f"{strength}.sqlite"
         loss = (1 + strength * (x[None] ** 2 + x[:, None] ** 2)) ** -2
@@ -229,7 +232,8 @@ def test_a_turned_face_is_put_straight_in_every_mode(tmp_path):
     pose = Pose(np.array(CENTER), straight[5].pose.R_w_c)
     x = (np.arange(256) + 0.5 - 128) / 128 * np.tan(np.radians(43.5))
     at = np.ix_(*[np.floor(256 * x + 256).astype(int)] * 2)
-    color, wrong = {}, {}
+    color = {}
+    wrong = {}
     with RecordedSource(tmp_path / "room.sqlite") as source:
         renderer = omniscv.Renderer(source)
         for straighten in (False, False, True):  # what is made twice of the same captures is kept
@@ -252,7 +256,8 @@ def uneven(tmp_path_factory, room):
 
 
 def test_an_image_is_mended_in_colour_alone(uneven):
-    camera, pose = omniscv.cameras.create("equirectangular", 128, 64), Pose.from_angles(CENTER, yaw_deg=45)
+    camera = omniscv.cameras.create("equirectangular", 128, 64)
+    pose = Pose.from_angles(CENTER, yaw_deg=45)
     modes = ("lit", "depth", "object_mask")
     with RecordedSource(uneven) as source:
         kept = omniscv.render(camera, pose, source, modes)
@@ -296,10 +301,8 @@ def test_a_face_that_two_edges_do_not_show_has_no_gain(room):
 
 
 def test_what_is_outside_the_field_of_view_and_what_is_no_cube_stays():
-    camera, pose = (
-        omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170),
-        Pose.from_angles(CENTER),
-    )
+    camera = omniscv.cameras.create("fisheye-equidistant", 48, 48, fov_deg=170)
+    pose = Pose.from_angles(CENTER)
     narrow = omniscv.cameras.create("pinhole", 32, 32, fov_deg=60)
     with open_scene("scene://four-wall?traces=0") as source:
         round_ = omniscv.render(camera, pose, source, seams="gains")

@@ -13,7 +13,8 @@ MODES = ("object_mask", "depth")
 UNMARKED = 0.0005  # of the valid pixels of an image
 ALONG = create("push-broom", width=101, height=79, travel=(3, 0, 0), fov_deg=95)
 BY_WALL = Pose.from_angles((0.3, 2.2, 1.3), yaw_deg=180)
-EXACT, CUBE = {"strategy": "exact"}, {"strategy": "cube"}
+EXACT = {"strategy": "exact"}
+CUBE = {"strategy": "cube"}
 CASES = {
     "push-broom-20": (ALONG, BY_WALL, EXACT | {"viewpoints": 20}),
     "push-broom": (create("push-broom", 50, 40, travel=(1, 0, 0), fov_deg=95), BY_WALL, {"accuracy": 0.1}),

@@ -58,11 +58,13 @@ def test_tiles_of_any_height_show_the_same(camera, rows, filter, strategy, face_
 @pytest.mark.parametrize("camera", CENTRAL[::4], ids=lambda camera: camera.name)
 def test_what_plans_need_of_the_rays_is_the_same(camera):
     """Face sizes and single views decide what is requested: a recording must hold the same."""
-    tiled, whole = ImageRays(camera, 3 * camera.width * BYTES_PER_RAY), ImageRays(camera)
+    tiled = ImageRays(camera, 3 * camera.width * BYTES_PER_RAY)
+    whole = ImageRays(camera)
     assert np.array_equal(tiled.steps, whole.steps, equal_nan=True)
     assert np.array_equal(tiled.directions, whole.directions, equal_nan=True)
     assert (tiled.face_size, tiled.typical_step) == (whole.face_size, whole.typical_step)
-    one, other = tiled.holding_view, whole.holding_view
+    one = tiled.holding_view
+    other = whole.holding_view
     assert np.array_equal(one.half, other.half)
     assert one.focal_px == other.focal_px or not np.isfinite(other.half).all()
 

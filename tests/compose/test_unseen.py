@@ -25,10 +25,12 @@ ONE_PICTURE = [View(POSE, 90.0, 640, 480)]
 
 def pictures(seed, number):
     """Views at one centre of any size, field of view and orientation, some with another principal point."""
-    rng, views = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    views = []
     for _ in range(number):
         pose = Pose.from_angles(AT, *rng.uniform(-80, 80, 2), rng.uniform(-180, 180))
-        fov, size = float(rng.uniform(40, 110)), map(int, rng.integers(150, 500, 2))
+        fov = float(rng.uniform(40, 110))
+        size = map(int, rng.integers(150, 500, 2))
         views.append(View(pose, fov, *size, lens=(None, Lens(1.1, 0.08, -0.05))[int(rng.integers(2))]))
     return views
 
@@ -93,7 +95,8 @@ def test_one_picture_serves_an_image_inside_it_and_others_are_refused_in_one_lin
 
 @pytest.mark.parametrize("seed", range(2))
 def test_any_pictures_at_a_centre_serve_what_they_see(recording, seed):
-    views, camera = pictures(seed, 5), fisheye(200)
+    views = pictures(seed, 5)
+    camera = fisheye(200)
     image = render(recording(views), camera, unseen="blank")
     np.testing.assert_array_equal(image.valid, seen(views, camera))
     assert image.unseen == pytest.approx(1 - image.valid.sum() / camera.valid().sum())
@@ -104,7 +107,8 @@ def test_any_pictures_at_a_centre_serve_what_they_see(recording, seed):
 
 def test_the_finest_picture_serves_a_ray(recording):
     """A coarse picture of everything in sight, recorded first, and a fine one in its middle."""
-    coarse, fine = View(POSE, 100.0, 80, 80), View(POSE, 40.0, 400, 400)
+    coarse = View(POSE, 100.0, 80, 80)
+    fine = View(POSE, 40.0, 400, 400)
     both = render(recording([coarse, fine]), fisheye(60))
     alone = {view: render(recording([view]), fisheye(60), unseen="blank") for view in (coarse, fine)}
     middle = np.s_[30:90, 30:90]

@@ -70,7 +70,8 @@ def test_a_fault_is_one_line_and_exit_code_1(name, change, says, copied, capsys)
 )
 def test_deep_faults_are_found_behind_right_checksums(layer, where, value, says, copied):
     (frame,) = (frame for frame in dataset.open(copied) if frame.key == "lens-1")
-    pixels, valid = frame.layer(layer).copy(), frame.valid
+    pixels = frame.layer(layer).copy()
+    valid = frame.valid
     pixels[{"inside": valid, "outside": ~valid, "one": tuple(np.argwhere(valid)[0])}[where]] = value
     write_picture(frame.files[layer], pixels, modalities.get(layer))
     enter(copied, "lens-1", layer)

@@ -123,7 +123,8 @@ def test_names_come_from_scenes_sources_and_recordings():
 def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):
     """Objects of a second scene come after those of the first, whose ids stay, resumed or not; a closed
     dataset, which several processes write, refuses them."""
-    first, second = image(), image("scene://six-wall")
+    first = image()
+    second = image("scene://six-wall")
     with dataset.Writer(tmp_path / "both") as writer:
         writer.add("a", first, time=0.0)
         ids = dict(writer.manifest.names)
@@ -151,7 +152,8 @@ def test_ids_are_frozen_by_name_across_scenes_and_time(tmp_path):
 
 def test_labels_and_classes_are_those_of_the_scene(whole):
     """Against exact tracing, away from the boundaries of objects; a table's legs are thinner than a pixel."""
-    rules, scene = class_rules(whole / "classes.yaml"), load_scene("four-wall")
+    rules = class_rules(whole / "classes.yaml")
+    scene = load_scene("four-wall")
     for frame in dataset.open(whole / "dataset"):
         traced_labels = traced(scene, frame.camera, frame.pose).label
         ids = {name: rules.classes[rules.class_of(name)].id for name in frame.instances}
@@ -159,6 +161,7 @@ def test_labels_and_classes_are_those_of_the_scene(whole):
         assert sure.mean() > 0.2
         for layer, wanted in (("labels", frame.instances), ("classes", ids)):
             of_label = {0: 0} | {scene.label(name): wanted[name] for name in scene.objects}
-            found, expected = frame.layer(layer), np.vectorize(of_label.get)(traced_labels)
+            found = frame.layer(layer)
+            expected = np.vectorize(of_label.get)(traced_labels)
             assert (found == expected)[sure].mean() > 0.99
             assert not found[~frame.valid].any()

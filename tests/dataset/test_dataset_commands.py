@@ -20,7 +20,8 @@ def lines(capsys, code, *arguments):
 
 
 def test_a_dataset_is_made_in_shards_and_finished(whole, tmp_path, capsys):
-    job, out = job_file(tmp_path, more="export: [webdataset]\n"), tmp_path / "dataset"
+    job = job_file(tmp_path, more="export: [webdataset]\n")
+    out = tmp_path / "dataset"
     (first,) = lines(capsys, 0, "make", job, "--shard", "0/2")
     (second,) = lines(capsys, 0, "make", job, "--shard", "1/2", "--workers", "2")
     (third,) = lines(capsys, 0, "make", job, "--resume")

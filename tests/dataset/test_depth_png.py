@@ -52,9 +52,11 @@ def test_known_answers(scale, codes, tmp_path):
 def test_depth_along_the_ray_is_half_a_step_off_at_most(scale, tmp_path):
     draw = np.random.default_rng(2)
     depth = draw.uniform(0.1, 60, (16, 32)).astype(np.float32)
-    depth[0, :3], depth[1, :5] = np.inf, 0
+    depth[0, :3] = np.inf
+    depth[1, :5] = 0
     path, meaning = export(tmp_path, depth, PANORAMA, scale=scale)
-    preset, read = PRESETS[scale], np.array(Image.open(path)).astype(float)
+    preset = PRESETS[scale]
+    read = np.array(Image.open(path)).astype(float)
     has = np.isfinite(depth) & (depth > 0)
     np.testing.assert_array_equal(read == preset.none, ~has)
     assert np.abs(read / preset.per_metre - depth)[has].max() <= 0.5 / preset.per_metre * (1 + 1e-9)

@@ -139,7 +139,8 @@ def test_a_frame_that_fails_is_left_out_and_made_later(made, monkeypatch, capsys
     assert [frame.key for frame in dataset.open("made")] == ["ahead", "pano"]
 
 
-KILLS, SOAK_KILLS = 2, 20
+KILLS = 2
+SOAK_KILLS = 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 EXPORT = "export: [webdataset, coco]\n"
 

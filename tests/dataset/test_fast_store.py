@@ -40,7 +40,8 @@ def test_both_stores_hold_the_same_frames(stores):
         assert (ours.truth, ours.layout, ours.blank) == (theirs.truth, theirs.layout, theirs.blank)
         for name in (name for name, path in theirs.files.items() if path.suffix in PICTURES):
             assert ours.files[name].suffix == ".b2nd"
-            ours_layer, layer = ours.layer(name), theirs.layer(name)
+            ours_layer = ours.layer(name)
+            layer = theirs.layer(name)
             assert ours_layer.dtype == layer.dtype
             np.testing.assert_array_equal(ours_layer, layer, err_msg=name)
     assert not list(dataset.check(stores[1], deep=True))
@@ -140,7 +141,8 @@ def test_changed_bytes_are_refused_or_read(fast):
     """Checksums of a hostile dataset are right: its bytes reach the reader."""
     path = fast / "pano-0.labels.b2nd"
     whole = path.read_bytes()
-    random, refused = np.random.default_rng(7), 0
+    random = np.random.default_rng(7)
+    refused = 0
     for _ in range(300):
         spoiled = bytearray(whole)
         for at in random.integers(0, min(len(whole), 500), random.integers(1, 4)):

@@ -34,7 +34,8 @@ def frames(folder, times=(None,) * 3):
 
 
 def expected(first, second, **options):
-    one, two = first.layer("depth"), second.layer("depth")
+    one = first.layer("depth")
+    two = second.layer("depth")
     labels = first.layer("labels")
     return truth.flow(one, CAMERA.unproject(), first.pose, CAMERA, second.pose, two, labels, **options)
 
@@ -84,8 +85,10 @@ def placed(frame, poses):
 
 def test_objects_move_by_their_recorded_poses(tmp_path):
     """One is turned and moved, another one has a pose in the first frame only."""
-    label, lost = SCENE.label("Chair_1"), SCENE.label("Ball")
-    before, after = Pose.from_angles((1, 2, 0), 10), Pose.from_angles((1.1, 1.8, 0.1), 35)
+    label = SCENE.label("Chair_1")
+    lost = SCENE.label("Ball")
+    before = Pose.from_angles((1, 2, 0), 10)
+    after = Pose.from_angles((1.1, 1.8, 0.1), 35)
     recorded = [{"Chair_1": before, "Ball": before}, {"Chair_1": after}]
     pair = []
     for i, poses in enumerate(recorded):
@@ -94,7 +97,8 @@ def test_objects_move_by_their_recorded_poses(tmp_path):
     get("flow").export(pair, tmp_path, {"scene": True})
     T = [np.vstack([np.column_stack([p.rotation, p.position]), [0, 0, 0, 1]]) for p in (before, after)]
     motion = T[1] @ np.linalg.inv(T[0])
-    frame, mine = pair[0], pair[0].layer("labels") == label
+    frame = pair[0]
+    mine = pair[0].layer("labels") == label
     rays = CAMERA.unproject()
     points_w = frame.pose.to_world(frame.layer("depth")[..., None] * rays.directions)[mine]
     moved = points_w @ motion[:3, :3].T + motion[:3, 3]
@@ -151,7 +155,8 @@ def test_codes_of_kitti_and_what_they_cannot_hold(tmp_path):
         with pytest.raises(ArgumentError, match="kitti: expected flow within"):
             kitti_codes(known_flow(0, beyond))
     wide = cameras.create("equirectangular", width=1040, height=2)
-    poses, depth = (Pose.from_angles((0, 0, 0), yaw) for yaw in (0, 5)), np.full((2, 1040), 2, np.float32)
+    poses = (Pose.from_angles((0, 0, 0), yaw) for yaw in (0, 5))
+    depth = np.full((2, 1040), 2, np.float32)
     pair = [frame_of(tmp_path, {"depth": depth}, wide, pose, key=f"cam-{i}") for i, pose in enumerate(poses)]
     with pytest.raises(ArgumentError, match=r"cam-0: kitti: expected flow within -512 to 511.98 px"):
         get("flow").export(pair, tmp_path, {"kitti": True, "wrap": "classic"})

@@ -6,7 +6,8 @@ import pytest
 from support.datasets import job_file, tree
 from support.killed import moments
 
-KILLS, SOAK_KILLS = 2, 20
+KILLS = 2
+SOAK_KILLS = 20
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 
 

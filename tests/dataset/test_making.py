@@ -104,7 +104,8 @@ def test_another_scene_s_frames_are_refused(copied):
 
 def test_a_set_that_another_process_has_just_finished_is_complete(tmp_path, monkeypatch):
     """It has removed the markers when this one looks for them."""
-    job, run = load(job_file(tmp_path)), maker._run
+    job = load(job_file(tmp_path))
+    run = maker._run
 
     def run_while_another_finishes(*args, **kw):
         done = run(*args, **kw)
@@ -134,7 +135,8 @@ def test_a_key_has_no_dot_and_is_used_once(tmp_path):
 
 
 def test_frames_of_a_writer_are_read_back(tmp_path):
-    shown, other = image(), image(width=48)
+    shown = image()
+    other = image(width=48)
     pose = omniscv.Pose.from_angles((1, 2, 3), 10, 20, 30)
     with dataset.Writer(tmp_path / "d", classes={"rules": [{"match": "*", "class": "thing"}]}) as writer:
         writer.add("b", shown, pose=pose, split="val", time=2.5, place="hall", truth={"note": [1, 2]})

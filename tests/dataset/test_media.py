@@ -99,9 +99,12 @@ def decoded(data):
 
 
 def test_the_boxes_are_those_of_the_specification():
-    stereo, sphere = "0000000d737433640000000000", "0000005873763364"
-    header, projection = "000000147376686400000000" + "6f6d6e6973637600", "0000003c70726f6a"
-    turned, equirectangular = "0000001870726864" + "00" * 16, "0000001c65717569" + "00" * 20
+    stereo = "0000000d737433640000000000"
+    sphere = "0000005873763364"
+    header = "000000147376686400000000" + "6f6d6e6973637600"
+    projection = "0000003c70726f6a"
+    turned = "0000001870726864" + "00" * 16
+    equirectangular = "0000001c65717569" + "00" * 20
     assert video_boxes().hex() == stereo + sphere + header + projection + turned + equirectangular
 
 
@@ -125,7 +128,8 @@ def by_filters(path):
     with av.open(str(path)) as container:
         graph = av.filter.Graph()
         start = graph.add_buffer(template=container.streams.video[0])
-        rgb, end = graph.add("format", "rgb24"), graph.add("buffersink")
+        rgb = graph.add("format", "rgb24")
+        end = graph.add("buffersink")
         start.link_to(rgb)
         rgb.link_to(end)
         graph.configure()

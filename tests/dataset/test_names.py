@@ -89,7 +89,8 @@ def test_names_that_differ_in_case_alone_are_refused(picture, tmp_path):
 
 def test_names_that_differ_in_how_letters_are_composed_are_refused(picture, tmp_path):
     """Café in four characters and in five: one file on macOS."""
-    composed, apart = "Caf\u00e9", "cafe\u0301"
+    composed = "Caf\u00e9"
+    apart = "cafe\u0301"
     with pytest.raises(
         ArgumentError, match=r"how Unicode composes letters, got 'Caf\\xe9' and 'cafe\\u0301'"
     ):

@@ -12,7 +12,8 @@ from omniscv import Pose, cameras
 from omniscv.dataset import get
 
 SCENE = mock_server.load_scene("four-wall")
-BENDS, DISTORTION = (0.02, -0.008, 0.002, -0.0004), (-0.1, 0.02, 0.003, -0.002, 0.01)
+BENDS = (0.02, -0.008, 0.002, -0.0004)
+DISTORTION = (-0.1, 0.02, 0.003, -0.002, 0.01)
 CAMERAS = {
     "EQUIRECTANGULAR": cameras.create("equirectangular", width=64, height=32),
     "OPENCV_FISHEYE": cameras.create("kannala-brandt", 48, 40, fx=15.0, fy=14.0, cx=23, cy=21, k=BENDS),
@@ -31,11 +32,13 @@ def rays_of(data, frame, v, u):
     """
     x, y = (u + 0.5 - data["cx"]) / data["fl_x"], (v + 0.5 - data["cy"]) / data["fl_y"]
     if data["camera_model"] == "EQUIRECTANGULAR":
-        theta, polar = np.pi * x, np.pi * (0.5 + y)
+        theta = np.pi * x
+        polar = np.pi * (0.5 + y)
         looking = [np.sin(theta) * np.sin(polar), np.cos(polar), -np.cos(theta) * np.sin(polar)]
     else:
         k1, k2, k3, k4, p1, p2 = (data.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
-        seen_x, seen_y = x, y
+        seen_x = x
+        seen_y = y
         for _ in range(200):
             r2 = x**2 + y**2
             radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
@@ -94,7 +97,8 @@ def test_several_cameras_get_a_folder_each_with_depth_and_masks(tmp_path):
 
 
 def test_splits_are_lists_of_files_and_a_pinhole_with_skew_is_refused(tmp_path):
-    camera, splits = CAMERAS["EQUIRECTANGULAR"], ("train", "val", "train")
+    camera = CAMERAS["EQUIRECTANGULAR"]
+    splits = ("train", "val", "train")
     frames = [black_frame(tmp_path, camera, POSES[0], key=f"cam-{i}", split=s) for i, s in enumerate(splits)]
     get("nerfstudio").export(frames, tmp_path, {})
     data = json.loads((tmp_path / "transforms.json").read_text())

@@ -189,7 +189,8 @@ def test_appended_poses_that_join_two_places_are_refused(job):
 
 def test_a_job_that_another_has_begun_is_refused(job, monkeypatch):
     """Also before the first frame is there, as long as the other one is alive."""
-    first, second = job(), job(poses=at(*PLACES[:3], "1, 1, 1.2"), out="made")
+    first = job()
+    second = job(poses=at(*PLACES[:3], "1, 1, 1.2"), out="made")
     maker = FrameMaker.run
 
     def run_while_another_begins(*args):
@@ -218,7 +219,8 @@ def test_a_pose_that_failed_may_be_moved(job, monkeypatch):
 
 def test_parts_of_two_jobs_are_refused(job):
     """In one folder, or copied into one."""
-    first, second = job(poses=drawn(1)), job(poses=drawn(2), out="second")
+    first = job(poses=drawn(1))
+    second = job(poses=drawn(2), out="second")
     run_part(first, Part(0, 2))
     with pytest.raises(ArgumentError, match="seed is 1, in the job 2"):
         run_part(replace(second, out=first.out), Part(1, 2))
@@ -428,7 +430,8 @@ MIXTURES = {
 
 @pytest.mark.parametrize(("other", "keys", "says"), MIXTURES.values(), ids=MIXTURES)
 def test_a_mixture_is_found(other, keys, says, job):
-    first, second = job(), job(**other, out="second")
+    first = job()
+    second = job(**other, out="second")
     make(first)
     make(second)
     assert dataset.check(second.out, deep=True) == []

@@ -20,7 +20,8 @@ from omniscv.geometry.trajectory_files import read_trajectory
 SCENE = mock_server.load_scene("four-wall")
 CAMERA = cameras.create("fisheye-equidistant", width=40, height=40, fov_deg=185)
 POSES = [Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3), Pose.from_angles((1.4, 0.1, 1.2), 80)]
-NORMALS, COLORS = ("nx", "ny", "nz"), ("red", "green", "blue")
+NORMALS = ("nx", "ny", "nz")
+COLORS = ("red", "green", "blue")
 
 
 def columns(table, names):
@@ -31,8 +32,10 @@ def test_plyfile_reads_a_frame_to_the_bit(tmp_path):
     frame = traced_frame(tmp_path, SCENE, CAMERA, POSES[0])
     path, cloud = get("ply").export([frame], tmp_path, {})
     assert (path.name, cloud.name) == ("cam.ply", "cloud.ply")
-    layers, pose = traced(SCENE, CAMERA, POSES[0]), POSES[0]
-    seen, rays = layers["depth"] > 0, CAMERA.unproject()
+    layers = traced(SCENE, CAMERA, POSES[0])
+    pose = POSES[0]
+    seen = layers["depth"] > 0
+    rays = CAMERA.unproject()
     points_w = pose.position + layers["depth"][seen, None] * (rays.directions[seen] @ pose.rotation.T)
 
     read = PlyData.read(path)
@@ -75,7 +78,8 @@ def cube(points):
 
 def test_properties_are_the_layers_of_the_frames(tmp_path):
     layers = traced(SCENE, CAMERA, POSES[0])
-    depth, half = layers["depth"], np.arange(1600).reshape(40, 40) % 2 == 0
+    depth = layers["depth"]
+    half = np.arange(1600).reshape(40, 40) % 2 == 0
 
     def exported(layers, **options):
         (path,) = get("ply").export([frame_of(tmp_path, layers, CAMERA, POSES[0])], tmp_path, options)

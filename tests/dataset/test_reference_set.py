@@ -51,7 +51,8 @@ def rays_by_gsplat(lens, pixels):
 @pytest.mark.parametrize("name", LENSES)
 def test_poses_depth_and_lens_meet_the_surfaces(name, reference):
     """Depth of a pinhole is planar, of others along the ray, as trainers of splats take it: in whole mm."""
-    folder, scene = reference / "set/exports/nerfstudio" / name, mock_server.load_scene("four-wall")
+    folder = reference / "set/exports/nerfstudio" / name
+    scene = mock_server.load_scene("four-wall")
     lens = json.loads((folder / "transforms.json").read_text())
     pixels = np.stack(np.meshgrid(np.arange(lens["w"]) + 0.5, np.arange(lens["h"]) + 0.5), axis=-1)
     rays = rays_by_gsplat(lens, pixels)
@@ -76,7 +77,8 @@ def test_the_pinhole_as_lichtfeld_studio_reads_it(reference):
         frame = frames[Path(entry["file_path"]).stem]
         to_world = np.array(entry["transform_matrix"]) @ np.diag([1, -1, -1, 1])
         to_camera = np.linalg.inv(to_world) @ np.diag([-1, 1, -1, 1])  # of its world
-        rays, depth = frame.camera.unproject(), frame.layer("depth")
+        rays = frame.camera.unproject()
+        depth = frame.layer("depth")
         seen = np.isfinite(depth) & (depth > 0)
         points_w = frame.pose.to_world((depth[..., None] * rays.directions)[seen])
         points = points_w * (-1, 1, -1) @ to_camera[:3, :3].T + to_camera[:3, 3]

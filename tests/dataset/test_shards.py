@@ -125,7 +125,8 @@ def linked(type, target):
     def change(tar, member, data):
         if member.name.endswith(".depth.exr"):
             member = tarfile.TarInfo(member.name)
-            member.type, member.linkname = type, target or member.name
+            member.type = type
+            member.linkname = target or member.name
             data = b""
         tar.addfile(member, io.BytesIO(data))
 
@@ -138,7 +139,8 @@ def sparse(tar, member, data):
         size = 64 << 30
         sparse = {"major": "0", "minor": "1", "size": str(size), "map": f"{size - 1},1"}
         member.pax_headers = {f"GNU.sparse.{key}": value for key, value in sparse.items()}
-        member.size, data = 1, b"x"
+        member.size = 1
+        data = b"x"
     tar.addfile(member, io.BytesIO(data))
 
 

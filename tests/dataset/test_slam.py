@@ -99,7 +99,8 @@ def test_euroc(folder, frames):
                 T_world_cam = truth.poses_se3[at] @ T_body_cam
                 np.testing.assert_allclose(T_world_cam[:3, 3], frame.pose.position, atol=1e-9)
                 np.testing.assert_allclose(T_world_cam[:3, :3], frame.pose.rotation, atol=1e-9)
-            body, mount = path.at(frame.time_ns, steps_beyond=1), Pose(T_body_cam[:3, 3], T_body_cam[:3, :3])
+            body = path.at(frame.time_ns, steps_beyond=1)
+            mount = Pose(T_body_cam[:3, 3], T_body_cam[:3, :3])
             mounted = body @ frames[0].imu.imu.pose @ mount
             np.testing.assert_allclose(mounted.position, frame.pose.position, atol=1e-9)
     assert sensor["camera_model"] == "pinhole"
@@ -150,7 +151,9 @@ def bag(folder, frame, i):
 @pytest.mark.parametrize("form", [kitti, pcd, bag])
 def test_points_lie_on_what_they_hit_when_each_is_placed_at_its_time(form, folder, frames):
     """The sensor at each point's time by the spline through the poses; what it hits by the scene's tracer."""
-    room, path, scans = load_scene("six-wall"), frames[0].imu.path, of(frames, "scan")
+    room = load_scene("six-wall")
+    path = frames[0].imu.path
+    scans = of(frames, "scan")
     for i, frame in enumerate(scans):
         points, seconds, labels = form(folder, frame, i)
         assert len(points) == len(labels) > 10_000
@@ -213,7 +216,8 @@ def read_pcd(path):
 
 def points_of(cloud):
     formats = [{7: "f4", 4: "u2", 2: "u1"}[field.datatype] for field in cloud.fields]
-    offsets, names = [field.offset for field in cloud.fields], [field.name for field in cloud.fields]
+    offsets = [field.offset for field in cloud.fields]
+    names = [field.name for field in cloud.fields]
     layout = {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
     return np.frombuffer(cloud.data, layout)
 
@@ -228,7 +232,8 @@ def test_pcd(folder, frames):
     np.testing.assert_allclose(sensor.rotation, T_world_scan(frame).rotation, atol=1e-12)
     assert points["ring"][:, 0].tolist() == [*range(15, -1, -1)]
     assert points["time"][0, 1] - points["time"][0, 0] == pytest.approx(55.296e-6, rel=1e-3)  # float32
-    azimuth, level = np.arctan2(points["y"], points["x"]), np.hypot(points["x"], points["y"])
+    azimuth = np.arctan2(points["y"], points["x"])
+    level = np.hypot(points["x"], points["y"])
     elevation = np.degrees(np.arctan2(points["z"], level))  # float32 has 7 digits
     seen = np.isfinite(elevation)
     np.testing.assert_allclose(elevation[seen], (-15.0 + 2 * points["ring"])[seen], atol=1e-4)
@@ -243,7 +248,8 @@ def test_bags(folder, frames, storage, tmp_path):
     options = {"depth": "16UC1" if storage == "mcap" else "32FC1", "labels": True}
     dataset.export(folder, "rosbag2", tmp_path, storage=storage, **options)
     messages = messages_of(tmp_path / "bag")
-    samples, scans = frames[0].imu.samples(), of(frames, "scan")
+    samples = frames[0].imu.samples()
+    scans = of(frames, "scan")
     assert {topic: len(found) for topic, found in messages.items()} == {
         "/tf_static": 1, "/left/image/compressed": 3, "/left/camera_info": 3, "/right/image/compressed": 3,
         "/right/camera_info": 3, "/scan/points": 3, "/imu": 51, "/ground_truth/odometry": 51,
@@ -259,7 +265,8 @@ def test_bags(folder, frames, storage, tmp_path):
     assert imu.orientation_covariance[0] == -1
     np.testing.assert_allclose(imu.angular_velocity_covariance, np.diag([1e-4] * 3).ravel())
     shown = messages["/right/depth/image"][1][1]
-    seen, ahead = of(frames, "right")[1].layer("depth"), of(frames, "right")[1].camera.unproject()
+    seen = of(frames, "right")[1].layer("depth")
+    ahead = of(frames, "right")[1].camera.unproject()
     wanted = seen * ahead.directions[..., 2] * (1000 if storage == "mcap" else 1)
     pixels = shown.data.view({"16UC1": "<u2", "32FC1": "<f4"}[shown.encoding]).reshape(40, 48)
     np.testing.assert_allclose(pixels, wanted, rtol=1e-6, atol=0.5 if storage == "mcap" else 0)
@@ -270,7 +277,8 @@ def test_bags(folder, frames, storage, tmp_path):
     names = [field.name for field in cloud.fields]
     assert names == ["x", "y", "z", "ring", "time", "label", "class", "doubt"]
     points = points_of(cloud)
-    on_body, at = static["scan"], messages["/ground_truth/odometry"][35][1].pose.pose
+    on_body = static["scan"]
+    at = messages["/ground_truth/odometry"][35][1].pose.pose
     T_world_body, T_body_scan = (
         Pose.from_quaternion([t.x, t.y, t.z], [q.x, q.y, q.z, q.w])
         for t, q in ((at.position, at.orientation), (on_body.translation, on_body.rotation))
@@ -290,7 +298,8 @@ def test_kalibr(folder, frames, tmp_path):
     dataset.export(folder, "kalibr", tmp_path, cameras=["left", "right"])
     chain = yaml.safe_load((tmp_path / "camchain.yaml").read_text())
     for number, name in enumerate(("left", "right")):
-        frame, entry = of(frames, name)[1], chain[f"cam{number}"]
+        frame = of(frames, name)[1]
+        entry = chain[f"cam{number}"]
         T_cam_imu = np.array(entry["T_cam_imu"])
         mounted = Pose(T_cam_imu[:3, 3], T_cam_imu[:3, :3]).inverse()
         camera = frames[0].imu.path.at(frame.time_ns) @ frames[0].imu.imu.pose @ mounted

@@ -53,7 +53,8 @@ def test_shares_are_kept_and_another_seed_shares_otherwise():
 
 
 def test_a_split_without_frames_gives_a_warning(tmp_path):
-    at, lines = [{"position": [x, 0, 1.5]} for x in (0, 0.3)], []
+    at = [{"position": [x, 0, 1.5]} for x in (0, 0.3)]
+    lines = []
     job = {"source": "scene://four-wall", "poses": at, "face_size": 16, "out": str(tmp_path / "out")}
     lens = {"model": "equirectangular", "width": 16, "height": 8}
     make(load({**job, "cameras": {"c": lens}, "split": {"train": 0.5, "val": 0.5}}), warn=lines.append)

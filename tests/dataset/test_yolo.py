@@ -15,7 +15,8 @@ from omniscv.make import make
 def read(root, split="train"):
     """By image, the boxes (px) or filled contours of its rows; AssertionError for what readers drop."""
     data = yaml.safe_load((root / "data.yaml").read_text())
-    names, found = data["names"], {}
+    names = data["names"]
+    found = {}
     assert list(names) == list(range(len(names)))
     for image in sorted((root / data[split]).iterdir()):
         start, _, end = str(image).rpartition("/images/")
@@ -26,7 +27,8 @@ def read(root, split="train"):
         polygons = any(len(row) > 6 for row in rows)
         found[image.stem] = []
         for row in rows:
-            number, values = int(row[0]), np.array(row[1:], float)
+            number = int(row[0])
+            values = np.array(row[1:], float)
             assert number in names
             assert ((values >= -0.01) & (values <= 1.01)).all()
             assert len(values) % 2 == 0
@@ -54,7 +56,8 @@ def test_boxes_and_contours_give_back_the_labels(tmp_path):
     frames = {frame.key: frame for frame in open(dataset)}
     for task in ("detect", "segment"):
         export(dataset, "yolo", str(tmp_path / task), task=task)
-    boxes, shapes = read(tmp_path / "detect"), read(tmp_path / "segment")
+    boxes = read(tmp_path / "detect")
+    shapes = read(tmp_path / "segment")
     assert boxes.keys() == shapes.keys() == frames.keys()
     lost = total = 0
     for key, frame in frames.items():
@@ -67,7 +70,8 @@ def test_boxes_and_contours_give_back_the_labels(tmp_path):
             parts, part_of = cv2.connectedComponents(mask.astype(np.uint8))
             largest = part_of == 1 + np.argmax([np.sum(part_of == part) for part in range(1, parts)])
             assert same == name
-            lost, total = lost + np.sum(mask != shape), total + np.sum(mask)
+            lost = lost + np.sum(mask != shape)
+            total = total + np.sum(mask)
             assert (shape == largest).all()
     data = yaml.safe_load((tmp_path / "segment" / "data.yaml").read_text())
     assert data["lost"] == round(lost / total, 6) > 0
@@ -110,13 +114,16 @@ def test_a_pose_is_the_box_in_space(tmp_path):
     assert (data["kpt_shape"], sorted(data["flip_idx"])) == ([9, 3], list(range(9)))
     (frame,) = open(out)
     boxes = {box["name"]: box for box in frame.truth["boxes3d"]}
-    scene, agreed, flags = load_scene("four-wall"), [], set()
+    scene = load_scene("four-wall")
+    agreed = []
+    flags = set()
     for line in (tmp_path / "pose/labels/train/front.txt").read_text().splitlines():
         number, *values = line.split()
         assert len(values) == 4 + 9 * 3
         box = boxes[data["names"][int(number)]]
         points = np.array(values[4:], float).reshape(9, 3)
-        R_w_b, size = np.array(box["R_world_box"]), np.array(box["size"])
+        R_w_b = np.array(box["R_world_box"])
+        size = np.array(box["size"])
         signs = [(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))] + [(0, 0, 0)]
         for (u, v, flag), sign in zip(points, signs, strict=True):
             point_w = np.array(box["center_world"]) + R_w_b @ (size / 2 * sign)

@@ -76,7 +76,8 @@ def execute(document, name, folder, ports):
 def run_blocks(document, name, folder, ports):
     """Write the files of a document, run its Python in one namespace, and its commands."""
     tests = any("def test_" in block.text for block in document if block.language == "python")
-    namespace, ran = {"__name__": "__main__"}, set()
+    namespace = {"__name__": "__main__"}
+    ran = set()
     for block in document:
         if block.file_name():
             (folder / block.file_name()).write_text(shrunk(block.text), encoding="utf-8")

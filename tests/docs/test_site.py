@@ -69,7 +69,8 @@ def test_links_lead_somewhere(page):
 def test_numbers_of_several_pages_are_those_of_the_code():
     pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *PAGES, *(ROOT / "examples").glob("*/README.md")]
     said = "\n".join(page.read_text(encoding="utf-8") for page in pages)
-    models, formats = len(cameras.names()), len(calibration.formats())
+    models = len(cameras.names())
+    formats = len(calibration.formats())
     for pattern, count in (
         (r"(\d+) \[?camera models|has a page[^.]*?(\d+) models", models),
         (r"(\d+) (?:formats|\[?lens files)", formats),

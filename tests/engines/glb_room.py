@@ -70,6 +70,7 @@ class Triangles:
         starts = np.array(np.broadcast_to(origins, directions.shape)).reshape(-1, 3)
         rays = np.array(directions).reshape(-1, 3)
         distance, first = (each.reshape(directions.shape[:-1]) for each in meet(starts, rays, self.corners))
-        normal, seen = self.normals[first], np.isfinite(distance)
+        normal = self.normals[first]
+        seen = np.isfinite(distance)
         normal *= -np.sign(np.sum(normal * directions, axis=-1, keepdims=True)) * seen[..., None]
         return SimpleNamespace(distance=distance, label=np.where(seen, self.label[first], 0), normal=normal)

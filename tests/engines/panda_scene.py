@@ -21,7 +21,8 @@ panda.load_prc_file_data(
     "",
     "window-type none\ngl-version 3 3\naudio-library-name null\ntextures-power-2 none\nnotify-level error\n",
 )
-NEAR_M, FAR_M = 0.02, 500.0
+NEAR_M = 0.02
+FAR_M = 500.0
 _VERTEX = """#version 330
 uniform mat4 p3d_ModelViewProjectionMatrix, p3d_ModelMatrix, p3d_ModelViewMatrix;
 in vec4 p3d_Vertex; in vec3 p3d_Normal; in vec2 p3d_MultiTexCoord0;
@@ -62,7 +63,8 @@ class Engine:
     """A GLB file in Panda3D, in a thread of its own; float targets for data, 8 bits for colours."""
 
     def __init__(self, path):
-        self._thread, self._targets = ThreadPoolExecutor(1, "panda3d"), {}
+        self._thread = ThreadPoolExecutor(1, "panda3d")
+        self._targets = {}
         self._run(self._open, path)
 
     def draw(self, kind, aim, hidden, matrices):
@@ -149,10 +151,13 @@ class Engine:
 class PandaScene:
     """What a running world of the mock server asks of a scene; poses are those of the boxes' middles."""
 
-    moving, time, room = (), 0.0, None
+    moving = ()
+    time = 0.0
+    room = None
 
     def __init__(self, name, path):
-        self.name, self._engine = name, Engine(path)
+        self.name = name
+        self._engine = Engine(path)
         self._digest = hashlib.sha256(path.read_bytes()).hexdigest()
         self.objects = tuple(sorted(self._engine.nodes))
         self.static = frozenset(
@@ -210,7 +215,8 @@ class PandaScene:
             np.asarray(center, float), np.stack([x, y, np.cross(x, y)], axis=1), tangents, (width, height)
         )
         label, depth, normal = self._data(aim, hidden)
-        engine, matrices = self._engine, self._matrices()
+        engine = self._engine
+        matrices = self._matrices()
         return ViewHits(
             label,
             depth * length,

@@ -33,7 +33,9 @@ def test_exact_points_give_r_vl(name, value):
 
 @pytest.mark.parametrize("name", ["equi-solid", "hyper-catadioptric"])
 def test_noisy_points_give_r_vl(name):
-    value, rng, estimates = 0.85, np.random.default_rng(2), []
+    value = 0.85
+    rng = np.random.default_rng(2)
+    estimates = []
     for seed in range(2):
         lines = points_of(name, value, seed)
         noisy = [line + rng.normal(scale=0.5, size=line.shape) for line in lines]
@@ -94,7 +96,8 @@ def test_points_of_a_chain_are_grouped_by_line():
 
 
 def test_pictures_of_a_room_give_r_vl():
-    unit, value = 256, 0.9
+    unit = 256
+    value = 0.9
     model = models(unit)["hyper-catadioptric"]
     camera = model.camera(2 * unit, value * unit)
     options = omniscv.RenderOptions(strategy="cube", face_size=384)
@@ -143,7 +146,8 @@ VALUES = st.floats(0.5, 1.5).map(lambda value: value * SIZE / 2)
 def test_points_of_a_line_are_on_its_image_and_the_slope_is_that_of_alpha(name, v, share, seed):
     most = {"orthogonal": v, "equi-solid": 1.41 * v, "equi-angular": 1.99 * v}.get(name, SIZE / 2)
     r = share * min(most, SIZE / 2)
-    model, h = MODELS[name], 1e-5 * r
+    model = MODELS[name]
+    h = 1e-5 * r
     before, after = (model.alpha(np.array(r + step), v) for step in (-h, h))
     assert model.slope(np.array(r), v) == pytest.approx((after - before) / (2 * h), rel=1e-6, abs=1e-6)
     camera = model.camera(SIZE, v)

@@ -40,7 +40,8 @@ objects:
 
 
 def shot_of(plan, camera=PANORAMA):
-    lit, pose = np.zeros((camera.height, camera.width, 3), np.uint8), Pose.from_angles((0, 0, 1.5), 20.0)
+    lit = np.zeros((camera.height, camera.width, 3), np.uint8)
+    pose = Pose.from_angles((0, 0, 1.5), 20.0)
     return layout.with_truth("shot", lit, room_of_plan(plan), camera, pose)
 
 
@@ -51,10 +52,16 @@ def lines(corners):
 def test_map_scores_of_eight_by_eight_pixels_by_hand():
     """True: 8 pixels, of which 2 are faint (3 of 255 is above 0.01); another, 2 of 255, is not. Found: 6 of
     the true ones, and 3 others; what is 0.1 is not found."""
-    truth, prediction = np.zeros((8, 8), np.uint8), np.zeros((8, 8))
-    truth[2, :6], truth[3, :2], truth[7, 7] = 255, 3, 2
-    prediction[2, :5], prediction[3, 0], prediction[3, 1] = 0.11, 1.0, 0.1
-    prediction[5, :2], prediction[7, 7] = 0.5, 0.5
+    truth = np.zeros((8, 8), np.uint8)
+    prediction = np.zeros((8, 8))
+    truth[2, :6] = 255
+    truth[3, :2] = 3
+    truth[7, 7] = 2
+    prediction[2, :5] = 0.11
+    prediction[3, 0] = 1.0
+    prediction[3, 1] = 0.1
+    prediction[5, :2] = 0.5
+    prediction[7, 7] = 0.5
     measured = map_scores(prediction, truth)
     assert measured.precision == 6 / 9
     assert measured.recall == 6 / 8
@@ -84,7 +91,8 @@ def test_maps_by_the_papers_recipe_are_where_the_exact_ones_are():
     record = project_layout(room_of_plan(PLAIN), PANORAMA, pose)
     edges, corners = original_maps(record, PANORAMA, pose)
     exact, _ = exact_maps(record, PANORAMA, edge_sigma=0.0065, corner_sigma=0.009)
-    both, either = (exact >= 3) & (edges >= 3), (exact >= 3) | (edges >= 3)
+    both = (exact >= 3) & (edges >= 3)
+    either = (exact >= 3) | (edges >= 3)
     assert both.sum() / either.sum() > 0.85
     for corner in record["corners"]:
         if corner["visible_room"]:
@@ -118,7 +126,9 @@ def test_panoramas_of_a_recording_are_at_its_viewpoints_in_a_fitted_room():
 def test_an_own_scene_is_evaluated_with_predictions_by_the_command(tmp_path, monkeypatch):
     """A cabin with free space for one viewpoint; its own truth is the prediction."""
     monkeypatch.setattr(layout, "_QUICK_WIDTH", 256)
-    scene, out, given = tmp_path / "cabin.yaml", tmp_path / "out", tmp_path / "given"
+    scene = tmp_path / "cabin.yaml"
+    out = tmp_path / "out"
+    given = tmp_path / "given"
     scene.write_text(CABIN)
     given.mkdir()
     for shot in layout.render(Settings(out, quick=True, source=f"scene://{scene}")):
@@ -205,7 +215,9 @@ def png(*size, mode="L"):
     return stream.getvalue()
 
 
-MAP, BOMB, ONE = png(256, 128), png(8000, 4000, mode="1"), CORNERS["one"]
+MAP = png(256, 128)
+BOMB = png(8000, 4000, mode="1")
+ONE = CORNERS["one"]
 
 
 HOSTILE = {

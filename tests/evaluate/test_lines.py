@@ -30,7 +30,8 @@ def test_edges_of_sufficient_baseline_are_near_the_truth():
     camera = omniscv.cameras.create("noncentral-panorama", width=1024, height=512, radius=1.0)
     shot = lines.Setup("panorama-1", camera, omniscv.Pose.from_angles((0, 0, 1.5), 20, 10, 0))
     with omniscv.open_source("scene://four-wall") as source:
-        room, names = source.geometry().room, source.objects().names()
+        room = source.geometry().room
+        names = source.objects().names()
     labels = traced(mock_server.load_scene("four-wall"), shot.camera, shot.pose)["labels"]
     seen = seen_edges(room, shot.camera, labels, names)
     for edge, observed in seen:
@@ -91,7 +92,8 @@ GRAVITY = np.array([0.0, np.cos(0.17), np.sin(0.17)])  # a panorama tilted by 10
 def seen_lines(name, count, wanted=3):
     """Lines (6,), their points (N, 3) and their pixels in an image, of 5 cm of baseline or more."""
     camera, _ = CAMERAS[name]
-    rng, lines = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    lines = []
     while len(lines) < wanted:
         rays = camera.unproject(rng.uniform(0, (camera.width, camera.height), (2, 2)))
         a, b = rays.origins + rng.uniform(1, 4, (2, 1)) * rays.directions

@@ -162,7 +162,8 @@ def test_a_euroc_sequence_gives_its_trajectory(tmp_path):
     root = tmp_path / "slam/exports/euroc/mav0"
     for name in ("cam0", "cam1"):
         sensor = root / name / "sensor.yaml"
-        (entry,), (mounted,) = load_file(sensor).entries.values(), load_on_body(sensor).values()
+        (entry,) = load_file(sensor).entries.values()
+        (mounted,) = load_on_body(sensor).values()
         state = read_trajectory(root / "state_groundtruth_estimate0/data.csv", frame=mounted)
         pictures = sorted((root / name / "data").iterdir(), key=lambda picture: int(picture.stem))
         truth = [state.at(int(picture.stem) / 1e9, steps_beyond=1) for picture in pictures]
@@ -199,9 +200,11 @@ def in_evo(poses):
 def test_evo_aligns_and_scores_alike():
     estimates = estimated()
     ours = trajectory_errors(TRUTH, estimates)
-    reference, theirs = in_evo(TRUTH), in_evo(estimates.values())
+    reference = in_evo(TRUTH)
+    theirs = in_evo(estimates.values())
     theirs.align(reference, correct_scale=True)
-    metres, degrees = metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg
+    metres = metrics.PoseRelation.translation_part
+    degrees = metrics.PoseRelation.rotation_angle_deg
     for metric, values in (
         (metrics.APE(metres), ours.position_m),
         (metrics.APE(degrees), ours.eps_theta_deg),
@@ -228,7 +231,8 @@ def test_mirrored_points_are_turned_not_mirrored():
 def test_the_papers_two_errors_are_its_formulas():
     errors = trajectory_errors(TRUTH, estimated(), origin := np.array([0.4, -0.2, 3.0]))
     for i, pose in enumerate(errors.aligned):
-        t_gt, t_est = TRUTH[i].position - origin, pose.position - origin
+        t_gt = TRUTH[i].position - origin
+        t_est = pose.position - origin
         cosine = t_gt @ t_est / np.linalg.norm(t_gt) / np.linalg.norm(t_est)
         assert errors.eps_t_deg[i] == pytest.approx(np.degrees(np.arccos(cosine)), abs=1e-6)
         trace = np.trace(TRUTH[i].rotation @ pose.rotation.T)

@@ -62,7 +62,9 @@ def test_splines_follow_cubic_ways_and_even_turns():
     for time in np.round(np.linspace(0, 3.1, 23), 9):
         assert apart(moving.at(nanoseconds(time)), pose(time)) < 1e-9
 
-    moving, step = motion("spline"), 1e-5  # whose velocities do not jump
+    # whose velocities do not jump
+    moving = motion("spline")
+    step = 1e-5
     for time in TIMES[1:-1]:
         before, at, after = (moving.at(nanoseconds(time + i * step)) for i in (-1, 0, 1))
         for kind in ("position", "rotation"):

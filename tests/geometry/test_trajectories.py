@@ -253,7 +253,8 @@ def test_the_camera_on_a_body(tmp_path):
     x, y, z, w = q.as_quat()
     (tmp_path / "data.csv").write_text(f"1403636579763555584,4.6,-1.7,0.8,{w},{x},{y},{z}\n")
     T_WB = np.eye(4)
-    T_WB[:3, :3], T_WB[:3, 3] = q.as_matrix(), (4.6, -1.7, 0.8)
+    T_WB[:3, :3] = q.as_matrix()
+    T_WB[:3, 3] = (4.6, -1.7, 0.8)
     job = tmp_path / "job.yaml"
     for poses in ("{file: data.csv, frame: sensor.yaml}", "{file: data.csv, frame: chain.yaml}"):
         job.write_text(JOB + poses)

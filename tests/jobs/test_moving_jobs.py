@@ -291,13 +291,17 @@ def test_each_column_of_a_push_broom_is_the_path_at_its_time(tmp_path, traces):
 def judged(folder, made, directions):
     """Which pixels are wrong, and which are marked, by rays (H, W, 3) of a camera whose rows, or columns of a
     push-broom, are read one after the other."""
-    job, (frame, *_), image = made[0], made[1].frames, made[2]
-    scene, axis = mock_server.load_scene(folder / "yard.yaml"), int(job.cameras["pano"].name == "push-broom")
+    job = made[0]
+    (frame, *_) = made[1].frames
+    image = made[2]
+    scene = mock_server.load_scene(folder / "yard.yaml")
+    axis = int(job.cameras["pano"].name == "push-broom")
     wrong, beyond = np.zeros((2, 48, 64), bool)
     for k in range(n := wrong.shape[axis]):
         at = (slice(None),) * axis + (k,)
         at_ns = frame.time_ns + round(1e9 * job.cameras["pano"].readout * (k + 0.5) / n)
-        pose, now = job.path.at(at_ns), scene.at(at_ns / 1e9 if job.moves else 0.0)
+        pose = job.path.at(at_ns)
+        now = scene.at(at_ns / 1e9 if job.moves else 0.0)
         hits = now.trace(pose.position, directions[at] @ pose.rotation.T)
         wrong[at] = image.labels[at] != hits.label
         beyond[at] = np.abs(image.depth[at] - hits.distance) > image["depth_error"][at] + 1e-6
@@ -310,14 +314,16 @@ def judged(folder, made, directions):
 def test_a_read_out_of_no_time_is_a_global_shutter_to_the_bit(tmp_path):
     rolling = on_the_way(tmp_path, "times: poses", readout=0)
     still = replace(rolling, cameras={"pano": rolling.cameras["pano"].base}, rig=None)
-    layers, wanted = image_of(rolling, 1)[2].layers, image_of(still, 1)[2].layers
+    layers = image_of(rolling, 1)[2].layers
+    wanted = image_of(still, 1)[2].layers
     assert list(layers) == list(wanted)
     assert_same(layers, wanted)
 
 
 def test_what_moves_a_camera_twice_or_cannot_be_told_is_refused(tmp_path):
     twice = ROLLING.format(0.05).replace("readout", "velocity: [1, 0, 0], readout")
-    blurred, one = "exposure: {seconds: 0.1}\nsensor: {exposure_s: 0.2}", "{position: [0, 0, 1.2], time: 0}"
+    blurred = "exposure: {seconds: 0.1}\nsensor: {exposure_s: 0.2}"
+    one = "{position: [0, 0, 1.2], time: 0}"
     for more, camera, poses, says in (
         ("", twice, WAY, "pano: expected no velocity or path, as the camera moves"),
         (

@@ -28,7 +28,8 @@ def record(out, *options, source="mock://four-wall", edge=EDGE):
 def test_overscan_changes_no_image(filter_, both):
     """Pixels coincide but for the last digit of the field of view, which decides at outlines of textures."""
     name = "fisheye-equidistant" if filter_ == "area" else "equirectangular"
-    camera, pose = omniscv.cameras.create(name, **CAMERAS[name]), omniscv.Pose.from_angles(PLACE, 20, 10, 5)
+    camera = omniscv.cameras.create(name, **CAMERAS[name])
+    pose = omniscv.Pose.from_angles(PLACE, 20, 10, 5)
     images = []
     for path in both:
         with omniscv.open_source(path) as source:
@@ -46,7 +47,8 @@ def test_overscan_changes_no_image(filter_, both):
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
     folder = tmp_path_factory.mktemp("overscan")
-    narrow, wide = folder / "narrow.sqlite", folder / "wide.sqlite"
+    narrow = folder / "narrow.sqlite"
+    wide = folder / "wide.sqlite"
     assert record(narrow, "--overscan", "4") == {"72x72": 24}
     assert record(wide, "--overscan", "8") == {"80x80": 24}
     return narrow, wide
@@ -75,8 +77,10 @@ def test_where_overscan_cannot_be_chosen_there_is_none(source, edge, size, both,
 
 def test_a_job_is_recorded_as_its_images_need_it(tmp_path):
     """Else rendering the job would capture its faces again."""
-    job, path = tmp_path / "job.yaml", tmp_path / "room.sqlite"
-    camera, at = "{model: equirectangular, width: 64, height: 32}", "{position: [0, 0, 1.5]}"
+    job = tmp_path / "job.yaml"
+    path = tmp_path / "room.sqlite"
+    camera = "{model: equirectangular, width: 64, height: 32}"
+    at = "{position: [0, 0, 1.5]}"
     more = "strategy: cube, face_size: 128, record: room.sqlite"
     job.write_text(f"{{source: mock://four-wall, cameras: {{c: {camera}}}, poses: [{at}], {more}}}")
     assert run(["record", str(job)]) == 0

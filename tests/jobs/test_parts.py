@@ -43,7 +43,9 @@ def counted():
 
 
 def job_of(folder, **fields):
-    first, second, third = (0, 0, 1.5), (0.5, 0.2, 1.5), (-1, 0.5, 1)
+    first = (0, 0, 1.5)
+    second = (0.5, 0.2, 1.5)
+    third = (-1, 0.5, 1)
     turns = ((first, 0), (second, 40), (second, 130), (third, 0), (third, 90))
     poses = tuple(Pose.from_angles(position, yaw_deg=yaw) for position, yaw in turns)
     times_ns = (0, 500, 600, 1000, 2000)
@@ -77,7 +79,8 @@ def test_parts_make_the_captures_and_bytes_of_one_process(counted, tmp_path):
     single = Counter(counted)
     wanted = tree(tmp_path / "single")
     counted.clear()
-    parted, parts = replace(job, out=tmp_path / "parted"), [Part(i, 3) for i in (2, 0, 1)]
+    parted = replace(job, out=tmp_path / "parted")
+    parts = [Part(i, 3) for i in (2, 0, 1)]
     assert sum(run_part(parted, part).written for part in parts) == len(job)
     assert counted == single
     counted.clear()

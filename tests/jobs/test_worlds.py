@@ -77,7 +77,8 @@ def test_images_and_truth_show_the_world_that_was_drawn(tmp_path, source):
     ball = room.pose("Ball")[1] + drawn["Ball"]["shift"]
     placed = room.at(0, {"Ball": (np.eye(3), ball), "Sofa": (turned, room.pose("Sofa")[1])})
     hidden = () if drawn["Lamp"]["shown"] else ("Lamp",)
-    camera, pose = frame.camera, frame.pose
+    camera = frame.camera
+    pose = frame.pose
     rays = camera.unproject(camera.pixels())
     hits = placed.trace(pose.position, rays.directions @ pose.rotation.T, hidden)
     # A server takes decimals of a centimetre: a pixel at an edge may go either way.
@@ -152,7 +153,8 @@ def test_what_cannot_be_varied_is_refused_before_the_first_capture(tmp_path):
 def test_commands_carry_what_was_drawn_and_a_reply_of_an_error_fails_the_frame(
     tmp_path, monkeypatch, dialect
 ):
-    sent, command = [], "vbp {name} set_light {roll} {yaw} 0 {power} 255 255 255"
+    sent = []
+    command = "vbp {name} set_light {roll} {yaw} 0 {power} 255 255 255"
     light = {"command": command, "power": [20, 400], "roll": 0.5, "yaw": {"choice": [90]}}
     some = {**MASKS, "vary": {"seed": 7, "lights": {"Sun": light}}, "failures": {"skip": 0.5}}
 
@@ -240,7 +242,8 @@ def test_a_world_may_vary_what_the_others_do_not_have(tmp_path):
 def test_a_world_that_dies_fails_its_frames_only_and_resume_tries_them_again(tmp_path, monkeypatch):
     some = {**SOME, **MASKS, "vary": None}
     make.make(job(tmp_path / "whole", **some))
-    capture, dead = make.source.open_sources, {"scene://six-wall"}
+    capture = make.source.open_sources
+    dead = {"scene://six-wall"}
 
     def open_sources(addresses, **options):
         if dead & set(addresses):
@@ -320,7 +323,9 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
         ids = {name: whole[key].instances[name] for name in names}
         expected = {name for name, label in ids.items() if shown[label] >= 4 and label not in here}
         assert expected <= set(frame.watch) <= names
-        found, due, marked = found + len(frame.watch), due + len(expected), marked + bool(frame.watch)
+        found = found + len(frame.watch)
+        due = due + len(expected)
+        marked = marked + bool(frame.watch)
     assert found >= due > count / 10
     lines_of_failed = (tmp_path / "f" / "failed.jsonl").read_text().splitlines()
     errors = [json.loads(line)["error"] for line in lines_of_failed]
@@ -331,7 +336,8 @@ def test_objects_that_vanish_are_found_and_no_others(tmp_path, count):
 
 def test_what_only_a_second_look_leaves_out_does_not_show_what_was_behind_it():
     """The door's frame is less than a thousandth farther than the door."""
-    room, pose = mock_server.load_scene("four-wall"), omniscv.Pose.from_angles((1.3427, -0.0273, 1.5102))
+    room = mock_server.load_scene("four-wall")
+    pose = omniscv.Pose.from_angles((1.3427, -0.0273, 1.5102))
     camera = omniscv.cameras.create("equirectangular", width=64, height=32)
     rays = camera.unproject().directions @ pose.R_w_c.T
 

@@ -70,7 +70,8 @@ def test_what_is_drawn_into_pictures_begins_with_the_server(start):
 
 # Faults of the line: requests are sent, and bytes read, as they are. Times are lower bounds.
 
-VIEWMODE, LIT = b"7:vget /viewmode", b"7:lit"
+VIEWMODE = b"7:vget /viewmode"
+LIT = b"7:lit"
 MAGIC = b"\xc1\x83\x2b\x9e"
 
 

@@ -42,7 +42,8 @@ def carried(offset, turn_deg, about):
 
 def assert_same(got, expected):
     """All but rays that graze an edge, which the last digit decides."""
-    got, expected = got.trace((0, 0, 0), RAYS), expected.trace((0, 0, 0), RAYS)
+    got = got.trace((0, 0, 0), RAYS)
+    expected = expected.trace((0, 0, 0), RAYS)
     same = got.label == expected.label
     assert same.mean() > 0.98
     np.testing.assert_allclose(got.distance[same], expected.distance[same], rtol=1e-9)
@@ -133,7 +134,8 @@ def test_wrong_motions_are_refused():
         assert f"moving: Thing: moving: {message}" in str(refused.value)
 
 
-SIZE, STEP = (20, 16), 0.05
+SIZE = (20, 16)
+STEP = 0.05
 CENTER = (0, 0, 130)
 MODERN = ("M", "N1", "N2", "N3")
 SCENE = mock_server.load_scene("workshop")
@@ -233,7 +235,8 @@ def test_a_moving_object_stays_where_it_is_put_until_the_clock_goes_on(world, di
     assert client.text("vset /object/Crate/location 150.0 -20.0 130.0") == "ok"
     assert client.text("vset /object/Crate/rotation 0 30.0 0") == "ok"
     look(client)
-    c, s = np.cos(np.radians(-30)), np.sin(np.radians(-30))
+    c = np.cos(np.radians(-30))
+    s = np.sin(np.radians(-30))
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     placed = SCENE.at(server.world.time_s, {"Crate": (R, (1.5, 0.2, 1.3))})
     assert shows(client, depth(client), placed)

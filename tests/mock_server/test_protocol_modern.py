@@ -70,7 +70,8 @@ def test_a_second_client_waits_for_its_greeting_until_the_first_leaves(start, op
 @pytest.mark.parametrize(("dialect", "fov"), [("L", "90.000000"), ("N1", "90.000000"), ("N2", "90.0")])
 def test_status(client_of, dialect, fov):
     lines = client_of(dialect).text("vget /unrealcv/status").split("\n")
-    port, file = lines[2], lines[4]
+    port = lines[2]
+    file = lines[4]
     assert lines == [
         "Is Listening", "Client Connected", port, "Configuration", file, f"Port: {port}", "Width: 40",
         "Height: 30", f"FOV: {fov}", "EnableInput: true", "EnableRightEye: false", *[""] * (dialect != "N2"),

@@ -77,7 +77,8 @@ def test_all_sensors_of_a_cine_camera_have_its_projection(raw):
     v, u = np.mgrid[:30, :40] + 0.5
     x, y = (u - k["cx"]) / k["fx"], (v - k["cy"]) / k["fy"]
     turn = np.radians(30)
-    ahead, right = np.array([np.cos(turn), -np.sin(turn), 0]), np.array([-np.sin(turn), -np.cos(turn), 0])
+    ahead = np.array([np.cos(turn), -np.sin(turn), 0])
+    right = np.array([-np.sin(turn), -np.cos(turn), 0])
     rays = ahead + x[..., None] * right + y[..., None] * (0, 0, -1)
     hits = load_scene("four-wall").trace((0, 0, 1.5), rays / np.linalg.norm(rays, axis=-1, keepdims=True))
     depth = 100 * hits.distance / np.linalg.norm(rays, axis=-1)

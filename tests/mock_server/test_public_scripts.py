@@ -47,7 +47,8 @@ def talk(request, start, connect):
 def test_files_have_their_names_and_leave_the_folder_only_if_the_server_was_told(
     talk, tmp_path, caplog, dialect, files
 ):
-    folder, outside = tmp_path / "folder", tmp_path / "out"
+    folder = tmp_path / "folder"
+    outside = tmp_path / "out"
     request = talk(dialect, folder=folder, files=files)
     for path in (folder, outside):
         path.mkdir()
@@ -110,7 +111,8 @@ def test_moves_and_keys_take_the_pawn_to_what_is_in_the_way(talk, dialect):
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_static_objects_say_so_and_stay(talk, dialect):
     """Walls and floors are static; only plugin 0.3.10 says that it could not move one."""
-    request, refused = talk(dialect), "error Failed to move object Layout_Floor" if dialect == "L" else "ok"
+    request = talk(dialect)
+    refused = "error Failed to move object Layout_Floor" if dialect == "L" else "ok"
     for name, mobility, moved in (("Layout_Floor", "Static", refused), ("Table", "Movable", "ok")):
         at = f"/object/{name}"
         before = [request(f"vget {at}/{what}") for what in ("location", "rotation")]
@@ -124,7 +126,8 @@ def test_static_objects_say_so_and_stay(talk, dialect):
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_a_level_is_another_scene_of_the_package(talk, caplog, dialect):
     request = talk(dialect, right_eye=True)
-    room, picture = request("vget /objects").split(), request("vget /camera/0/lit png")
+    room = request("vget /objects").split()
+    picture = request("vget /camera/0/lit png")
     assert request("vset /action/game/level Nowhere") == "ok"
     assert request("vget /objects").split() == room
     assert [record.message.count("'Nowhere'") for record in caplog.records] == [1]

@@ -10,9 +10,12 @@ from mock_server.dialects.common import OutputFolder
 
 SIZE = (20, 16)
 MODERN = ("M", "N1", "N2", "N3")
-OLD_UNKNOWN, NEW_UNKNOWN = "error Can not find a handler for URI '{}'", "error No handler found for URI '{}'"
-SENSOR, ARGUMENT = "error Invalid sensor id", "error Argument Invalid"
-FILE, NOT_FOUND = "error Invalid filename type, filename ", "error Can not find object"
+OLD_UNKNOWN = "error Can not find a handler for URI '{}'"
+NEW_UNKNOWN = "error No handler found for URI '{}'"
+SENSOR = "error Invalid sensor id"
+ARGUMENT = "error Argument Invalid"
+FILE = "error Invalid filename type, filename "
+NOT_FOUND = "error Can not find object"
 NO_BONES = "error No skeletal or poseable mesh component found"
 
 # Commands that change nothing another one sees. None: the command is unknown.
@@ -208,7 +211,8 @@ def each(old, new):
     return {"M": old, "N1": old, "N2": new, "N3": new}
 
 
-BOX, ROTATED = "-50.00 -50.00 -50.00 50.00 50.00 50.00", "-50.00 -25.00 -100.00 50.00 25.00 100.00"
+BOX = "-50.00 -50.00 -50.00 50.00 50.00 50.00"
+ROTATED = "-50.00 -25.00 -100.00 50.00 25.00 100.00"
 CAMERA = [("vset /cameras/spawn", "FusionCameraActor_0")]
 PAUSED = [("vset /action/game/pause", "ok")]
 SETTLE = [("vget /unrealcv/echo settle", "settle")] * 3

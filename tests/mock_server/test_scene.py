@@ -18,7 +18,8 @@ from mock_server.scene import Scene
 ROOMS = ("four-wall", "six-wall")
 FIELDS = ("distance", "label", "normal", "color")
 CENTER = np.array([0.3, -0.7, 1.1])
-TURN_DEG, TILT_DEG = 25.0, 40.0
+TURN_DEG = 25.0
+TILT_DEG = 40.0
 SKY = (0.25, 0.5, 0.75)
 SOLIDS = {
     "sphere": {"sphere": 0.8},
@@ -26,7 +27,8 @@ SOLIDS = {
     "cylinder": {"cylinder": [0.5, 1.2]},
 }
 # The hit of a ray at grazing angle moves by the rounding over the cosine: 1e-15 m / 0.05, and some room.
-LEAST_COSINE, EXACT = 0.05, 1e-13
+LEAST_COSINE = 0.05
+EXACT = 1e-13
 
 unit = st.floats(-1, 1)
 angle = st.floats(0, 2 * np.pi)
@@ -62,7 +64,8 @@ def surface_point(kind, a, b, turn, face):
         return CENTER + 0.5 * abs(a) * np.array([np.cos(turn), np.sin(turn), 0]) + 0.6 * n, n
     axes = Rotation.from_euler("ZY", [TURN_DEG, TILT_DEG], degrees=True).as_matrix().T
     half = np.array([0.5, 0.3, 0.7])
-    k, sign = face % 3, 1 if face < 3 else -1
+    k = face % 3
+    sign = 1 if face < 3 else -1
     local = half * [a, b, a * b]
     local[k] = sign * half[k]
     return CENTER + local @ axes, sign * axes[k]
@@ -75,7 +78,8 @@ def surface_point(kind, a, b, turn, face):
 )
 def test_rays_to_a_surface_point_meet_it_and_one_that_leaves_it_meets_the_sky(kind, place, ray):
     """From both sides. The solids are convex: outside, nothing is before a point or behind it."""
-    (a, b, turn, face), (tilt, spin, s, where) = place, ray
+    (a, b, turn, face) = place
+    (tilt, spin, s, where) = ray
     q, n = surface_point(kind, a, b, turn, face)
     side = np.linalg.svd(n[None])[2][1:]
     away = np.cos(tilt) * n + np.sin(tilt) * (np.cos(spin) * side[0] + np.sin(spin) * side[1])
@@ -97,8 +101,11 @@ def test_the_tree_of_boxes_loses_no_hit_of_3000_solids():
     """Against every solid on its own, whose tree is one leaf; of equal distances, the first solid counts."""
     scene = mock_server.load_scene("courtyard")
     o, d = random_rays(np.random.default_rng(8), 600)
-    nearest, which = np.full(len(o), np.inf), np.full(len(o), -1)
-    distance, index, normal = np.empty(len(o)), np.empty(len(o), np.int64), np.empty((len(o), 3))
+    nearest = np.full(len(o), np.inf)
+    which = np.full(len(o), -1)
+    distance = np.empty(len(o))
+    index = np.empty(len(o), np.int64)
+    normal = np.empty((len(o), 3))
     for row in range(len(scene.solids)):
         alone = scene.solids[row : row + 1]
         solids.nearest_hits(o, d.copy(), alone, solids.tree(alone), np.ones(1, bool), distance, index, normal)
@@ -136,7 +143,8 @@ def test_a_ray_with_nan_among_others_leaves_them_alone():
     o, d = rays_of_a_picture(60, 0.0)
     spoiled = d.copy()
     spoiled[::97] = np.nan
-    clean, hits = FOUR_WALL.trace(o, d), FOUR_WALL.trace(o, spoiled)
+    clean = FOUR_WALL.trace(o, d)
+    hits = FOUR_WALL.trace(o, spoiled)
     good = np.isfinite(spoiled).all(axis=1)
     np.testing.assert_array_equal(hits.distance[good], clean.distance[good])
     assert np.isinf(hits.distance[~good]).all()
@@ -168,7 +176,8 @@ def test_objects_lie_in_their_bounds_and_fill_them(name):
 def test_a_view_is_the_trace_of_its_own_rays(width, height, fov_deg, turns):
     scene = FOUR_WALL
     (c, s), (e, g), (h, k) = [(np.cos(t), np.sin(t)) for t in turns]
-    about_z, about_x = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), [[1, 0, 0], [0, e, -g], [0, g, e]]
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    about_x = [[1, 0, 0], [0, e, -g], [0, g, e]]
     R_w_c = about_z @ about_x @ [[h, -k, 0], [k, h, 0], [0, 0, 1]]
     view = scene.view((0.1, 0.2, 1.5), *pinhole_rays(R_w_c, fov_deg, (width, height)))
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)
@@ -202,7 +211,8 @@ def test_waves_repeat_after_their_period():
     rays = np.stack([np.sqrt(1 - z**2), np.zeros_like(z), z], axis=1)
     later = z + period
     shifted = np.stack([np.sqrt(1 - later**2), np.zeros_like(z), later], axis=1)
-    blue, again = scene.trace((0, 0, 0), rays).color[:, 2], scene.trace((0, 0, 0), shifted).color[:, 2]
+    blue = scene.trace((0, 0, 0), rays).color[:, 2]
+    again = scene.trace((0, 0, 0), shifted).color[:, 2]
     np.testing.assert_allclose(blue, again, atol=1e-12)
     assert blue.max() - blue.min() > 0.9
 
@@ -241,7 +251,8 @@ def test_a_picture_hangs_upright_and_is_not_mirrored(tmp_path, yaw_deg):
     room = f"room: {{floor: [[-2, -2], [2, -2], [2, 2], [-2, 2]], height: 3, walls: [{walls}]}}"
     (tmp_path / "room.yaml").write_text(room)
     a = np.radians(yaw_deg)
-    ahead, right = np.array([np.cos(a), np.sin(a), 0]), np.array([np.sin(a), -np.cos(a), 0])
+    ahead = np.array([np.cos(a), np.sin(a), 0])
+    right = np.array([np.sin(a), -np.cos(a), 0])
     x, z = np.meshgrid((np.arange(40) + 0.5) / 10 - 2, 3 - (np.arange(30) + 0.5) / 10)
     directions = 2 * ahead + x[..., None] * right + (z[..., None] - 1.5) * (0, 0, 1)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)

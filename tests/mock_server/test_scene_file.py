@@ -20,7 +20,8 @@ GOOD = {
         }
     },
 }
-SIZE, PLACE = "(from 1e-9 to 1e9)", "(from -1e9 to 1e9)"
+SIZE = "(from 1e-9 to 1e9)"
+PLACE = "(from -1e9 to 1e9)"
 NAMES = "expected names without spaces, of at most 100 characters"
 
 

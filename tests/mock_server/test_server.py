@@ -79,7 +79,9 @@ def test_a_client_that_sends_and_does_not_read_is_dropped_within_a_bound(start, 
     rude = open_raw(server)
     rude.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)  # replies wait in the server
     rude.socket.settimeout(None)  # a server that keeps it waiting exceeds the suite's time limit
-    request, sent = b"2:vget /unrealcv/echo " + b"x" * (1 << 20), 0  # its reply is as long
+    # its reply is as long
+    request = b"2:vget /unrealcv/echo " + b"x" * (1 << 20)
+    sent = 0
     with contextlib.suppress(ConnectionError):
         while sent < 1 << 30:
             rude.send(request)
@@ -141,11 +143,14 @@ class Wire:
     """A connection that has received some bytes, handed out in pieces, and then ends."""
 
     def __init__(self, data, piece=7):
-        self.data, self.piece, self.most = data, piece, 0
+        self.data = data
+        self.piece = piece
+        self.most = 0
 
     def recv(self, most):
         self.most = max(self.most, most)
-        block, self.data = self.data[: min(most, self.piece)], self.data[min(most, self.piece) :]
+        block = self.data[: min(most, self.piece)]
+        self.data = self.data[min(most, self.piece) :]
         return block
 
 

@@ -33,7 +33,8 @@ class Counted(SourceWrapper):
     """Counts captures and their pixels."""
 
     requests = pixels = 0
-    fields, places = (), frozenset()
+    fields = ()
+    places = frozenset()
 
     def capture(self, requests):
         for capture in self._source.capture(requests):
@@ -239,7 +240,8 @@ def test_no_view_is_narrower_than_an_engine_can_capture():
 
 def test_old_recordings_of_strips_replay_exactly_and_say_so(tmp_path):
     """The pictures that show which centres are occluded are none that an image could be planned with."""
-    path, ring = tmp_path / "strips.sqlite", create("noncentral-panorama", width=24, height=12, radius=0.3)
+    path = tmp_path / "strips.sqlite"
+    ring = create("noncentral-panorama", width=24, height=12, radius=0.3)
     with Recording(source(), path) as live:
         captured = made(ring, live, strategy="exact")
     with omniscv.open_source(path) as replay:
@@ -276,7 +278,8 @@ def test_the_sky_is_met_at_infinity():
     field = Scene("field", {"sky": [0.5, 0.7, 1.0], "objects": {"Post": post}})
     ring = create("noncentral-panorama", width=256, height=32, radius=1.0)
     image = made(ring, SceneSource(field), (*MODES, "normals"))
-    sky, sure = np.isinf(traced(field, ring, POSE).distance), ~image.unsure
+    sky = np.isinf(traced(field, ring, POSE).distance)
+    sure = ~image.unsure
     assert (np.isinf(image.depth) == sky)[sure].mean() > 0.995
     assert sure.mean() > 0.99
 

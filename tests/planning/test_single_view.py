@@ -74,7 +74,8 @@ def test_the_middle_of_an_off_centre_image_is_the_axis():
 @pytest.mark.parametrize("strategy", ["cube", "auto"])
 def test_recordings_of_faces_and_of_the_view_itself_serve_a_narrow_camera(strategy, uri, tmp_path):
     """The mock server captures nothing tall: a square image takes a view one pixel wider there."""
-    camera, modes = create("pinhole", width=64, height=64, fov_deg=90.0), ("lit", "object_mask", "depth")
+    camera = create("pinhole", width=64, height=64, fov_deg=90.0)
+    modes = ("lit", "object_mask", "depth")
     with omniscv.open_source(uri) as live, omniscv.record(live, tmp_path / "room.sqlite") as source:
         captured = omniscv.render(camera, POSE, source, modes, strategy=strategy)
     with omniscv.open_source(tmp_path / "room.sqlite") as replay:
@@ -85,7 +86,8 @@ def test_recordings_of_faces_and_of_the_view_itself_serve_a_narrow_camera(strate
 
 ROOMS = "four-wall", "six-wall"
 CENTRAL = by_rays(name for name, camera in cameras_at(200).items() if camera.central)
-WRONG_LABELS, OFF_SURFACE_M = 0.01, 0.02
+WRONG_LABELS = 0.01
+OFF_SURFACE_M = 0.02
 
 
 def check(camera, pose, scene):

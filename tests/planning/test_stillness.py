@@ -43,7 +43,9 @@ class Unfrozen(SourceWrapper):
 
     def __init__(self, time_of):
         super().__init__(SceneSource(WORKSHOP))
-        self._time_of, self.made, self.requests = time_of, 0, []
+        self._time_of = time_of
+        self.made = 0
+        self.requests = []
 
     @property
     def capabilities(self):
@@ -108,7 +110,8 @@ def same(images, others):
 def test_captures_of_a_moving_world_are_never_delivered(shoot, seeds):
     for seed in range(seeds):
         draw = random.Random(seed)
-        start, tick = draw.uniform(0, 10), draw.choice([1 / 120, 1 / 60, 1 / 30])
+        start = draw.uniform(0, 10)
+        tick = draw.choice([1 / 120, 1 / 60, 1 / 30])
         world = Unfrozen(lambda made, start=start, tick=tick: start + made * tick)
         with world, pytest.raises(TornSetError, match="expected a world that stands still"):
             shoot(world)
@@ -132,9 +135,12 @@ def test_a_tick_in_the_middle_of_a_set_is_taken_again():
 
 def test_a_source_that_is_still_pays_nothing_and_colours_alone_are_proven_by_depth_and_masks():
     with scene_at(0.7) as source:
-        frozen, alone, plain = Frozen(source), Frozen(source), CountingSource(source)
+        frozen = Frozen(source)
+        alone = Frozen(source)
+        plain = CountingSource(source)
         central(frozen)
-        (image,), (wanted,) = central(alone, ("lit",)), central(plain)
+        (image,) = central(alone, ("lit",))
+        (wanted,) = central(plain)
     views = {request.view for request in plain.requests}
     assert len(plain.requests) == 3 * len(views)
     assert len(frozen.requests) == len(plain.requests) + 2 * len(views)
@@ -216,7 +222,8 @@ def test_a_job_captures_each_frame_until_it_is_still(tmp_path):
 
 
 def test_frozen_moments_equal_the_scene_at_their_times(tmp_path):
-    path, times = tmp_path / "room.sqlite", (0.0, 0.4, 1.1)
+    path = tmp_path / "room.sqlite"
+    times = (0.0, 0.4, 1.1)
     with omniscv.record(Frozen(SceneSource(WORKSHOP)), path) as source:
         for time in times:
             with source.at(Instant(time=time)) as there, scene_at(time) as wanted:

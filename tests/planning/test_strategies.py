@@ -209,8 +209,10 @@ def shown(camera, source, modes=MODES, **options):
 @pytest.mark.parametrize("strategy", ["exact", "cube"])
 def test_wrong_labels_fall_in_proportion(strategy):
     camera = WIDE if strategy == "cube" else RING
-    source, truth = float_source(ROOM), truth_of(camera)
-    wrong, off = {}, {}
+    source = float_source(ROOM)
+    truth = truth_of(camera)
+    wrong = {}
+    off = {}
     for scale in (1, 3):
         image = shown(camera, source, TRUTH, strategy=strategy, truth_scale=scale)
         differs = np.abs(image.depth - truth.distance) > 0.02 * truth.distance
@@ -242,7 +244,8 @@ def test_only_ground_truth_is_finer(camera):
     [("exact", SMALL, 64, ("lit", "object_mask")), ("exact", WIDE, "auto", TRUTH)],
 )
 def test_a_recording_replays_with_it(strategy, camera, size, modes, tmp_path):
-    path, given = tmp_path / "finer.sqlite", {"strategy": strategy, "truth_scale": 2}
+    path = tmp_path / "finer.sqlite"
+    given = {"strategy": strategy, "truth_scale": 2}
     with omniscv.open_source("scene://four-wall?traces=0") as live, omniscv.record(live, path) as source:
         recorded = omniscv.render(camera, POSE, source, modes, face_size=64, **given)
     with omniscv.open_source(path) as replay:

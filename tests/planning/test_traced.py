@@ -58,7 +58,8 @@ def test_objects_that_stand_for_the_sky_are_the_sky_of_rays(camera):
             images[address] = omniscv.render(
                 camera, POSE, source, DATA, sky=("Layout_Ceiling", "Layout_Floor")
             )
-            truth, table = traced(source, camera, POSE), source.objects()
+            truth = traced(source, camera, POSE)
+            table = source.objects()
     rays, captured = images.values()
     sky = rays.valid & np.isin(truth.label, [table.label("Layout_Ceiling"), table.label("Layout_Floor")])
     assert 0.1 < sky.mean() < 0.9
@@ -78,7 +79,8 @@ def test_objects_that_stand_for_the_sky_are_the_sky_of_rays(camera):
 
 def test_colours_beside_them_are_captured_as_alone_and_centres_behind_a_wall_are_marked():
     """The ring around a place 0.2 m from the wall x = 3 goes through it; options ask for shared captures."""
-    ring, behind = CAMERAS["ring"], omniscv.Pose.from_angles((2.8, 0, 1.5))
+    ring = CAMERAS["ring"]
+    behind = omniscv.Pose.from_angles((2.8, 0, 1.5))
     with omniscv.open_source("scene://four-wall") as source:
         alone, image = (omniscv.render(ring, POSE, source, modes) for modes in (("lit",), ("lit", *DATA)))
         labels = traced(source, ring, POSE).label
@@ -142,8 +144,10 @@ def test_rays_end_within_the_bounds_of_finer_views(shell):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     truth = FENCE.trace(origins, directions).distance
     coarse, hits = (march(some, origins, directions) for some in (shell, shell.refined([finer])))
-    known, of_coarse = hits.sure & np.isfinite(hits.reach), coarse.sure & np.isfinite(coarse.reach)
-    depth, coarse_depth = hits.known_depth(), coarse.known_depth()
+    known = hits.sure & np.isfinite(hits.reach)
+    of_coarse = coarse.sure & np.isfinite(coarse.reach)
+    depth = hits.known_depth()
+    coarse_depth = coarse.known_depth()
     assert not (np.abs(hits.reach - truth)[known] > depth.error[known] + 1e-4).any()
     assert (depth.grazes & hits.sure).mean() < 0.6 * (coarse_depth.grazes & coarse.sure).mean()
     assert np.median(depth.error[known]) < np.median(coarse_depth.error[of_coarse])
@@ -151,7 +155,8 @@ def test_rays_end_within_the_bounds_of_finer_views(shell):
 
 def test_two_centres_are_unsure_only_of_what_both_are_unsure_of(shell):
     """A ray that grazes one post for each centre passes both: together they know that it does."""
-    rng, other_w = np.random.default_rng(6), np.add(CENTER, (0, 0.4, 0))
+    rng = np.random.default_rng(6)
+    other_w = np.add(CENTER, (0, 0.4, 0))
     views = [View(Pose(other_w, R_w_c), 90.0, FACE_PX, FACE_PX) for _, R_w_c in cube_rotations()]
     other = depth_shell(
         other_w, list(float_source(FENCE).capture([Request(view, "depth") for view in views]))

@@ -87,7 +87,8 @@ def test_the_fuller_and_finer_cube_is_taken(tmp_path):
 def test_any_views_that_see_every_direction_serve(tmp_path):
     angles = [(yaw, pitch) for pitch, first in ((-50, 0), (0, 45), (50, 0)) for yaw in range(first, 360, 90)]
     twelve = [View(Pose.from_angles(CENTER, yaw_deg=y, pitch_deg=p), 90, EDGE, EDGE) for y, p in angles]
-    camera, pose = omniscv.cameras.create("equirectangular", 96, 48), Pose.from_angles(CENTER, yaw_deg=5)
+    camera = omniscv.cameras.create("equirectangular", 96, 48)
+    pose = Pose.from_angles(CENTER, yaw_deg=5)
     with recorded(tmp_path / "room.sqlite", twelve) as source:
         judge(rendered(source, camera, pose))
     with recorded(tmp_path / "less.sqlite", twelve[1:]) as source, pytest.raises(MissingCaptureError):

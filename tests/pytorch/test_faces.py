@@ -60,7 +60,8 @@ def check(faces, source, camera, R_w_c, modes, **options):
         nearest = omniscv.render(camera, pose, source, modes, strategy="cube", filter="nearest", **options)
         if "object_mask" in modes:
             np.testing.assert_array_equal(batch["labels"][i].numpy(), nearest.labels)
-            depth, bound = batch["depth"][i, 0].numpy(), nearest.depth_error
+            depth = batch["depth"][i, 0].numpy()
+            bound = nearest.depth_error
             assert (np.abs(depth - nearest.depth) <= bound / 32)[np.isfinite(bound)].all()  # it is rounded
             normals = np.moveaxis(batch["normals"][i].numpy(), 0, -1)
             np.testing.assert_allclose(normals, nearest.normals, atol=2e-7)  # a rounding of float32

@@ -41,7 +41,8 @@ class All(IterableDataset):
     """Shards, then each worker's part of what has indices: one loader, because workers take time to start."""
 
     def __init__(self, shards, maps):
-        self.shards, self.maps = shards, maps
+        self.shards = shards
+        self.maps = maps
 
     def __iter__(self):
         yield from self.shards

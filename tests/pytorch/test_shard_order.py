@@ -46,7 +46,8 @@ def test_a_foreign_reader_finds_the_same_samples(camera, folder):
             pixels = cv2.imdecode(np.frombuffer(theirs[key][f"{layer}.png"], np.uint8), cv2.IMREAD_UNCHANGED)
             expected = np.moveaxis(pixels[..., ::-1], -1, 0) if pixels.ndim == 3 else pixels
             np.testing.assert_array_equal(sample[layer].numpy(), expected)
-        record, said = sample["record"], json.loads(theirs[key]["json"])
+        record = sample["record"]
+        said = json.loads(theirs[key]["json"])
         assert record.camera.to_dict() == said["camera"]
         assert record.pose.to_dict() == said["pose"]
         np.testing.assert_allclose(sample["R_w_c"], said["pose"]["rotation"], atol=1e-7)
@@ -105,7 +106,8 @@ def test_epochs_and_seeds_of_a_dataset(folder):
 @pytest.mark.parametrize("world", [1, 2, 3])
 def test_ranks_have_as_many_whole_batches(world, workers, many):
     """As collective operations need it, whose ranks wait for each other at every step."""
-    steps, seen = [], set()
+    steps = []
+    seen = set()
     for rank in range(world):
         samples = ShardDataset(many, ("lit",), rank=rank, world_size=world, batch_size=4)
         loader = DataLoader(samples, batch_size=4, num_workers=workers)

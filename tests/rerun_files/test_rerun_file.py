@@ -24,7 +24,8 @@ CAMERAS = {
 @pytest.fixture(scope="module")
 def images(tmp_path_factory):
     """By stem, and as a folder."""
-    out, found = tmp_path_factory.mktemp("images"), {}
+    out = tmp_path_factory.mktemp("images")
+    found = {}
     with omniscv.open_source("scene://four-wall") as source:
         for name, camera in CAMERAS.items():
             for i, pose in enumerate(POSES):

@@ -94,7 +94,8 @@ VIEWS = {"both": 6 + 2, "narrow": 2}
 @pytest.mark.parametrize("name", RIGS)
 def test_a_recording_of_a_rig_replays_to_the_same_images(name: str, tmp_path: Path) -> None:
     """What is shared is decided again and comes out the same; narrow cameras are captured alone."""
-    pose, path = Pose.from_angles((0.3, 0.2, 1.5), yaw_deg=20), tmp_path / "room.sqlite"
+    pose = Pose.from_angles((0.3, 0.2, 1.5), yaw_deg=20)
+    path = tmp_path / "room.sqlite"
     with omniscv.open_source("scene://four-wall") as scene, omniscv.record(scene, path) as recording:
         live = omniscv.render_rig(RIGS[name], pose, recording, ("lit", "depth"))
     with omniscv.open_source(path) as recorded, CountingSource(recorded) as replay:

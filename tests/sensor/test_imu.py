@@ -27,7 +27,9 @@ def loop(rate=20.0):
 def dead_reckoned(samples, gravity):
     """Rotation and position at the end, by the trapezium rule from the first state."""
     dt = np.diff(samples.times_ns) / 1e9
-    R, v, p = samples.rotations[0], samples.velocities_w[0], samples.positions_w[0]
+    R = samples.rotations[0]
+    v = samples.velocities_w[0]
+    p = samples.positions_w[0]
     acceleration = R @ samples.specific_force[0] + gravity
     for k in range(len(dt)):
         rate = (samples.angular_velocity[k] + samples.angular_velocity[k + 1]) / 2
@@ -55,7 +57,8 @@ def test_dead_reckoning(imu):
 
 
 def test_samples_enclose_the_last_pose():
-    path, rate = loop(), 187.33
+    path = loop()
+    rate = 187.33
     samples = truth.imu(path, Imu(rate=rate))
     assert 0 < int(samples.times_ns[-1]) - path.times_ns[-1] < 1e9 / rate
     _R, p = dead_reckoned(samples, np.array(Imu().gravity))
@@ -71,7 +74,8 @@ def test_the_spline_passes_through_poses_of_any_rate():
     path = Trajectory.timed(tuple(fine.at(nanoseconds(time)) for time in times), times.tolist(), "spline")
     metres, radians = path.misses()
     assert max(metres, radians) < 1e-12
-    at, step = rng.integers(*(1e9 * times[[1, -2]]).astype(int), 50), 1e-5
+    at = rng.integers(*(1e9 * times[[1, -2]]).astype(int), 50)
+    step = 1e-5
     before, here, after = (path.motions(at + shift) for shift in (-10_000, 0, 10_000))
     slope = (after.positions_w - before.positions_w) / (2 * step)
     np.testing.assert_allclose(here.velocities_w, slope, atol=1e-6)  # third derivatives at uneven times
@@ -89,7 +93,8 @@ def allan_deviation(values, steps):
 def test_noise():
     """Its Allan deviation is what was set, for each axis; a sample's noise does not depend on the others."""
     noise = ImuNoise(noise_density=(0.1, 0.2, 0.3), random_walk=(0.0, 0.01, 0.02))
-    rate, count = 200.0, 500_000
+    rate = 200.0
+    count = 500_000
     walk, white = noise.errors(7, "gyroscope", rate, count)
     for axis, density in enumerate((0.1, 0.2, 0.3)):  # 1 s: density; 5,000 clusters are good to 1.5 %
         assert allan_deviation(white[:, axis], 200) == pytest.approx(density, rel=0.05)
@@ -106,7 +111,8 @@ def test_noise():
 def test_bias_and_a_track_that_is_read_back():
     imu = Imu(gyroscope=ImuNoise(bias=(0.1, 0.2, 0.3)), accelerometer=ImuNoise(bias=-1))
     track = ImuTrack(imu, loop())
-    biased, ideal = track.samples(), truth.imu(loop())
+    biased = track.samples()
+    ideal = truth.imu(loop())
     np.testing.assert_allclose(biased.angular_velocity - ideal.angular_velocity, [[0.1, 0.2, 0.3]] * 2001)
     np.testing.assert_allclose(biased.specific_force - ideal.specific_force, -1, rtol=1e-12)
     again = ImuTrack.from_dict(track.to_dict())

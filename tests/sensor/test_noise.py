@@ -47,7 +47,8 @@ def test_noise_stays_the_same_but_of_another_seed_camera_or_frame():
     """Golden codes: a change of it changes every dataset that is resumed."""
     codes = NOISY.expose(np.full((4, 8, 3), 0.25, np.float32), "front", ["pose", 1.5])
     assert codes[0].tolist() == [535, 610, 580, 575, 563, 613, 583, 588]
-    light, fine = np.full((64, 64, 3), 0.5, np.float32), {**NOISY.to_dict(), "gain": 10, "bits": 16}
+    light = np.full((64, 64, 3), 0.5, np.float32)
+    fine = {**NOISY.to_dict(), "gain": 10, "bits": 16}
     one = Sensor(**fine).expose(light, camera="left", frame="f")
     for seed, camera, frame in ((6, "left", "f"), (5, "right", "f"), (5, "left", "g")):
         other = Sensor(**{**fine, "seed": seed}).expose(light, camera, frame)
@@ -65,7 +66,8 @@ def test_frames_of_a_camera_share_fixed_patterns_alone():
     assert abs(np.corrcoef(temporal[:-1].ravel(), temporal[1:].ravel())[0, 1]) < 4 / 128
 
 
-SIZE, QUANTUM_EFFICIENCY = 256, 0.5
+SIZE = 256
+QUANTUM_EFFICIENCY = 0.5
 
 
 def frames(sensor, electrons, count, first=0):

@@ -61,10 +61,14 @@ def test_black_in_a_white_field_reads_the_glare():
      ("kannala-brandt", {"fx": 40.0, "fy": 41.0, "cx": 31.0, "cy": 33.0, "k": [0.01, 0, 0, 0]})],
 )  # fmt: skip
 def test_lateral_colour_is_seen_by_lenses_of_other_focal_lengths(name, parameters):
-    camera, sensor = create(name, width=64, height=64, **parameters), Sensor(lateral=(0.004, -0.003))
-    ray, ahead = np.array([0.1, 0.2, 1.0]), np.array([0.0, 0.0, 1.0])
+    camera = create(name, width=64, height=64, **parameters)
+    sensor = Sensor(lateral=(0.004, -0.003))
+    ray = np.array([0.1, 0.2, 1.0])
+    ahead = np.array([0.0, 0.0, 1.0])
     for share, other in zip(sensor.lateral, sensor.lateral_cameras(camera), strict=True):
-        (seen, _), (moved, _), (centre, _) = camera.project(ray), other.project(ray), camera.project(ahead)
+        (seen, _) = camera.project(ray)
+        (moved, _) = other.project(ray)
+        (centre, _) = camera.project(ahead)
         np.testing.assert_allclose(moved - centre, (seen - centre) * (1 + share), rtol=1e-9)
 
 
@@ -123,7 +127,8 @@ def test_a_dataset_is_exported_with_its_photometric_calibration(tmp_path):
     assert not (folder / "camera.txt").exists()  # DSO has no such lens
     flat = calibration.load(folder.with_name("flat") / "camera.txt")
     assert list(flat.values()) == [job.cameras["flat"]]
-    inverse, vignette = np.loadtxt(folder / "pcalib.txt"), optics.read_vignette(folder / "vignette.png")
+    inverse = np.loadtxt(folder / "pcalib.txt")
+    vignette = optics.read_vignette(folder / "vignette.png")
     camera = create("fisheye-stereographic", width=32, height=32, fov_deg=170)
     shares = optics.shading(camera, "natural")
     np.testing.assert_allclose(vignette, shares / shares.max(), atol=2e-5)

@@ -120,7 +120,8 @@ def test_parts_resuming_and_order_change_no_bytes(recorded, tmp_path):
 def test_a_job_composes_lateral_colour_by_three_cameras(recorded, tmp_path):
     keys = {"lateral": [0.02, -0.02], "electrons": 1e9, "full_well": 1e9, "bits": 16}
     run(job(recorded, tmp_path, sensor=keys, poses=JOB["poses"][:1]))
-    sensor, camera = Sensor(**keys), create("fisheye-equidistant", width=48, height=48, fov_deg=180)
+    sensor = Sensor(**keys)
+    camera = create("fisheye-equidistant", width=48, height=48, fov_deg=180)
     pose = load(JOB).poses[0]
     lenses = camera, *sensor.lateral_cameras(camera)
     with omniscv.open_source(recorded) as source:

@@ -108,7 +108,8 @@ def test_motion_blur_is_the_mean_of_light(tmp_path):
         }
     )
     render.run(job)
-    path, total = Trajectory(job.poses, job.times_ns), 0
+    path = Trajectory(job.poses, job.times_ns)
+    total = 0
     with omniscv.open_source("scene://four-wall") as source:
         for late in (-0.5 / 3, 0, 0.5 / 3):
             pose = path.at(round(1e9 * late), steps_beyond=1)
@@ -119,7 +120,8 @@ def test_motion_blur_is_the_mean_of_light(tmp_path):
 
 
 def test_files_hold_the_transfer(tmp_path):
-    camera, room = create("equirectangular", width=8, height=4), load_scene("four-wall")
+    camera = create("equirectangular", width=8, height=4)
+    room = load_scene("four-wall")
     for transfer in TRANSFERS:
         with with_transfer(room, transfer) as source:
             omniscv.render(camera, POSE, source, ("lit", "object_mask"), face_size=8).save(tmp_path, transfer)

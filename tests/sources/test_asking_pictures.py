@@ -147,7 +147,8 @@ def test_a_mirror_of_replica_in_other_axes_and_units_comes_in(few, tmp_path):
 
 
 def test_fisheye_frames_are_asked_by_their_lens_file(few, tmp_path):
-    size, focal = 96, 40.0
+    size = 96
+    focal = 40.0
     v, u = np.mgrid[:size, :size] + 0.5 - size / 2
     theta = np.hypot(u, v) / focal
     side = np.tan(theta) / np.maximum(np.hypot(u, v), 1e-9)

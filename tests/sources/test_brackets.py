@@ -46,7 +46,10 @@ class Exposing(SourceWrapper):
 
     def __init__(self, curve="srgb", transfer="unknown", scale=3.0, doubles=1.0):
         super().__init__(SceneSource(load_scene("four-wall"), lit="float32"))
-        self.curve, self.transfer, self.scale, self.doubles = CURVES[curve], transfer, scale, doubles
+        self.curve = CURVES[curve]
+        self.transfer = transfer
+        self.scale = scale
+        self.doubles = doubles
         self.made = []
 
     @property
@@ -84,7 +87,8 @@ def test_the_light_of_a_scene_is_merged(curve, transfer):
 
 
 def test_a_recording_keeps_exposures_and_merges_them_when_it_is_replayed(tmp_path):
-    path, live = tmp_path / "room.sqlite", Exposing("gamma")
+    path = tmp_path / "room.sqlite"
+    live = Exposing("gamma")
     with bracketed(live, STOPS, path) as source:
         image = rendered(source)
     ratio = (image.lit / due())[due() > 0.05]  # light up to its unit, as the response is not known
@@ -127,7 +131,8 @@ def test_a_server_that_does_not_expose_as_it_is_set_is_refused():
 
 
 def test_exposures_that_cannot_be_merged_or_set_are_refused(tmp_path):
-    view, floats = View(POSE, 90, 8, 8), SceneSource(load_scene("four-wall"), lit="float32")
+    view = View(POSE, 90, 8, 8)
+    floats = SceneSource(load_scene("four-wall"), lit="float32")
     for live, error, says in (
         (Exposing(), ArgumentError, "transfer: expected one of srgb, linear, film; got None"),
         (floats, BadReplyError, "of one size in 8 bits, got .*float32"),

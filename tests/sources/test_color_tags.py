@@ -89,7 +89,9 @@ def profile(primaries, white=(0.3127, 0.329), gamma=2.2):
     tags = {b"desc": described, b"wtpt": xyz(d50), b"cprt": b"text\0\0\0\0none\0\0\0\0"}
     tags |= {name: xyz(adapted[:, i]) for i, name in enumerate((b"rXYZ", b"gXYZ", b"bXYZ"))}
     tags |= dict.fromkeys((b"rTRC", b"gTRC", b"bTRC"), curve)
-    at, table, body = 128 + 4 + 12 * len(tags), b"", b""
+    at = 128 + 4 + 12 * len(tags)
+    table = b""
+    body = b""
     for name, data in tags.items():
         table += name + struct.pack(">II", at + len(body), len(data))
         body += data
@@ -105,7 +107,8 @@ def xyz_of(primaries, white):
     return columns * np.linalg.solve(columns, [x / y, 1, (1 - x - y) / y])
 
 
-ADOBE, REC_709 = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06)), ((0.64, 0.33), (0.3, 0.6), (0.15, 0.06))
+ADOBE = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06))
+REC_709 = ((0.64, 0.33), (0.3, 0.6), (0.15, 0.06))
 D65 = (0.3127, 0.329)
 
 

@@ -243,7 +243,9 @@ NUMBER = st.floats(-1e6, 1e6)
 
 class Says(Source):
     def __init__(self, draw):
-        self.draw, self.name, self.table = draw, SceneIdentity(draw(NAMES), draw(NAMES)), draw(TABLE)
+        self.draw = draw
+        self.name = SceneIdentity(draw(NAMES), draw(NAMES))
+        self.table = draw(TABLE)
 
     capabilities = Capabilities()
 
@@ -290,7 +292,8 @@ def test_an_import_of_too_many_objects_leaves_the_recording_as_it_was(tmp_path, 
     """Masks without a list: each colour becomes an object, and 60,000 are known; here of both a hundredth."""
     assert world_rows.MOST_OBJECTS == 65535
     monkeypatch.setattr(world_rows, "MOST_OBJECTS", 655)
-    file, codes = tmp_path / "a.sqlite", np.arange(600 + 8 * 8)
+    file = tmp_path / "a.sqlite"
+    codes = np.arange(600 + 8 * 8)
     colors = np.uint8(np.stack([codes + 1 >> shift & 255 for shift in (16, 8, 0)], axis=-1))
     with closing(Store(file, write=True)) as store:
         store.set_objects(ObjectTable({f"{i}": tuple(rgb) for i, rgb in enumerate(colors[:600].tolist())}))

@@ -53,7 +53,8 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
     job += ["--position", "0.3,-0.2,1.45", "--modes", "lit,object_mask,depth", "--set", "sky=[SkyDome]"]
     assert run(["render", "--source", DOME, *job, "--set", f"record={path}", "--out", str(tmp_path)]) == 0
     camera = omniscv.cameras.create("noncentral-panorama", 32, 16, radius=0.2)
-    pose, modes = Pose.from_angles(PLACES[0]), ("lit", "object_mask", "depth")
+    pose = Pose.from_angles(PLACES[0])
+    modes = ("lit", "object_mask", "depth")
     with omniscv.open_source(path) as replay:
         source = CountingSource(replay)
         image = omniscv.render(camera, pose, source, modes, sky=("SkyDome",))
@@ -68,7 +69,8 @@ def test_a_replay_with_sky_plans_what_the_live_job_captured(tmp_path):
 
 def test_the_sky_of_a_round_image_is_where_the_object_was():
     lens = omniscv.cameras.create("fisheye-equidistant", 32, 32, fov_deg=185)
-    pose, modes = Pose.from_angles(PLACES[0]), ("object_mask", "depth")
+    pose = Pose.from_angles(PLACES[0])
+    modes = ("object_mask", "depth")
     with open_scene("scene://four-wall") as source:
 
         def rendered(*sky):
@@ -76,7 +78,8 @@ def test_the_sky_of_a_round_image_is_where_the_object_was():
 
         plain = rendered()
         label = np.bincount(plain.labels[plain.valid]).argmax()
-        image, at = rendered(source.objects().names()[label - 1]), plain.labels == label
+        image = rendered(source.objects().names()[label - 1])
+        at = plain.labels == label
     assert np.isinf(image.depth[at]).all()
     assert not image.labels[at].any()
     for layer in ("depth", "labels", "object_mask"):

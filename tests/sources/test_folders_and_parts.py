@@ -153,7 +153,8 @@ def test_what_does_not_belong_is_refused_and_changes_nothing(make, whole, tmp_pa
     strange = tmp_path / "strange.sqlite"
     with closing(Store(strange, write=True)) as store:
         says = make(store)
-    new, there = tmp_path / "new.sqlite", tmp_path / "there.sqlite"
+    new = tmp_path / "new.sqlite"
+    there = tmp_path / "there.sqlite"
     shutil.copyfile(whole, there)
     for out in (new, there):
         with pytest.raises(RecordingError, match=says) as raised:
@@ -229,7 +230,8 @@ def test_instance_ids_and_tolerance_come_along(tmp_path):
     filled(tmp_path / "room.sqlite", face_requests(modes=("object_mask",)), "scene://four-wall?masks=ids")
     export(tmp_path / "room.sqlite", tmp_path / "faces")
     import_folder(tmp_path / "faces", tmp_path / "again.sqlite")
-    before, after = contents(tmp_path / "room.sqlite"), contents(tmp_path / "again.sqlite")
+    before = contents(tmp_path / "room.sqlite")
+    after = contents(tmp_path / "again.sqlite")
     assert before == after
     assert (after[1].tolerance, len(after[1].ids)) == (0, 20)
 
@@ -321,7 +323,9 @@ def test_masks_of_another_scene_are_not_added(changes, says, other, copy, tmp_pa
 
 
 def test_what_is_no_regular_file_is_left_alone(recorded, tmp_path):
-    folder, fifo, null = folder_of(recorded, tmp_path), tmp_path / "fifo", tmp_path / "null"
+    folder = folder_of(recorded, tmp_path)
+    fifo = tmp_path / "fifo"
+    null = tmp_path / "null"
     os.mkfifo(fifo)
     null.symlink_to(os.devnull)
     for path, what in ((fifo, "a device, a FIFO"), (tmp_path, "a folder"), (null, "a device")):

@@ -40,7 +40,8 @@ def judge(file, camera, pose=POSE, most_marked=0.15):
         image = omniscv.render(camera, pose, source, ("depth",), unseen="blank")
     shown = image.valid
     truth = traced(SCENE, camera, pose).distance[shown]
-    depth, bound = image.depth[shown], image.depth_error[shown]
+    depth = image.depth[shown]
+    bound = image.depth_error[shown]
     assert (np.abs(depth - truth) <= bound).mean() > 0.999
     assert (bound > 0.01 * truth).mean() < most_marked
     assert 2e-4 < np.median(bound) < 1e-2  # metres; a half float of 2 m is rounded by up to 1 mm

@@ -10,7 +10,8 @@ import omniscv
 from omniscv.sources.recording.inspection import info, verify
 
 ROOMS = ("four-wall", "six-wall")
-FACE_PX, STRIP_FACE_PX = 192, 56
+FACE_PX = 192
+STRIP_FACE_PX = 56
 HERE = omniscv.Pose.from_angles((0.0, 0.0, 1.5))
 THERE = omniscv.Pose.from_angles((0.8, -0.6, 1.2))
 ALL_BYTES = 15e6

@@ -20,7 +20,8 @@ from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 
-KILLS, SOAK_KILLS = 1, 25
+KILLS = 1
+SOAK_KILLS = 25
 NUMBERS = [KILLS, pytest.param(SOAK_KILLS, marks=[pytest.mark.soak, pytest.mark.timeout(1200)])]
 
 
@@ -77,7 +78,8 @@ def test_killed_while_it_records(kills, server, whole, processes, tmp_path):
 
 
 def imported(folder, half, whole):
-    path, faces = folder / "room.sqlite", folder.parent / f"{folder.name}-faces"
+    path = folder / "room.sqlite"
+    faces = folder.parent / f"{folder.name}-faces"
     shutil.copy(half, path)
     if not faces.exists():
         export(whole, faces)
@@ -218,7 +220,8 @@ def test_a_file_of_its_name_does_not_take_it_in(replace, left, other, recorded, 
 
 def test_a_write_ahead_log_is_always_foreign(recorded, other, open_folder, caplog):
     """No recorder writes one; SQLite would take it in, whatever the file's header says."""
-    path, log = open_folder / "room.sqlite", open_folder / "room.sqlite-wal"
+    path = open_folder / "room.sqlite"
+    log = open_folder / "room.sqlite-wal"
     shutil.copy(recorded, open_folder / "changed.sqlite")
     with closing(sqlite3.connect(open_folder / "changed.sqlite", isolation_level=None)) as database:
         database.execute("PRAGMA journal_mode = WAL")
@@ -284,7 +287,8 @@ def test_its_own_log_is_taken_in_by_a_recorder_where_something_can_be_written(le
 
 def test_the_journal_of_another_program_is_left_to_it(recorded, tmp_path, open_folder):
     """SQLite's own shell was killed while it changed a recording: nobody but it knows what the file was."""
-    path, target = tmp_path / "room.sqlite", open_folder / "room.sqlite"
+    path = tmp_path / "room.sqlite"
+    target = open_folder / "room.sqlite"
     shutil.copy(recorded, path)
     with closing(sqlite3.connect(path, isolation_level=None)) as database:
         database.execute("PRAGMA cache_size = 1")

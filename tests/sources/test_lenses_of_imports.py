@@ -12,7 +12,8 @@ from omniscv.errors import ArgumentError
 from omniscv.sources.recording.posed_frames import Options
 from omniscv.sources.recording.sequences import find_sequence
 
-W, H = 64, 48
+W = 64
+H = 48
 FOCAL = W / 2 / np.tan(0.5)
 UPRIGHT = np.eye(4).tolist()
 SIZE = {"w": W, "h": H}
@@ -74,7 +75,8 @@ def test_keys_that_do_not_act_are_refused_by_name(folder):
 
 
 def test_the_scale_of_whole_numbers_masks_and_backslashes_act(folder, tmp_path, capsys):
-    depth, mask = "images\\a-depth.png", "images\\a-mask.png"
+    depth = "images\\a-depth.png"
+    mask = "images\\a-mask.png"
     shared = {**PLAIN, "integer_depth_scale": 0.002}
     nerfstudio(folder, shared, file_path="images\\a.png", depth_file_path=depth, mask_path=mask)
     assert cli.run(["recording", "import", str(folder), str(tmp_path / "a.sqlite")]) == 0
@@ -128,7 +130,8 @@ def test_one_picture_with_depth_and_a_lens_file_of_another_form(tmp_path, capsys
     (tmp_path / "rgbd").mkdir()
     Image.new("RGB", (W, H), (90, 120, 30)).save(tmp_path / "rgbd/rgb.png")
     Image.fromarray(np.full((H, W), 1500, np.uint16)).save(tmp_path / "rgbd/depth.png")
-    lens, file = tmp_path / "rgbd" / "intrinsics.json", tmp_path / "x.sqlite"
+    lens = tmp_path / "rgbd" / "intrinsics.json"
+    file = tmp_path / "x.sqlite"
     calibration.save(lens, {"1": camera}, "colmap")
     words = ["recording", "import", str(tmp_path / "rgbd"), str(file), "--depth", "planar-mm"]
     assert cli.run([*words, "--intrinsics", str(lens)]) == 0, capsys.readouterr().err

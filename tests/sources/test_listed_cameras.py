@@ -85,8 +85,10 @@ def isaac(folder, unit_m=0.01):
         fx, fy, _, _ = view.projection
         near, far = 0.1, 100.0
         projection = np.zeros((4, 4))
-        projection[0, 0], projection[1, 1] = 2 * fx / SIZE[0], 2 * fy / SIZE[1]
-        projection[2, 2], projection[2, 3] = -(far + near) / (far - near), -1
+        projection[0, 0] = 2 * fx / SIZE[0]
+        projection[1, 1] = 2 * fy / SIZE[1]
+        projection[2, 2] = -(far + near) / (far - near)
+        projection[2, 3] = -1
         projection[3, 2] = -2 * far * near / (far - near)
         camera = {
             "cameraModel": "pinhole",

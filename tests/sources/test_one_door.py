@@ -17,9 +17,11 @@ from omniscv.sources.recording.folders import import_folder
 from omniscv.sources.recording.posed_frames import Options
 from omniscv.sources.recording.sequences import find_sequence
 
-MIRROR, LEVEL = np.diag([1.0, -1, 1]), np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+MIRROR = np.diag([1.0, -1, 1])
+LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 MATRIX = [f"m{i}" for i in range(16)]
-QUATERNION, ANGLES = ["qx", "qy", "qz", "qw"], ["yaw", "pitch", "roll"]
+QUATERNION = ["qx", "qy", "qz", "qw"]
+ANGLES = ["yaw", "pitch", "roll"]
 
 
 def meaning(row, frame, scale):
@@ -41,7 +43,8 @@ def meaning(row, frame, scale):
 
 
 def drawn(draw, spelling, count=3):
-    turns, places = Rotation.random(count, rng=draw), draw.normal(size=(count, 3)) * 5
+    turns = Rotation.random(count, rng=draw)
+    places = draw.normal(size=(count, 3)) * 5
     if spelling == "matrix":
         last = np.tile([0.0, 0, 0, 1], (count, 1, 1))
         matrices = np.concatenate([np.dstack([turns.as_matrix(), places]), last], axis=1)
@@ -135,12 +138,14 @@ def check_valid(door, seed, count, folder):
     read, frames, spellings = DOORS[door]
     draw = np.random.default_rng(seed)
     for _ in range(count):
-        spelling, frame = draw.choice(spellings), str(draw.choice(frames))
+        spelling = draw.choice(spellings)
+        frame = str(draw.choice(frames))
         if spelling == "angles" and frame == "opengl":
             frame = "camera"
         unit = "m" if len(frames) == 1 else [*UNITS][draw.integers(3)]
         rows = drawn(draw, spelling)
-        got, of_a_job = read(folder, rows, frame, unit), of_job(folder, rows, frame, unit)
+        got = read(folder, rows, frame, unit)
+        of_a_job = of_job(folder, rows, frame, unit)
         for pose, same, row in zip(got, of_a_job, rows, strict=True):
             position, rotation = meaning(row, frame, UNITS[unit])
             np.testing.assert_allclose(pose.position, position, atol=1e-12)

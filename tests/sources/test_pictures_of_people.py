@@ -31,7 +31,8 @@ def exr(path, channels, **spec):
 
 def encoded(suffix):
     if suffix in ("npy", "hdr", "png16"):
-        floats, wide = COLORS.astype(np.float32) / 99, COLORS.astype(np.uint16) * 257
+        floats = COLORS.astype(np.float32) / 99
+        wide = COLORS.astype(np.uint16) * 257
         pixels = {"npy": COLORS, "hdr": floats, "png16": wide}
         if suffix != "npy":
             return cv2.imencode("." + suffix[:3], pixels[suffix])[1].tobytes()
@@ -72,7 +73,9 @@ def changed(data, suffix, draw):
 
 
 def check_changed(count, seed, folder):
-    draw, wrong, taken = np.random.default_rng(seed), [], 0
+    draw = np.random.default_rng(seed)
+    wrong = []
+    taken = 0
     suffixes = ["png", "png16", "jpeg", "webp", "bmp", "tga", "tiff", "hdr", "npy"]
     valid = {suffix: encoded(suffix) for suffix in suffixes}
     for i in range(count):
@@ -89,7 +92,8 @@ def check_changed(count, seed, folder):
             judge = judged(data, suffix)
             same = pixels.shape == judge.shape and np.abs(pixels - judge.astype(np.float64)).max() <= 2
         except Exception as fault:
-            judge, same = fault, np.array_equal(pixels, judged(valid[suffix], suffix))
+            judge = fault
+            same = np.array_equal(pixels, judged(valid[suffix], suffix))
         if not same:
             wrong.append((i, suffix, judge if isinstance(judge, Exception) else np.shape(judge)))
     assert not wrong, wrong[:5]
@@ -137,7 +141,8 @@ RGB = dict(zip("RGB", np.ones((3, 8, 16)), strict=True))
 BAD = RGB | {"G": np.where(np.eye(8, 16), np.nan, -1)}
 TURNED = Image.Exif()
 TURNED[0x0112] = 6
-MM, DEPTH16 = DepthForm.parse("planar-mm"), np.full((8, 16), 2003, np.uint16)
+MM = DepthForm.parse("planar-mm")
+DEPTH16 = np.full((8, 16), 2003, np.uint16)
 REFUSED = [
     ("lit", lambda folder: (os.mkfifo(folder / "a.png"), "a.png")[1], "expected a regular file"),
     ("lit", written("z.exr", channels={"Z": np.ones((8, 16))}), "one part with channels R, G, B, got 0"),

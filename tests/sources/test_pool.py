@@ -30,7 +30,9 @@ class Game(Source):
     capabilities = Capabilities()
 
     def __init__(self, lasts=None, table=None):
-        self.lasts, self.made, self.closed = lasts, [], 0
+        self.lasts = lasts
+        self.made = []
+        self.closed = 0
         self.table = ObjectTable(table or {"Sofa": (1, 2, 3)})
 
     def capture(self, requests):
@@ -68,7 +70,8 @@ def test_all_in_order_once_as_long_as_one_replica_works(before, after, count):
 
 @given(lasting=st.lists(st.integers(0, 50), min_size=1, max_size=4))
 def test_the_fault_of_the_last_replica_is_the_error(lasting):
-    games, came = [Game(lasts) for lasts in lasting], []
+    games = [Game(lasts) for lasts in lasting]
+    came = []
     with SourcePool(games) as pool, pytest.raises(ServerConnectionError, match="gone after"):
         came.extend(capture.request for capture in pool.capture(REQUESTS))
     assert came == REQUESTS[: len(came)]
@@ -99,7 +102,8 @@ def test_a_slow_replica_does_not_delay_the_others():
             if len(self.made) >= 3 * 24:
                 release.set()
 
-    slow, quick = Slow(), Quick()
+    slow = Slow()
+    quick = Quick()
     with SourcePool([slow, quick]) as pool:
         assert requests_of(pool.capture(REQUESTS)) == REQUESTS
     assert len(quick.made) > len(slow.made) > 0
@@ -137,7 +141,8 @@ def test_a_skipped_request_and_an_error_of_another_kind_are_raised():
 
 
 def test_different_sources_and_none_are_refused():
-    recoloured, other = Game(table={"Sofa": (9, 2, 3)}), Game()
+    recoloured = Game(table={"Sofa": (9, 2, 3)})
+    other = Game()
     other.capabilities = Capabilities(dialect="0.3.10")
     for games, says in (
         ([], "at least one"),
@@ -154,9 +159,11 @@ def test_one_that_cannot_be_opened_is_an_error_at_once():
 
 
 def test_the_requests_of_a_server_that_stops_are_captured_by_the_others(tmp_path, caplog):
-    modes, places = ("lit", "object_mask", "depth"), [(0.1 * step, 0.0, 1.5) for step in range(6)]
+    modes = ("lit", "object_mask", "depth")
+    places = [(0.1 * step, 0.0, 1.5) for step in range(6)]
     requests = [request for place in places for request in face_requests(32, modes, center=place)]
-    alone, together = tmp_path / "alone.sqlite", tmp_path / "together.sqlite"
+    alone = tmp_path / "alone.sqlite"
+    together = tmp_path / "together.sqlite"
     with mock_server.serve("four-wall") as first, mock_server.serve("four-wall", latency_ms=5) as second:
         with omniscv.open_source(first.uri) as live, omniscv.record(live, alone) as source:
             source.objects()

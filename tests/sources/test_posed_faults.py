@@ -31,7 +31,8 @@ def along(shots, k):
 def beside(shots, scale=1.0, x=0.0, y=0.0):
     """Shots whose colours are larger than depth, and lie beside it, px."""
     height, width = shots.depth.shape[1:]
-    a, b = (1 - scale) * (width - 1) / 2 + x, (1 - scale) * (height - 1) / 2 + y
+    a = (1 - scale) * (width - 1) / 2 + x
+    b = (1 - scale) * (height - 1) / 2 + y
     M = np.array([[scale, 0, a], [0, scale, b]])
     how = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REFLECT}
     lit = [cv2.warpAffine(each, M, (width, height), **how) for each in shots.lit]
@@ -134,7 +135,9 @@ def test_colours_and_values_that_do_not_belong_to_depth(name):
 
 def test_the_horizon_of_flat_ground_is_no_sentinel():
     """Level pictures, 1.5 m above the ground: a row of pixels has the greatest planar depth."""
-    height, width, focal = 120, 160, 131.0
+    height = 120
+    width = 160
+    focal = 131.0
     below = np.arange(height) + 0.5 - height / 2
     rows = np.where(below > 0, 1.5 * focal / np.maximum(below, 0.5), 0).astype(np.float32)
     depth = np.repeat(rows[:, None], width, axis=1)
@@ -147,7 +150,8 @@ def test_the_horizon_of_flat_ground_is_no_sentinel():
 
 
 def test_the_doctor_takes_a_folder(tmp_path, capsys):
-    shots, count = scaled(making(2)(count=8), 1.03, 1.03), 8
+    shots = scaled(making(2)(count=8), 1.03, 1.03)
+    count = 8
     for name in ("rgb", "depth"):
         (tmp_path / name).mkdir()
     rows = np.column_stack([np.arange(count) / 10, shots.t, Rotation.from_matrix(shots.R).as_quat()])

@@ -157,7 +157,8 @@ def test_encodings_have_their_known_answers():
 
 
 def test_panoramas_with_truth_at_many_places(tmp_path, file, capsys):
-    folder, poses = tmp_path / "panos", [Pose.from_angles(AT, yaw_deg=30), Pose.from_angles(THERE)]
+    folder = tmp_path / "panos"
+    poses = [Pose.from_angles(AT, yaw_deg=30), Pose.from_angles(THERE)]
     for name, pose in zip(("a", "b"), poses, strict=True):
         lit, distance, labels = panorama(pose)
         layers = {"rgb": lit, "depth": scaled(distance, 512), "semantic": np.uint8(labels)}
@@ -190,7 +191,8 @@ intrinsics: {fx: 32, fy: 32, cx: 31.5, cy: 31.5, centers: 0}
 
 
 def test_a_layout_of_the_user(tmp_path, file, capsys, monkeypatch):
-    folder, layout = tmp_path / "mine", tmp_path / "mine.yaml"
+    folder = tmp_path / "mine"
+    layout = tmp_path / "mine.yaml"
     (folder / "pose").mkdir(parents=True)
     for i, word in enumerate([*FACES, "front"]):
         view = face(Pose.from_angles(AT), word, EDGE)
@@ -219,7 +221,8 @@ def test_a_layout_of_the_user(tmp_path, file, capsys, monkeypatch):
 
 
 def test_an_import_that_finds_nothing_says_what_takes_the_pictures(tmp_path, file, capsys):
-    folder, shown = tmp_path / "mine", published.views(THREE[:2])
+    folder = tmp_path / "mine"
+    shown = published.views(THREE[:2])
     for i, view in enumerate(shown):
         put(folder / f"color/{i:04d}.png", seen(view)[0])
     assert run(folder, file) == 2

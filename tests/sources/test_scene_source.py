@@ -33,15 +33,18 @@ def captured(source):
 
 @pytest.mark.parametrize("lit", ["uint8", "float32"])
 def test_every_mode_shows_what_the_rays_meet(lit):
-    truth, pixels = hits(), captured(SceneSource(SCENE, lit=lit))
+    truth = hits()
+    pixels = captured(SceneSource(SCENE, lit=lit))
     assert np.abs(pixels["lit"] / (255 if lit == "uint8" else 1) - truth.color).max() <= 0.5 / 255 + 1e-12
     assert pixels["depth"] * VIEW.ray_lengths() == pytest.approx(truth.distance, rel=1e-6)
     assert pixels["normals"] == pytest.approx(truth.normal, abs=1e-6)
 
 
 def test_masks_show_the_objects_by_colour_or_by_id():
-    truth, source = hits(), SceneSource(SCENE)
-    mask, table = captured(source)["object_mask"], source.objects()
+    truth = hits()
+    source = SceneSource(SCENE)
+    mask = captured(source)["object_mask"]
+    table = source.objects()
     for name in np.array(SCENE.objects)[np.unique(truth.label) - 1]:
         assert (mask[truth.label == SCENE.label(name)] == table.colors[name]).all()
     by_id = SceneSource(SCENE, masks="ids")

@@ -87,7 +87,8 @@ def test_boxes_come_over_the_wire_from_vertices(dialect):
         if np.array_equal(box.R_w_b, np.eye(3)):
             assert box.center_w - box.size / 2 == pytest.approx(low, abs=CM)
             assert box.center_w + box.size / 2 == pytest.approx(high, abs=CM)
-    exact, found = (SCENE.box("Chair_1")[2], geometry.boxes["Chair_1"].size)
+    exact = SCENE.box("Chair_1")[2]
+    found = geometry.boxes["Chair_1"].size
     assert np.sort(found) == pytest.approx(np.sort(exact), abs=1e-4)  # it is turned by 12 degrees
 
 
@@ -124,7 +125,8 @@ def test_vertices_that_are_none_are_a_fault():
 
 
 def test_a_server_whose_boxes_are_a_fault_can_be_recorded(tmp_path, caplog):
-    path, spoils = tmp_path / "room.sqlite", answering("1 2", "vertex_location", "/bounds")
+    path = tmp_path / "room.sqlite"
+    spoils = answering("1 2", "vertex_location", "/bounds")
     with mock_server.serve("four-wall") as server, opened(server, spoils, retries=1, patience_s=0.5) as live:
         recording = omniscv.record(live, path)
         with recording:

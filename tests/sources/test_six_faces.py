@@ -139,7 +139,8 @@ def test_colour_depth_and_masks_by_the_words_in_names(depth, tmp_path, file):
     with omniscv.open_source(file) as source:
         image = omniscv.render(SMALL, HERE, source, ("depth",))
     truth = traced(SCENE, SMALL, HERE).distance
-    off, sure = np.abs(image.depth - truth), np.isfinite(image.depth_error)
+    off = np.abs(image.depth - truth)
+    sure = np.isfinite(image.depth_error)
     assert (off <= 2 * image.depth_error + 1e-4)[sure].mean() > 0.998
     judge(file, HERE, ("lit", "object_mask"))
 
@@ -154,7 +155,8 @@ def test_a_panorama_becomes_six_faces(tmp_path, file):
 
 
 def test_another_form_of_pictures_and_a_place_that_needs_no_position(tmp_path, file):
-    folder, out = written(tmp_path / "faces", file="{}.webp", lossless=True, exact=True), tmp_path / "out"
+    folder = written(tmp_path / "faces", file="{}.webp", lossless=True, exact=True)
+    out = tmp_path / "out"
     assert run(folder, file, *PLACE) == 0
     assert cli.run(["render", "--source", str(file), "--size", "32x16", "--out", str(out)]) == 0
     assert json.loads((out / "equirectangular.json").read_text())["pose"]["position"] == list(AT)

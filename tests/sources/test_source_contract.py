@@ -127,7 +127,8 @@ def test_recorded_and_replayed_it_is_the_same(own_source, tmp_path):
     """
     views = tuple(dict.fromkeys(request.view for request in REQUESTS[::3]))
     with omniscv.record(own_source, tmp_path / "new.sqlite") as recording:
-        objects, covers = recording.objects(), [recording.cover(view) for view in views]
+        objects = recording.objects()
+        covers = [recording.cover(view) for view in views]
         shapes = recording.geometry().to_dict()
         requests = [Request(view, mode) for mode in MODES for cover in covers for view in cover]
         captured = list(recording.capture(requests))

@@ -76,7 +76,8 @@ def test_states_never_mix(examples, processes, truth):
     @given(st.lists(RUNS, min_size=1, max_size=3))
     def check(runs):
         with TemporaryDirectory() as folder:
-            path, held = Path(folder) / "room.sqlite", set()
+            path = Path(folder) / "room.sqlite"
+            held = set()
             for steps, unfinished in runs:
                 plan = [*steps, *([] if unfinished is None else [(*unfinished[:3], "killed")])]
                 processes.run("states", path, json.dumps(plan))
@@ -98,7 +99,8 @@ def test_states_never_mix(examples, processes, truth):
 
 def test_images_are_replayed_of_their_own_state(scene, recorded):
     camera = omniscv.cameras.create("equirectangular", width=16, height=8)
-    pose, modes = omniscv.Pose.from_angles((0.1, 0, 1.2)), ("lit", "object_mask", "depth")
+    pose = omniscv.Pose.from_angles((0.1, 0, 1.2))
+    modes = ("lit", "object_mask", "depth")
     with omniscv.record(scene.at(Instant()), recorded) as recording:
         for instant in STATES:
             with recording.at(instant) as source:
@@ -129,7 +131,8 @@ def test_a_miss_names_the_states_that_are_held(recorded):
 
 
 def test_a_live_source_refuses_requests_of_another_state(scene):
-    (still,), (later,) = requests(SMALL)[:1], requests(SMALL, LATER.state)[:1]
+    (still,) = requests(SMALL)[:1]
+    (later,) = requests(SMALL, LATER.state)[:1]
     with scene.at(LATER) as there:
         for source, request in ((scene, later), (there, still)):
             with pytest.raises(ArgumentError, match="expected requests of the world as it is"):
@@ -174,7 +177,8 @@ class Found(SourceWrapper):
 
 
 def test_a_state_that_was_found_is_replayed_for_what_was_to_be_set(scene, truth, tmp_path):
-    path, wanted = tmp_path / "room.sqlite", Instant(time=5.0)
+    path = tmp_path / "room.sqlite"
+    wanted = Instant(time=5.0)
     with omniscv.record(Found(scene.at(Instant())), path) as recording, recording.at(wanted) as source:
         assert (source.state, source.instant.to_dict()) == (LATER.state, LATER.to_dict())
         list(source.capture(requests(SMALL, source.state)[:6]))
@@ -219,7 +223,8 @@ def test_the_same_scene_is_resumed(address, room):
 
 
 def test_a_scene_of_the_same_name_with_other_content_is_refused(tmp_path):
-    path, scene = tmp_path / "room.sqlite", mock_server.load_scene("four-wall")
+    path = tmp_path / "room.sqlite"
+    scene = mock_server.load_scene("four-wall")
     record("scene://four-wall", path)
     ball = {"objects": {"Ball": {"solids": [{"sphere": 0.5, "at": [1, 0, 1]}]}}}
     other = SceneSource(mock_server.Scene(scene.name, ball))
@@ -239,7 +244,8 @@ class Level(SourceWrapper):
 
 
 def test_levels_of_one_project_are_scenes_of_their_own(tmp_path):
-    path, kitchen = tmp_path / "room.sqlite", SceneIdentity("House", "Kitchen")
+    path = tmp_path / "room.sqlite"
+    kitchen = SceneIdentity("House", "Kitchen")
     for identity, count in ((SceneIdentity("House"), 1), (kitchen, 2)):
         filled(path, LIT[:count], Level(identity))
     says = "'House', level 'Kitchen', got 'House', level 'Garden'"
@@ -280,7 +286,8 @@ class Plain(Computed):
         return self.table
 
 
-SOFA, CAT = ObjectTable({"Sofa": (9, 0, 0)}), ObjectTable({"Cat": (8, 0, 0)})
+SOFA = ObjectTable({"Sofa": (9, 0, 0)})
+CAT = ObjectTable({"Cat": (8, 0, 0)})
 
 
 def test_objects_none_of_which_is_known_are_another_scenes(tmp_path):

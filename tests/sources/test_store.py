@@ -54,7 +54,9 @@ def test_a_full_disk_is_a_clear_error_and_keeps_what_came_before(copy):
 
 
 def test_two_readers_and_a_writer_at_once(copy):
-    stop, faults, rounds = threading.Event(), [], [0, 0]
+    stop = threading.Event()
+    faults = []
+    rounds = [0, 0]
 
     def read(who):
         while not stop.is_set():

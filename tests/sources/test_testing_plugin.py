@@ -143,13 +143,15 @@ SKIPS = CAPTURES.format(modes=["lit", "depth"]) + "    pytest.skip('not today')\
 def test_once_replays_new_episodes_adds_and_all_records_again(suite, record):
     """A test that does not pass, or finds no server, neither creates nor changes a recording."""
     lit, both = (CAPTURES.format(modes=modes) for modes in (["lit"], ["lit", "depth"]))
-    once, anew = "--record-mode=once", "--record-mode=all"
+    once = "--record-mode=once"
+    anew = "--record-mode=all"
     result = suite(lit, errors=1)
     result.stdout.fnmatch_lines(["*room.sqlite: expected a recording; make it with --record-mode=once*"])
     suite(FAILS, once, failed=1)
     assert not record.parent.exists() or list(record.parent.iterdir()) == []
     suite(lit, once, passed=1)
-    before, first = record.read_bytes(), times(record)
+    before = record.read_bytes()
+    first = times(record)
     suite(lit, passed=1)
     result = suite(both, once, failed=1)
     result.stdout.fnmatch_lines(["*MissingCaptureError*the recording holds no depth, only lit*"])

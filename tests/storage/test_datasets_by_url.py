@@ -54,7 +54,8 @@ def test_counts_and_frames_are_those_of_the_folder_and_there_are_no_faults(url, 
     assert cli.run(["dataset", "check", url]) == 0
     assert capsys.readouterr().out == f"{url}: 6 frames, no faults\n"
     assert not cache.exists()  # a check of frames keeps nothing
-    local, remote = dataset.open(folder), dataset.open(url)
+    local = dataset.open(folder)
+    remote = dataset.open(url)
     assert not cache.exists()  # fetched when they are used
     assert [frame.key for frame in remote] == [frame.key for frame in local]
     for mine, theirs in zip(remote, local, strict=True):
@@ -118,7 +119,8 @@ def test_exports_in_a_store_are_those_of_the_folder(held, folder, tmp_path):
 
 
 def test_packs_are_written_anywhere(held, folder, tmp_path, s3):
-    local, remote = tmp_path / "local", f"s3://{BUCKET}/{tmp_path.name}/shards"
+    local = tmp_path / "local"
+    remote = f"s3://{BUCKET}/{tmp_path.name}/shards"
     for place, out in ((folder, local), (held, tmp_path / "fetched"), (folder, remote)):
         assert cli.run(["dataset", "pack", str(place), "--as", "webdataset", "--out", str(out)]) == 0
     assert in_folder(tmp_path / "fetched") == in_folder(local)

@@ -110,7 +110,8 @@ def test_damaged_copies_are_fetched_again(place: Folder) -> None:
 
 def test_processes_share_a_cache(cache: Path) -> None:
     """Two fetch at once, from copies of one store in memory; the cache begins with a damaged copy."""
-    place, content = storage.folder("memory://shared"), bytes(range(256)) * 4000
+    place = storage.folder("memory://shared")
+    content = bytes(range(256)) * 4000
     place.put("room.bin", content)
     place.fetch("room.bin").write_bytes(b"damaged")
     with multiprocessing.get_context("fork").Pool(2) as pool:
@@ -121,7 +122,8 @@ def test_processes_share_a_cache(cache: Path) -> None:
 
 def test_a_cache_keeps_to_its_limit(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What was used longest ago goes first; what was used within a day stays, and what is no copy."""
-    place, hour = storage.folder("memory://limited"), 3600.0
+    place = storage.folder("memory://limited")
+    hour = 3600.0
     for name in ("new", "used", "old", "oldest"):
         place.put(name, name.encode() * 100)
     copies = {name: place.fetch(name) for name in ("old", "oldest", "used")}

@@ -47,7 +47,8 @@ def test_patience_is_what_the_docs_say() -> None:
 def test_a_store_that_never_answers(operation: str, server: Failing, impatient: None, tmp_path: Path) -> None:
     """Its packages would wait a minute for each of many attempts: 418 s for one look."""
     place = storage.folder(f"s3://{BUCKET}/held")
-    server.fault, before = lambda number: "silent", server.requests
+    server.fault = lambda number: "silent"
+    before = server.requests
     arguments = {"names": (), "put": ("new", b"x")}.get(operation, ("room.bin",))
     with pytest.raises(StorageError, match=r"got: .*(no answer|[Tt]ime)"):
         getattr(place, operation)(*arguments)

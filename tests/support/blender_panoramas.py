@@ -13,15 +13,22 @@ from mathutils import Matrix
 
 
 def prepare(scene, layer):
-    render, cycles = scene.render, scene.cycles
-    render.engine, cycles.device, cycles.samples = "CYCLES", "CPU", 1
-    cycles.use_denoising, cycles.use_adaptive_sampling = False, False
-    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
+    render = scene.render
+    cycles = scene.cycles
+    render.engine = "CYCLES"
+    cycles.device = "CPU"
+    cycles.samples = 1
+    cycles.use_denoising = False
+    cycles.use_adaptive_sampling = False
+    cycles.pixel_filter_type = "BOX"
+    cycles.filter_width = 0.01
     layer.use_pass_z = layer.use_pass_normal = layer.use_pass_object_index = True
     settings = render.image_settings
-    settings.media_type, settings.file_format = "MULTI_LAYER_IMAGE", "OPEN_EXR_MULTILAYER"
+    settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format = "OPEN_EXR_MULTILAYER"
     settings.color_depth = "32"
-    render.resolution_percentage, render.use_persistent_data = 100, True
+    render.resolution_percentage = 100
+    render.use_persistent_data = True
     meshes = sorted((each for each in bpy.data.objects if each.type == "MESH"), key=lambda each: each.name)
     for index, each in enumerate(meshes, start=1):
         each.pass_index = index
@@ -29,9 +36,13 @@ def prepare(scene, layer):
 
 def aim(camera, shot):
     data = camera.data
-    data.type, data.panorama_type = "PANO", shot["type"]
-    data.sensor_fit, data.sensor_width, data.sensor_height = "HORIZONTAL", 36.0, 36.0
-    data.clip_start, data.clip_end = 1e-3, 1e4
+    data.type = "PANO"
+    data.panorama_type = shot["type"]
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = 36.0
+    data.sensor_height = 36.0
+    data.clip_start = 1e-3
+    data.clip_end = 1e4
     data.fisheye_fov = math.radians(shot["fov_deg"])
     data.fisheye_lens = shot.get("lens_mm", 10.0)
     for number, value in enumerate(shot.get("polynomial", ())):
@@ -42,7 +53,8 @@ def aim(camera, shot):
 def main():
     path, shots = sys.argv[-2:]
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)
-    scene, layer = bpy.context.scene, bpy.context.view_layer
+    scene = bpy.context.scene
+    layer = bpy.context.view_layer
     prepare(scene, layer)
     scene.camera = bpy.data.objects.new("Judge", bpy.data.cameras.new("Judge"))
     scene.collection.objects.link(scene.camera)

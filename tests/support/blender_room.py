@@ -30,7 +30,8 @@ def circle(count):
 
 def cylinder(half):
     """Rings of faces: Cycles is off by 0.6 mm on triangles of 2.8 m x 0.2 mm."""
-    n, (radius, _, height) = SIDES, half
+    n = SIDES
+    (radius, _, height) = half
     m = math.ceil(2 * height / RING_M)
     corners = [(radius * x, radius * y, z) for z in np.linspace(-height, height, m + 1) for x, y in circle(n)]
     sides = [
@@ -42,7 +43,9 @@ def cylinder(half):
 
 
 def sphere(half):
-    n, m, radius = SIDES, SIDES // 2, half[0]
+    n = SIDES
+    m = SIDES // 2
+    radius = half[0]
     rings = [(math.sin(math.pi * k / m), math.cos(math.pi * k / m)) for k in range(1, m)]
     corners = [(radius * s * x, radius * s * y, radius * c) for s, c in rings for x, y in circle(n)]
     faces = [
@@ -62,7 +65,8 @@ SHAPES = {"rectangle": rectangle, "box": box, "sphere": sphere, "cylinder": cyli
 
 
 def add(name, solids, color):
-    vertices, faces = [], []
+    vertices = []
+    faces = []
     for each in solids:
         corners, sides = SHAPES[each["kind"]](each["half"])
         faces += [tuple(len(vertices) + i for i in side) for side in sides]
@@ -71,13 +75,17 @@ def add(name, solids, color):
     mesh.from_pydata(vertices, [], faces)
     material = bpy.data.materials.new(name)
     material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes = material.node_tree.nodes
+    links = material.node_tree.links
     nodes.clear()
-    shine, out = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+    shine = nodes.new("ShaderNodeEmission")
+    out = nodes.new("ShaderNodeOutputMaterial")
     kinds = "NewGeometry", "VectorMath", "VectorMath"
     place, wave, dim = (nodes.new(f"ShaderNode{each}") for each in kinds)
-    wave.operation, dim.operation = "SINE", "MULTIPLY_ADD"
-    dim.inputs[1].default_value, dim.inputs[2].default_value = (0.25, 0.25, 0.25), color
+    wave.operation = "SINE"
+    dim.operation = "MULTIPLY_ADD"
+    dim.inputs[1].default_value = (0.25, 0.25, 0.25)
+    dim.inputs[2].default_value = color
     links.new(place.outputs["Position"], wave.inputs[0])
     links.new(wave.outputs[0], dim.inputs[0])
     links.new(dim.outputs[0], shine.inputs["Color"])
@@ -95,7 +103,9 @@ def main():
         add(name, each["solids"], each["color"])
     scene = bpy.context.scene
     scene.view_settings.view_transform = "Standard"
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01  # colours at the pixels' centres
+    # colours at the pixels' centres
+    scene.cycles.pixel_filter_type = "BOX"
+    scene.cycles.filter_width = 0.01
     bpy.ops.wm.save_as_mainfile(filepath=out)
 
 

@@ -20,8 +20,10 @@ def cube(name, location, collection=None, size=2.0):
 def put(name, collection, location, turn_deg=0.0):
     """An instance of a collection."""
     new = bpy.data.objects.new(name, None)
-    new.instance_type, new.instance_collection = "COLLECTION", collection
-    new.location, new.rotation_euler = location, (0, 0, math.radians(turn_deg))
+    new.instance_type = "COLLECTION"
+    new.instance_collection = collection
+    new.location = location
+    new.rotation_euler = (0, 0, math.radians(turn_deg))
     bpy.context.scene.collection.objects.link(new)
     return new
 
@@ -33,7 +35,9 @@ def sets(out):
     seat.scale = (0.5, 0.5, 0.5)
     outer = bpy.data.collections.new("Outer")
     inner = bpy.data.objects.new("Inner", None)
-    inner.instance_type, inner.instance_collection, inner.location = "COLLECTION", chairs, (1, 0, 0)
+    inner.instance_type = "COLLECTION"
+    inner.instance_collection = chairs
+    inner.location = (1, 0, 0)
     outer.objects.link(inner)
     put("East", outer, (4, 0, 0))
     put("West", outer, (-4, 0, 0), turn_deg=180)
@@ -80,8 +84,12 @@ def lit(out):
     scene.world = bpy.data.worlds.new("World")
     scene.view_settings.view_transform = "Standard"
     render = scene.render
-    render.use_border, render.border_max_x, render.resolution_percentage = True, 0.5, 50
-    render.use_multiview, render.pixel_aspect_x, render.film_transparent = True, 2.0, False
+    render.use_border = True
+    render.border_max_x = 0.5
+    render.resolution_percentage = 50
+    render.use_multiview = True
+    render.pixel_aspect_x = 2.0
+    render.film_transparent = False
     scene.cycles.samples = 4096
 
 

@@ -17,7 +17,8 @@ _SIZES = re.compile(
 )
 _SHELLS = ("sh", "bash", "console")
 
-LEAST_PX, SHRINK = 32, 8
+LEAST_PX = 32
+SHRINK = 8
 """Sizes in documents are divided by SHRINK, but not below LEAST_PX: what they show is that it runs."""
 
 

@@ -30,7 +30,8 @@ def drawn_pose_at_a_wall(scene, rng):
     """A pose 0.1 to 0.5 m from a wall of a room, turned any way."""
     corners = scene.room.corners
     wall = int(rng.integers(len(corners)))
-    start, along = corners[wall], np.roll(corners, -1, axis=0)[wall] - corners[wall]
+    start = corners[wall]
+    along = np.roll(corners, -1, axis=0)[wall] - corners[wall]
     inward = np.array([-along[1], along[0]]) / np.linalg.norm(along)  # corners run counterclockwise
     x, y = start + rng.uniform(0.1, 0.9) * along + rng.uniform(0.1, 0.5) * inward
     return Pose.from_angles((x, y, rng.uniform(0.3, 2.5)), *rng.uniform(-180, 180, 3))
@@ -54,7 +55,8 @@ def _parameters(name, rng, width):
         case "catadioptric-parabolic":
             return {"semi_latus_rectum": between(0.02, 1), "fov_deg": between(150, 330)}
         case "catadioptric-hyperbolic":
-            latus, distance = between(0.05, 0.6), between(0.1, 1.5)
+            latus = between(0.05, 0.6)
+            distance = between(0.1, 1.5)
             return {"distance": distance, "semi_latus_rectum": latus, "focal": between(0.25, 0.6) * width}
         case "catadioptric-planar":
             return {"fov_deg": between(20, 150)}
@@ -64,7 +66,8 @@ def _parameters(name, rng, width):
             terms = [-122.0, 0.0, 0.0021, -3e-6, 1.2e-8] * powers
             return {"coefficients": terms, "fov_deg": between(120, 190)}
         case "kannala-brandt":
-            focals, k = focals(0.2, 0.5), (0.02, -0.008, 0.002, -0.0004)
+            focals = focals(0.2, 0.5)
+            k = (0.02, -0.008, 0.002, -0.0004)
             return {**focals, "k": k, "fov_deg": between(100, 185), "skew": between(-0.02, 0.02)}
         case "fisheye624":
             terms = {"p": rng.uniform(-1e-3, 1e-3, 2).tolist(), "s": rng.uniform(-1e-3, 1e-3, 4).tolist()}

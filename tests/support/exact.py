@@ -46,7 +46,10 @@ def distance_to_surfaces(scene, points):
     """(N,) metres from world points to the nearest surface, by each solid's closed form."""
     nearest = np.full(len(points), np.inf)
     for row in scene.solids:
-        kind, center, axes, half = int(row[0]), row[2:5], row[5:14].reshape(3, 3), row[14:17]
+        kind = int(row[0])
+        center = row[2:5]
+        axes = row[5:14].reshape(3, 3)
+        half = row[14:17]
         p = (points - center) @ axes.T
         if kind == SPHERE:
             away = np.abs(np.linalg.norm(p, axis=1) - half[0])

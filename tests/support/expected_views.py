@@ -26,7 +26,8 @@ def seen_by_hand(scene, location, rotation, fov, width, height):
 def seen_along(scene, location, rotation, right_m, down_m):
     """The same of rays that are so far right of the axis, and below it, one metre ahead."""
     P, Y, R = np.radians(rotation)
-    S, C = np.sin, np.cos
+    S = np.sin
+    C = np.cos
     forward = np.array([C(P) * C(Y), C(P) * S(Y), S(P)])
     right = np.array([S(R) * S(P) * C(Y) - C(R) * S(Y), S(R) * S(P) * S(Y) + C(R) * C(Y), -S(R) * C(P)])
     up = np.array([-(C(R) * S(P) * C(Y) + S(R) * S(Y)), C(Y) * S(R) - C(R) * S(P) * S(Y), C(R) * C(P)])

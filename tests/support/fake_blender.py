@@ -81,7 +81,8 @@ def logged(path, kind):
 def render(asked, less):
     import numpy as np  # here, so that it starts fast
 
-    (width, height), tangent = asked["size"], asked["tan_half_fov"]
+    (width, height) = asked["size"]
+    tangent = asked["tan_half_fov"]
     width -= less
     x = (np.arange(width) + 0.5 - width / 2) / (width / 2) * tangent
     y = (np.arange(height) + 0.5 - height / 2) / (width / 2) * tangent

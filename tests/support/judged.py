@@ -28,8 +28,11 @@ class Errors:
 
     def __init__(self, image: OmniImage, scene: Tracer, focal_px: float | None = None) -> None:
         hits = traced(scene, image.camera, image.pose)
-        depth, bound, labels = image.depth, image.depth_error, image.labels
-        self.image, self.hits = image, hits
+        depth = image.depth
+        bound = image.depth_error
+        labels = image.labels
+        self.image = image
+        self.hits = hits
         both = np.isposinf(depth) & np.isposinf(hits.distance)
         with np.errstate(invalid="ignore"):
             self.depth_m = np.where(both, 0.0, np.abs(depth - hits.distance))
@@ -39,7 +42,8 @@ class Errors:
         hidden = np.zeros(unmarked.shape, np.bool_)
         if focal_px is not None:
             hidden[unmarked] = _too_thin(scene, image, unmarked, self.depth_m, focal_px)
-        self.uncovered, self.thin = unmarked & ~hidden, unmarked & hidden
+        self.uncovered = unmarked & ~hidden
+        self.thin = unmarked & hidden
 
     def unsure_wrong(self) -> float:
         """Return the share of the pixels that are marked as unsure whose depth, by 1 %, or label is wrong."""
@@ -66,7 +70,8 @@ def _too_thin(scene: Tracer, image: OmniImage, pixels: Mask, wrong_m: NDArray[An
     the plane of what is met before. Rays are traced along four lines through each pixel's own, a quarter of
     a captured pixel apart.
     """
-    rays, pose = image.camera.unproject(), image.pose
+    rays = image.camera.unproject()
+    pose = image.pose
     origins_w = np.broadcast_to(pose.to_world(rays.origins), rays.directions.shape)[pixels][:, None, None]
     toward = rays.directions[pixels] @ pose.R_w_c.T
     step = np.abs(toward).max(axis=-1) / focal_px / _A_PIXEL
@@ -77,7 +82,8 @@ def _too_thin(scene: Tracer, image: OmniImage, pixels: Mask, wrong_m: NDArray[An
     directions = toward[:, None, None] + offsets[:, None, :, None] * lines[:, :, None]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     hits = scene.trace(np.broadcast_to(origins_w, directions.shape), directions)
-    normal, away = hits.normal[..., :-1, :], hits.distance
+    normal = hits.normal[..., :-1, :]
+    away = hits.distance
     with np.errstate(invalid="ignore", divide="ignore"):
         here = np.sum(normal * directions[..., :-1, :], axis=-1)
         there = np.sum(normal * directions[..., 1:, :], axis=-1)

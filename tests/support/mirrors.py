@@ -39,7 +39,8 @@ def paraboloid(q):
 
 @mp.workdps(DIGITS)
 def hyperboloid(d, q):
-    d, q = mp.mpf(d), mp.mpf(q)
+    d = mp.mpf(d)
+    q = mp.mpf(q)
     c = d / 2
     a = (mp.sqrt(q * q + 4 * c * c) - q) / 2  # the positive root of a^2 + q a = c^2
     b2 = q * a
@@ -74,7 +75,8 @@ def ball(radius, distance):
 @mp.workdps(DIGITS)
 def cone(half_angle_deg, distance):
     """Of the double cone the half that opens away from the camera."""
-    k, tip = mp.tan(mp.mpf(half_angle_deg) * mp.pi / 180) ** 2, mp.mpf(distance)
+    k = mp.tan(mp.mpf(half_angle_deg) * mp.pi / 180) ** 2
+    tip = mp.mpf(distance)
     quadric = mp.matrix([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -k, k * tip], [0, 0, k * tip, -k * tip**2]])
     return Mirror(quadric, tip, pinhole)
 
@@ -95,7 +97,8 @@ def bounce(mirror, x, y):
     if not hits:
         return None
     hit = min(hits, key=lambda p: p[2])
-    normal, d = unit((mirror.quadric * hit)[:3]), unit(ray[:3])
+    normal = unit((mirror.quadric * hit)[:3])
+    d = unit(ray[:3])
     along = mp.fdot(d, normal)
     return [hit[i] for i in range(3)], [d[i] - 2 * along * normal[i] for i in range(3)]
 

@@ -28,5 +28,6 @@ def framed(seen, folder, wanted=(), key="frame", split="", **options):
     records = {name: truths.get(name).apply(seen, options.get(name, {})) for name in wanted}
     (folder / f"{key}.truth.json").write_text(json.dumps(records, allow_nan=False))
     files = {path.name.split(".")[1]: path for path in written} | {"truth": folder / f"{key}.truth.json"}
-    instances, classes = seen.instances, seen.classes
+    instances = seen.instances
+    classes = seen.classes
     return Frame(key, "camera", image.camera, image.pose, files, instances, classes, split=split)

@@ -43,7 +43,8 @@ class Shots:
         height, width = self.depth.shape[1:]
         fx, fy, cx, cy = self.lens
         v, u = np.mgrid[:height, :width] + 0.5
-        x0, y0 = (u - cx) / fx, (v - cy) / fy
+        x0 = (u - cx) / fx
+        y0 = (v - cy) / fy
         x, y = x0, y0
         for _ in range(20):
             x, y = x0 / (1 + k1 * (x * x + y * y)), y0 / (1 + k1 * (x * x + y * y))
@@ -53,7 +54,8 @@ class Shots:
 def walk(at, seed=0, step_deg=9.0, straight=False, still=False):
     """Poses at times along a circle in the room, looking about; or a straight line; or from one place."""
     random = np.random.default_rng(seed)
-    phases, count = random.uniform(0, 2 * np.pi, 5), len(at)
+    phases = random.uniform(0, 2 * np.pi, 5)
+    count = len(at)
     s = at * np.radians(step_deg)
     yaw = s + 0.3 * np.sin(2 * s + phases[0])
     angles = [yaw, 0.12 * np.sin(3 * s + phases[1]), 0.1 * np.sin(2.3 * s + phases[2])]
@@ -94,7 +96,8 @@ def _mesh(random, boxes):
     stairs = [[1.8 + 0.2 * i, -0.8, 0] + _BOX * [0.2, 1.6, 0.18 * (i + 1)] for i in range(6)]
 
     def thrown(shape, size):
-        angle, turn = random.uniform(0.6, 5.7), Rotation.from_rotvec(random.normal(size=3)).as_matrix()
+        angle = random.uniform(0.6, 5.7)
+        turn = Rotation.from_rotvec(random.normal(size=3)).as_matrix()
         turned = shape * random.uniform(*size, 3) @ turn
         return turned + np.array([2.2 * np.cos(angle), 2.2 * np.sin(angle), random.uniform(0.4, 2.4)])
 
@@ -105,7 +108,8 @@ def _mesh(random, boxes):
 
 def _met(parts):
     """Return what rays meet first in a world of triangles, and the number of its parts."""
-    corners, part = np.concatenate(parts), np.repeat(np.arange(len(parts)), [len(each) for each in parts])
+    corners = np.concatenate(parts)
+    part = np.repeat(np.arange(len(parts)), [len(each) for each in parts])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = np.abs(normals).argmax(axis=1)
     side = 2 * axis + (normals[np.arange(len(axis)), axis] > 0)
@@ -146,9 +150,11 @@ def _mujoco(random, boxes):
     rows = [("box", [9, 9, 9], at, [0, 0, 0]) for at in sides]
     for kind in ("sphere", "capsule", "cylinder", "ellipsoid") * 3:
         at = 2.2 * np.exp(1j * random.uniform(0, 6.3))
-        size, turn = random.uniform(0.15, 0.45, 3), random.uniform(0, 180, 3)
+        size = random.uniform(0.15, 0.45, 3)
+        turn = random.uniform(0, 180, 3)
         rows.append((kind, size, [at.real, at.imag, random.uniform(-1.2, 1)], turn))
-    geom, text = '<geom type="{}" size="{}" pos="{}" euler="{}"/>', ""
+    geom = '<geom type="{}" size="{}" pos="{}" euler="{}"/>'
+    text = ""
     for kind, *numbers in rows:
         text += geom.format(kind, *(" ".join(map(str, each)) for each in numbers))
     body = f"<body pos='0 0 1.5'>{text}</body>"
@@ -156,12 +162,16 @@ def _mujoco(random, boxes):
     mujoco.mj_forward(model, data := mujoco.MjData(model))
 
     def trace(origins, rays):
-        lengths, part = np.zeros(len(rays)), np.zeros(len(rays), np.int32)
+        lengths = np.zeros(len(rays))
+        part = np.zeros(len(rays), np.int32)
         for row in np.split(np.arange(len(rays)), np.flatnonzero(np.diff(origins, axis=0).any(axis=1)) + 1):
-            at, of = np.zeros(len(row)), np.zeros(len(row), np.int32)
-            start, ray = origins[row[0]], rays[row].ravel()
+            at = np.zeros(len(row))
+            of = np.zeros(len(row), np.int32)
+            start = origins[row[0]]
+            ray = rays[row].ravel()
             mujoco.mj_multiRay(model, data, start, ray, None, 1, -1, of, at, None, len(row), 1e9)
-            lengths[row], part[row] = at, of
+            lengths[row] = at
+            part[row] = of
         return lengths, part, 0 * part
 
     return trace, len(rows)
@@ -184,7 +194,8 @@ def room(
     R, t = walk(np.arange(count), seed, **path)
     trace, parts = WORLDS[world](random, boxes)
     waves = random.normal(0, 1.0, (parts, 6, 3)) * np.array([4, 7, 12, 18, 25, 35])[:, None]
-    phases, tones = random.uniform(0, 6.3, (parts, 6)), random.uniform(60, 190, (parts, 6, 3))
+    phases = random.uniform(0, 6.3, (parts, 6))
+    tones = random.uniform(60, 190, (parts, 6, 3))
     lens = 0.85 * width, 0.85 * width, width / 2, height / 2
     shots = Shots(np.zeros((count, height, width)), None, R, t, lens)
     lit = []
@@ -232,9 +243,11 @@ def inverted(R, t):
 def written(shots, axes="camera", inverse=False, transposed=False, per_m=1.0, order=(0, 1, 2, 3), late=0):
     """Rotations and translations as a file in some convention has them; left-handed ones mirror the world."""
     M = np.diag([1.0, np.linalg.det(AXES[axes]), 1.0])
-    R, t = M @ shots.R @ AXES[axes].T, shots.t @ M * per_m
+    R = M @ shots.R @ AXES[axes].T
+    t = shots.t @ M * per_m
     at = np.clip(np.arange(len(R)) - late, 0, len(R) - 1)
-    R, t = R[at], t[at]
+    R = R[at]
+    t = t[at]
     R, t = inverted(R, t) if inverse else (R, t)
     R = R.swapaxes(1, 2) if transposed else R
     return Rotation.from_quat(Rotation.from_matrix(R).as_quat()[:, list(order)]).as_matrix(), t
@@ -273,7 +286,8 @@ MISDESCRIBED = {
 def read(shots, R=None, t=None, depth=1.0, ray=False, pairs=PAIRS, most=WIDTH):
     """Shots as the product has them, with other poses and depth."""
     stored = depth * shots.depth * (np.linalg.norm(shots.rays(), axis=-1) if ray else 1)
-    lens, fov = Projection(*shots.lens), 2 * np.arctan(shots.depth.shape[2] / 2 / shots.lens[0])
+    lens = Projection(*shots.lens)
+    fov = 2 * np.arctan(shots.depth.shape[2] / 2 / shots.lens[0])
     R, t = (shots.R, shots.t) if R is None else (R, t)
     made = [Shot.of(each, lit, lens, most) for each, lit in zip(stored, shots.lit, strict=True)]
     return PosedPictures.read(R, t, lambda i, width: made[i], fov, pairs, most)

@@ -66,7 +66,8 @@ def judge(path, pose, modes, least=0.97):
     if "lit" in modes:
         assert np.abs(image.lit - 255 * truth.color)[2:-2].mean() < 6  # 50 where two faces are exchanged
     if "depth" in modes:
-        off, bound = np.abs(image.depth - truth.distance), image.depth_error
+        off = np.abs(image.depth - truth.distance)
+        bound = image.depth_error
         assert np.isfinite(bound).mean() > 0.6
         assert (off <= bound)[np.isfinite(bound)].mean() > 0.995  # the truth of 1 in 200 lies beside an edge
     if "object_mask" in modes:

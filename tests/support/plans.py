@@ -5,7 +5,8 @@ from omniscv.sources import Capabilities
 
 
 def plan_of(camera, pose, capabilities=None, *, border_px=None, cover=lambda view: (view,), **options):
-    rays, chosen = ImageRays(camera), RenderOptions(**options)
+    rays = ImageRays(camera)
+    chosen = RenderOptions(**options)
     return Plan(rays, pose, capabilities or Capabilities(), chosen, cover, border_px=border_px)
 
 

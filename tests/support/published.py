@@ -27,7 +27,8 @@ def scaled(values, per_m):
 
 def tartanair(folder, poses):
     """Floats in the bytes of a PNG, ids of classes; bodies (ahead, right, down) in axes north, east, down."""
-    ned, lines = np.array([1.0, -1.0, -1.0]), {}
+    ned = np.array([1.0, -1.0, -1.0])
+    lines = {}
     for word in ("front", "right", "back", "left", "top", "bottom"):
         for i, pose in enumerate(poses):
             view = face(pose, {"top": "up", "bottom": "down"}.get(word, word), EDGE)
@@ -65,7 +66,8 @@ def ob3d(folder, poses):
 
 
 def structured3d(folder, poses):
-    (pose,), full = poses, folder / "2D_rendering/485/panorama/full"
+    (pose,) = poses
+    full = folder / "2D_rendering/485/panorama/full"
     lit, distance, labels = panorama(pose)
     layers = {"rgb_rawlight": lit, "depth": scaled(distance, 1000), "semantic": np.uint8(labels)}
     for name, pixels in (layers | {"instance": np.uint16(labels)}).items():
@@ -75,7 +77,8 @@ def structured3d(folder, poses):
 
 def two_d_three_ds(folder, poses):
     """Depth in 1/512 m (65535: none), labels as base 256 in RGB; poses are world to camera."""
-    (pose,), name = poses, "camera_0_office_1_frame_equirectangular_domain"
+    (pose,) = poses
+    name = "camera_0_office_1_frame_equirectangular_domain"
     lit, distance, labels = panorama(pose)
     depth = scaled(np.where(np.isfinite(distance), distance, 65535 / 512), 512)
     ids = np.dstack([0 * labels, labels >> 8, labels & 255]).astype(np.uint8)
@@ -117,19 +120,23 @@ def scannet(folder, views):
 
 def kitti(folder, views):
     """Poses of camera 0; camera 2 is 6 cm to its right."""
-    K, right = np.array([[32, 0, 31.5], [0, 32, 31.5], [0, 0, 1]]), np.array([0.06, 0, 0])
+    K = np.array([[32, 0, 31.5], [0, 32, 31.5], [0, 0, 1]])
+    right = np.array([0.06, 0, 0])
     for i, view in enumerate(views):
         put(folder / f"image_2/{i:06d}.png", seen(view)[0])
     rows = [np.column_stack([v.pose.R_w_c, v.pose.position - v.pose.R_w_c @ right]).ravel() for v in views]
     np.savetxt(folder / "poses.txt", rows)
-    P0, P2 = np.column_stack([K, np.zeros(3)]), np.column_stack([K, -K @ right])
+    P0 = np.column_stack([K, np.zeros(3)])
+    P2 = np.column_stack([K, -K @ right])
     lines = [f"{name}: " + " ".join(map(str, P.ravel())) for name, P in (("P0", P0), ("P2", P2))]
     (folder / "calib.txt").write_text("\n".join(lines) + "\n")
 
 
 def icl_nuim(folder, views):
     """POV-Ray's left-handed axes: x right, y up, z ahead."""
-    W, C, lines = np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]]), np.diag([1, -1, 1]), []
+    W = np.array([[0, 0, 1], [-1, 0, 0], [0, 1, 0]])
+    C = np.diag([1, -1, 1])
+    lines = []
     for i, view in enumerate(views):
         put(folder / f"rgb/{i}.png", seen(view)[0])
         put(folder / f"depth/{i}.png", scaled(seen(view)[1], 5000))
@@ -155,7 +162,8 @@ def tum(folder, views, word="freiburg3"):
 
 def views(poses, f=(1.0, 1.0), c=(0.5, 0.5), size=(EDGE, EDGE)):
     """Views of a lens with pixel centres at +.5, relative to a width of 2 and to the size."""
-    fov_deg, lens = 2 * np.degrees(np.arctan(1 / f[0])), Lens(f[1] / f[0], c[0] - 0.5, c[1] - 0.5)
+    fov_deg = 2 * np.degrees(np.arctan(1 / f[0]))
+    lens = Lens(f[1] / f[0], c[0] - 0.5, c[1] - 0.5)
     return [View(pose, fov_deg, *size, None if lens == Lens() else lens) for pose in poses]
 
 

@@ -6,7 +6,9 @@ from omniscv.geometry import cube_rotations
 
 PLACE = (0.0, -0.35, 1.45)
 TURNED = Pose.from_angles(PLACE, yaw_deg=60, pitch_deg=-8, roll_deg=5)
-FACE_PX, BORDER_PX = 120, 4  # captures are wider than faces by a border on each side
+# captures are wider than faces by a border on each side
+FACE_PX = 120
+BORDER_PX = 4
 MODES = ("lit", "object_mask", "depth", "normals")
 
 

@@ -29,7 +29,8 @@ from omniscv.sources.recording.store import Store
 
 CENTERS = ((0.0, 0.0, 1.5), (0.5, 0.0, 1.5))
 MODES = ("lit", "object_mask", "depth", "normals")
-SIZE, SMALL = 48, 8
+SIZE = 48
+SMALL = 8
 
 
 STATES = (Instant(), Instant(time=0.7), Instant(time=0.7, hidden=frozenset({"Crate"})))

@@ -19,7 +19,8 @@ from omniscv.geometry import Pose
 from omniscv.sources.base import Capabilities, Capture, ObjectTable, Request, Source, View
 from omniscv.sources.pictures import PictureSource
 
-AWAY, BEHIND = 3.0, 4.5
+AWAY = 3.0
+BEHIND = 4.5
 EDGE_PX = 384
 HALF_M = 2.4
 """Of the structures' width: beyond what the images see."""
@@ -36,14 +37,17 @@ class World(NamedTuple):
 
     def trace(self, directions):
         """Return distances and labels (N,) along unit rays (N, 3) from the origin; inf and 0 for none."""
-        distance, label = np.full(len(directions), np.inf), np.zeros(len(directions), np.int64)
+        distance = np.full(len(directions), np.inf)
+        label = np.zeros(len(directions), np.int64)
         _quads(directions, self.quads, self.labels[0], distance, label)
         _balls(directions, self.balls, self.labels[1], distance, label)
         _rods(directions, self.rods, self.labels[2], distance, label)
         return distance, label
 
     def seen_from(self, point):
-        quads, balls, rods = self.quads.copy(), self.balls.copy(), self.rods.copy()
+        quads = self.quads.copy()
+        balls = self.balls.copy()
+        rods = self.rods.copy()
         for corners in (quads[:, :3], balls[:, :3], rods[:, :3], rods[:, 3:6]):
             corners -= point
         return World(quads, balls, rods, self.labels)
@@ -102,12 +106,14 @@ def _rods(rays, rods, labels, distance, label):
 
 def _turned(rng, parts, most_deg=12.0):
     """Yield parts of a structure, turned together by a random small rotation about its middle."""
-    angle, axis = np.radians(rng.uniform(-most_deg, most_deg)), rng.normal(size=3)
+    angle = np.radians(rng.uniform(-most_deg, most_deg))
+    axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     K = np.cross(np.eye(3), axis)
     R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
     for kind, part in parts:
-        points, triples = _POINTS[kind], part[: len(part) // 3 * 3].reshape(-1, 3)
+        points = _POINTS[kind]
+        triples = part[: len(part) // 3 * 3].reshape(-1, 3)
         about = np.where(np.arange(len(triples))[:, None] < points, (0.0, 0.0, AWAY), 0.0)
         yield kind, np.concatenate([((triples - about) @ R.T + about).ravel(), part[triples.size :]])
 
@@ -142,7 +148,8 @@ def extruded(profile):
         yield quad((x, -HALF_M, z), (x1 - x, 0, z1 - z), tall)
 
 
-TALL, WIDE = (0.0, 2 * HALF_M, 0.0), (2 * HALF_M, 0.0, 0.0)
+TALL = (0.0, 2 * HALF_M, 0.0)
+WIDE = (2 * HALF_M, 0.0, 0.0)
 
 
 def across(pitch):
@@ -179,7 +186,8 @@ def panels(rng, p):
 
 
 def stairs(rng, p):
-    x, z = -HALF_M, AWAY - 0.5
+    x = -HALF_M
+    z = AWAY - 0.5
     corners = [(x, z)]
     while x < HALF_M:
         corners += [(x + p, z), (x + p, z + p * 0.6)]
@@ -205,9 +213,11 @@ def boards(rng, p):
 
 
 def books(rng, p):
-    parts, x = [], -HALF_M
+    parts = []
+    x = -HALF_M
     while x < HALF_M:
-        width, z = p * rng.uniform(0.6, 1.4), AWAY + rng.uniform(-0.08, 0.08)
+        width = p * rng.uniform(0.6, 1.4)
+        z = AWAY + rng.uniform(-0.08, 0.08)
         parts += box((x, -HALF_M, z), (x + width, HALF_M, z + 0.3))
         x += width + rng.choice([0.0, 0.0, 0.15 * p])
     return parts
@@ -222,7 +232,8 @@ def gravel(rng, p):
 
 
 def leaves(rng, p):
-    spread, parts = min(HALF_M, 15 * p), []
+    spread = min(HALF_M, 15 * p)
+    parts = []
     for _ in range(900):
         u, v = rng.normal(size=(2, 3))
         v -= u * (u @ v) / (u @ u)
@@ -282,9 +293,11 @@ def perforated(rng, p):
 
 
 def twigs(rng, p):
-    parts, spread = [], min(HALF_M, 18 * p)
+    parts = []
+    spread = min(HALF_M, 18 * p)
     for _ in range(500):
-        a, toward = [*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-0.4, 0.4)], rng.normal(size=3)
+        a = [*rng.uniform(-spread, spread, 2), AWAY + rng.uniform(-0.4, 0.4)]
+        toward = rng.normal(size=3)
         b = a + toward / np.linalg.norm(toward) * p * rng.uniform(3, 9)
         parts.append(rod(a, b, p * rng.uniform(0.12, 0.4)))
     return parts
@@ -343,14 +356,17 @@ def world(kind, px, seed, turn_deg=12.0, objects=200):
     parts = _turned(rng, KINDS[kind](rng, px * AWAY / (EDGE_PX / 2)), turn_deg)
     wall = quad((-9, -9, BEHIND), (18, 0, 0), (0, 18, 0))
     every = [(*wall, 1), *((*part, 2 + k % objects) for k, part in enumerate(parts))]
-    arrays, labels = [], []
+    arrays = []
+    labels = []
     for name, size in (("quad", 9), ("ball", 4), ("rod", 7)):
         arrays.append(np.array([part for each, part, _ in every if each == name]).reshape(-1, size))
         labels.append(np.array([label for each, _, label in every if each == name], np.int64))
     return World(*arrays, tuple(labels))
 
 
-FLOATS, HALF_FLOATS, MILLIMETRES = "npy", "npy planar cm", "png uint16 1000"
+FLOATS = "npy"
+HALF_FLOATS = "npy planar cm"
+MILLIMETRES = "png uint16 1000"
 COLORS = {f"o{k:03d}": (k, 255 - k, 7) for k in range(1, 202)}
 
 
@@ -423,8 +439,10 @@ def judge(kind, px, seed, encoding=FLOATS, camera_px=300, objects=200):
 def judged(image, scene):
     distance, label = scene.trace(image.camera.unproject().directions[image.valid] @ image.pose.R_w_c.T)
     on = label > 1
-    depth, bound = image.depth[image.valid].astype(float), image.depth_error[image.valid].astype(float)
-    unsure, edge = image.unsure[image.valid], image.label_edge[image.valid]
+    depth = image.depth[image.valid].astype(float)
+    bound = image.depth_error[image.valid].astype(float)
+    unsure = image.unsure[image.valid]
+    edge = image.label_edge[image.valid]
     off = ~(np.abs(depth - distance) <= bound * (1 + 1e-6) + 1e-6 * distance) & ~unsure
     other = (image.labels[image.valid] != label) & ~edge & ~unsure
     return Judged(off[on].mean(), other[on].mean())

@@ -15,7 +15,8 @@ def assert_same_rays(one: Camera, other: Camera) -> None:
     assert (one.width, one.height) == (other.width, other.height)
     corners = np.array([[0, 0], [one.width, 0], [0, one.height], [one.width, one.height]])
     for pixels in (None, corners):
-        a, b = one.unproject(pixels), other.unproject(pixels)
+        a = one.unproject(pixels)
+        b = other.unproject(pixels)
         # A pixel on the very edge of the image circle may fall to either side.
         assert np.count_nonzero(a.valid != b.valid) <= 4
         both = a.valid & b.valid

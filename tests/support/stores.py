@@ -31,14 +31,20 @@ class Failing:
     """
 
     def __init__(self, served: Any, fault: Fault, latency_s: float = 0.0) -> None:
-        self.served, self.fault, self.latency_s = served, fault, latency_s
-        self.requests, self.counting, self.ended = 0, threading.Lock(), threading.Event()
+        self.served = served
+        self.fault = fault
+        self.latency_s = latency_s
+        self.requests = 0
+        self.counting = threading.Lock()
+        self.ended = threading.Event()
         self.waiting = self.most_waiting = 0
 
     def __call__(self, environ: Any, start_response: Any) -> Any:
         with self.counting:
-            self.requests, self.waiting = self.requests + 1, self.waiting + 1
-            number, self.most_waiting = self.requests, max(self.waiting, self.most_waiting)
+            self.requests = self.requests + 1
+            self.waiting = self.waiting + 1
+            number = self.requests
+            self.most_waiting = max(self.waiting, self.most_waiting)
         self.ended.wait(self.latency_s)
         with self.counting:
             self.waiting -= 1
@@ -150,7 +156,8 @@ def s3_application(fault: Fault, latency_s: float = 0.0) -> Iterator[tuple[Faili
         client = boto3.client("s3")
         client.create_bucket(Bucket=BUCKET)
         fsspec.get_filesystem_class("s3").clear_instance_cache()
-        application.fault, application.latency_s = fault, latency_s
+        application.fault = fault
+        application.latency_s = latency_s
         yield application, client
         application.ended.set()
         client.close()
@@ -223,6 +230,8 @@ def failing_store(every: int = 0, capacity: int | None = None) -> Iterator[type[
     """An empty store ``failing://`` that fails one request in ``every``, or holds ``capacity`` bytes."""
     fsspec.register_implementation("failing", FailingStore, clobber=True)
     FailingStore.store.clear()
-    FailingStore.every, FailingStore.capacity, FailingStore.requests = every, capacity, 0
+    FailingStore.every = every
+    FailingStore.capacity = capacity
+    FailingStore.requests = 0
     yield FailingStore
     FailingStore.store.clear()

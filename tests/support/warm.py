@@ -11,7 +11,8 @@ from omniscv.diagnostics import doctor
 from omniscv.sources.unreal import source
 
 LOADED = (cli, doctor, make, source)
-POSE, MODES = omniscv.Pose.from_angles((0, 0, 1.5)), ("lit", "object_mask", "depth", "normals")
+POSE = omniscv.Pose.from_angles((0, 0, 1.5))
+MODES = ("lit", "object_mask", "depth", "normals")
 
 parallel.limit(1)
 with omniscv.open_source("scene://four-wall") as scene:

@@ -36,7 +36,8 @@ def test_boxes_are_the_scenes_bounds():
     assert [record["name"] for record in found] == list(SCENE.objects)
     for record in found:
         low, high = SCENE.bounds(record["name"])
-        R_w_b, half = np.array(record["R_world_box"]), np.array(record["size"]) / 2
+        R_w_b = np.array(record["R_world_box"])
+        half = np.array(record["size"]) / 2
         if np.isin(np.abs(R_w_b), (0, 1)).all():  # along the world's axes
             assert record["center_world"] - np.abs(R_w_b @ half) == pytest.approx(low, abs=1e-6)
             assert record["center_world"] + np.abs(R_w_b @ half) == pytest.approx(high, abs=1e-6)
@@ -57,13 +58,15 @@ def test_corners_in_the_cameras_frame_have_the_pixels_of_the_worlds(name):
         corner = np.array(CORNERS) * np.array(record["size"]) / 2
         world = np.array(record["center_world"]) + corner @ np.array(record["R_world_box"]).T
         own = np.array(record["center_camera"]) + corner @ np.array(record["R_camera_box"]).T
-        (a, seen), (b, again) = camera.project(POSE.to_camera(world)), camera.project(own)
+        (a, seen) = camera.project(POSE.to_camera(world))
+        (b, again) = camera.project(own)
         assert np.array_equal(seen, again)
         assert np.abs(a - b)[seen].max(initial=0) <= 1e-6
 
 
 def test_truncated_is_the_share_outside_the_image():
-    camera, rng = cameras.create("pinhole", width=80, height=60, fov_deg=70), np.random.default_rng(3)
+    camera = cameras.create("pinhole", width=80, height=60, fov_deg=70)
+    rng = np.random.default_rng(3)
     for _ in range(8):
         center = rng.uniform([1.5, -2, -1.5], [4, 2, 1.5])
         box = ObjectBox(center, np.eye(3), rng.uniform(0.3, 2, 3), "scene")
@@ -108,7 +111,8 @@ def test_the_truth_of_a_frame_has_a_box_for_every_object_that_is_seen(source):
 def lattice(count=100_000):
     """Directions, each for an equal part of the sphere: a Fibonacci lattice."""
     i = np.arange(count) + 0.5
-    z, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
+    z = 1 - 2 * i / count
+    turn = np.pi * (1 + np.sqrt(5)) * i
     r = np.sqrt(1 - z**2)
     return np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
 
@@ -154,7 +158,8 @@ def test_areas_and_overlaps_agree_with_a_lattice(a, b):
     assert truth.spherical_iou(*east) == pytest.approx(truth.spherical_iou(a, b), abs=1e-12)
 
 
-RADIUS, DISTANCE = 0.5, 2.4
+RADIUS = 0.5
+DISTANCE = 2.4
 BALL_DEG = 2 * np.degrees(np.arcsin(RADIUS / DISTANCE))
 
 
@@ -225,7 +230,8 @@ TILTED = [(20, 10, 50, 20, 30), (-170, 35, 60, 15, -40), (80, -70, 40, 25, 10), 
 
 @pytest.mark.parametrize("box", TILTED)
 def test_a_rotated_box_is_found_again(box):
-    rays, box = FINE.unproject(), SphericalBox(*box)
+    rays = FINE.unproject()
+    box = SphericalBox(*box)
     mask = box.contains(rays.directions) >= 0
     found = SphericalBox.of(truth.bfov(mask, rays, rotated=True))
     assert truth.spherical_iou(found, box) >= 0.95
@@ -238,8 +244,10 @@ def test_wide_objects_have_ranges_of_longitude_and_latitude():
     rays = FINE.unproject()
     x, y, z = np.moveaxis(rays.directions, -1, 0)
     lon, lat = np.arctan2(x, z), -np.arcsin(y)
-    south, ring = lat < np.radians(20), (np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1))
-    below, band = truth.bfov(south, rays), truth.bfov(ring, rays)
+    south = lat < np.radians(20)
+    ring = (np.abs(lat) < 0.1) & ((lon > 2) | (lon < -1))
+    below = truth.bfov(south, rays)
+    band = truth.bfov(ring, rays)
     assert (below["kind"], below["fov_h"], below["lat"]) == ("lonlat", 360, pytest.approx(-35, abs=0.5))
     assert below["fov_v"] == pytest.approx(110, abs=0.5)
     assert band["kind"] == "lonlat"

@@ -70,7 +70,8 @@ def test_flow_leads_to_the_pixel_that_sees_the_moved_point(name):
 
 
 def test_the_shortest_way_is_at_most_half_around():
-    camera, level = cameras.create("equirectangular", 256, 128), Pose.from_angles((0, 0, 0))
+    camera = cameras.create("equirectangular", 256, 128)
+    level = Pose.from_angles((0, 0, 0))
     rays = camera.unproject()
     down = -1.5 / (rays.directions @ level.R_w_c.T)[..., 2]
     given = np.where(down > 0, down, np.inf), rays, level, camera, Pose.from_angles((3, 0.5, 0))
@@ -83,7 +84,8 @@ def test_the_shortest_way_is_at_most_half_around():
 
 def test_the_sky_only_turns():
     """Outdoors: the pixel that a sky pixel flows to sees the same direction, however far the camera walks."""
-    scene, camera = mock_server.load_scene("open"), CAMERAS["equirectangular-0"]
+    scene = mock_server.load_scene("open")
+    camera = CAMERAS["equirectangular-0"]
     far = Pose.from_angles((30, -20, 12), 70, 10, 5)
     layers = traced(scene, camera, BEFORE)
     found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, far, labels=layers["labels"])
@@ -134,7 +136,8 @@ def test_what_is_unknown_has_no_flow_and_wrong_arguments_are_refused():
     found = truth.flow(layers["depth"], camera.unproject(), BEFORE, camera, AFTER, **unknown)
     np.testing.assert_array_equal(found.mask == INVALID, (labels == 0) | (labels == label))
     camera = CAMERAS["pinhole-0"]
-    rays, depth = camera.unproject(), np.ones((45, 80))
+    rays = camera.unproject()
+    depth = np.ones((45, 80))
     for wrong, says in [
         ({"depth0": np.ones((45, 79))}, "rays0: expected the size of depth0"),
         ({"depth1": np.ones((45, 79))}, "depth1: expected the size of the camera"),

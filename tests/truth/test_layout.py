@@ -16,7 +16,8 @@ from omniscv.geometry.scene_geometry import Room, SceneGeometry
 from omniscv.truth import layout, project_layout, room_of
 
 POSE = Pose.from_angles((0.2, -0.3, 1.5), yaw_deg=20, pitch_deg=5, roll_deg=-7)
-SPACING_PX, RAY_M = 0.5, 1e-6
+SPACING_PX = 0.5
+RAY_M = 1e-6
 
 
 def example(name, width=128):
@@ -31,11 +32,13 @@ def on_edge(record, edge, camera, pose, pixels):
     """Origins, the points of an edge that are nearest to the pixels' rays, and how far off the rays are."""
     rays = camera.unproject(pixels)
     assert rays.valid.all()
-    origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+    origins = pose.to_world(rays.origins)
+    directions = rays.directions @ pose.R_w_c.T
     a, b = (np.array(record["corners"][k]["world"]) for k in edge["corners"])
     along = (b - a) / np.linalg.norm(b - a)
     # The least distance of two lines, from the normal equations of both parameters.
-    cosine, offset = directions @ along, a - origins
+    cosine = directions @ along
+    offset = a - origins
     share = (cosine * (offset * directions).sum(1) - offset @ along) / (1 - cosine**2)
     points = a + np.clip(share, 0, np.linalg.norm(b - a))[:, None] * along
     away = np.linalg.norm(np.cross(points - origins, directions), axis=1)
@@ -93,7 +96,8 @@ def test_a_long_lens_misses_no_edge():
 @pytest.mark.parametrize(("name", "width"), [("equirectangular", 512), ("noncentral-spherical-mirror", 350)])
 def test_flags_behind_furniture_are_those_of_tracing(name, width):
     """Depth has one answer a pixel: a silhouette between two of them is known to half a pixel."""
-    scene, camera = mock_server.load_scene("six-wall"), example(name, width)
+    scene = mock_server.load_scene("six-wall")
+    camera = example(name, width)
     record = project_layout(
         rooms.room_of_scene("six-wall"), camera, POSE, traced(scene, camera, POSE)["depth"]
     )
@@ -102,8 +106,10 @@ def test_flags_behind_furniture_are_those_of_tracing(name, width):
         origins, points, _ = on_edge(record, edge, camera, POSE, pixels)
         expected = traced_visible(scene, origins, points)
         near = same_within_a_pixel(scene, camera, POSE, record, edge, pixels, expected)
-        total, wrong = total + len(pixels), wrong + (expected != piece["visible"]).sum()
-        clear, wrong_clear = clear + near.sum(), wrong_clear + (near & (expected != piece["visible"])).sum()
+        total = total + len(pixels)
+        wrong = wrong + (expected != piece["visible"]).sum()
+        clear = clear + near.sum()
+        wrong_clear = wrong_clear + (near & (expected != piece["visible"])).sum()
     assert wrong_clear == 0
     assert wrong <= 0.008 * total  # about one sample at each silhouette
     assert clear >= 0.9 * total
@@ -114,9 +120,11 @@ def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
     same = np.ones(len(pixels), bool)
     for shift in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         rays = camera.unproject(pixels + shift)
-        origins, directions = pose.to_world(rays.origins), rays.directions @ pose.R_w_c.T
+        origins = pose.to_world(rays.origins)
+        directions = rays.directions @ pose.R_w_c.T
         furniture = [name for name in scene.objects if not name.startswith("Layout")]
-        full, empty = scene.trace(origins, directions), scene.trace(origins, directions, hidden=furniture)
+        full = scene.trace(origins, directions)
+        empty = scene.trace(origins, directions, hidden=furniture)
         same &= (full.distance == empty.distance) == expected
     return same
 
@@ -127,17 +135,21 @@ def same_within_a_pixel(scene, camera, pose, record, edge, pixels, expected):
     ids=["T", "U", "from outside"],
 )
 def test_rooms_hide_parts_of_themselves(plan, position):
-    pose, camera, scene = Pose.from_angles(position), example("equirectangular", 256), scene_of_plan(plan)
+    pose = Pose.from_angles(position)
+    camera = example("equirectangular", 256)
+    scene = scene_of_plan(plan)
     record = project_layout(room_of_plan(plan), camera, pose, traced(scene, camera, pose)["depth"])
     pieces = checked_pieces(record, scene, camera, pose)
     assert {piece["visible_room"] for piece in pieces} == {True, False}
     for corner in record["corners"]:
-        origin, point = pose.position[None], np.array([corner["world"]])
+        origin = pose.position[None]
+        point = np.array([corner["world"]])
         assert traced_visible(scene, origin, point)[0] == corner["visible_room"]
 
 
 def test_edges_break_at_the_seam_and_come_up_to_it_on_both_sides():
-    camera, pose = example("equirectangular", 256), Pose.from_angles((2 / 3, 1.0, 1.5), yaw_deg=0)
+    camera = example("equirectangular", 256)
+    pose = Pose.from_angles((2 / 3, 1.0, 1.5), yaw_deg=0)
     room = room_of_plan([[-2, 1], [2, -3], [2, 3]])
     record = project_layout(room, camera, pose)
     behind = record["corners"][0]
@@ -167,7 +179,8 @@ def test_a_record_is_plain_and_holds_its_room():
 
 
 def test_wrong_arguments_are_one_line():
-    room, camera = room_of_plan(PLAIN), example("pinhole")
+    room = room_of_plan(PLAIN)
+    camera = example("pinhole")
     flat = Room(room.corners_w, 3.0, 2.0, room.walls, "f", "c")
     wrong = (PLAIN[::-1], "counterclockwise"), (PLAIN[:2], "at least 3"), ([PLAIN[0], *PLAIN], "different")
     for plan, words in wrong:
@@ -194,6 +207,8 @@ def test_wrong_arguments_are_one_line():
 )
 def test_samples_lie_on_their_edges_wherever_the_camera_is(name, place, angles):
     # A ray along a wall is decided by rounding: a push-broom that flies along an axis has whole rows of them.
-    off_the_walls, off_the_axes = np.array([0.0123, 0.0171, 0.0137]), np.array([0.37, 0.41, 0.53])
-    camera, pose = example(name, 64), Pose.from_angles(place + off_the_walls, *(angles + off_the_axes))
+    off_the_walls = np.array([0.0123, 0.0171, 0.0137])
+    off_the_axes = np.array([0.37, 0.41, 0.53])
+    camera = example(name, 64)
+    pose = Pose.from_angles(place + off_the_walls, *(angles + off_the_axes))
     checked_pieces(project_layout(room_of_plan(L_SHAPE), camera, pose), scene_of_plan(L_SHAPE), camera, pose)

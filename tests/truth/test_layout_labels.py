@@ -46,7 +46,8 @@ def test_corners_give_back_the_plan_clockwise_with_those_that_walls_hide(plan, p
     found = plan_of(corners, 1024, 512, position[2])
     assert not shapely.LinearRing(found).is_ccw
     turn = np.radians(yaw_deg)
-    ahead, left = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    left = np.array([-np.sin(turn), np.cos(turn)])
     world = np.array(position[:2]) + found[:, 1:] * ahead - found[:, :1] * left
     expected = np.array(plan, float)
     away = np.linalg.norm(world[:, None] - expected, axis=-1)
@@ -94,14 +95,16 @@ def by_columns(corners, width, height):
     """Depth and kind of pixels from each column's wall, as HorizonNet's evaluation goes; convex rooms."""
     wall = shapely.Polygon(plan_of(corners, width, height, 1.6)).exterior
     columns, rows = np.arange(width), np.arange(height)
-    theta, v = ((columns + 0.5) / width - 0.5) * 2 * np.pi, ((rows + 0.5) / height - 0.5) * np.pi
+    theta = ((columns + 0.5) / width - 0.5) * 2 * np.pi
+    v = ((rows + 0.5) / height - 0.5) * np.pi
     rays = [shapely.LineString([(0, 0), (99 * np.sin(t), 99 * np.cos(t))]) for t in theta]
     away = np.array([wall.intersection(ray) for ray in rays])
     away = shapely.length(shapely.shortest_line(away, shapely.Point(0, 0)))
     up = np.tan(((corners[0::2, 1] + 0.5) / height - 0.5) * np.pi)
     down = np.tan(((corners[1::2, 1] + 0.5) / height - 0.5) * np.pi)
     ceiling = -1.6 * (up / down).mean()
-    floor_row, ceiling_row = np.arctan(1.6 / away), -np.arctan(ceiling / away)
+    floor_row = np.arctan(1.6 / away)
+    ceiling_row = -np.arctan(ceiling / away)
     v = np.repeat(v[:, None], width, axis=1)
     kind = np.where(v > floor_row, 1, np.where(v < ceiling_row, 2, 0))
     depth = np.where(kind == 1, 1.6 / np.sin(v), np.where(kind == 2, -ceiling / np.sin(v), away / np.cos(v)))
@@ -109,7 +112,8 @@ def by_columns(corners, width, height):
 
 
 def test_other_cameras_and_positions_are_refused():
-    fisheye, inside = cameras.model("fisheye-equidistant").example(), (0, 0, 1.5)
+    fisheye = cameras.model("fisheye-equidistant").example()
+    inside = (0, 0, 1.5)
     for camera, pose, says in (
         (fisheye, (inside,), "expected an upright equirectangular panorama, got fisheye"),
         (SMALL, (inside, 0, 3, -2), "got pitch 3 and roll -2 degrees"),

@@ -23,7 +23,8 @@ POSE = Pose.from_angles((0.4, 0.3, 1.4), 20, 5, -3)
 def test_points_lie_on_the_surfaces(name):
     camera = CAMERAS[f"{name}-example"]
     layers = traced(SCENE, camera, POSE)
-    depth, normals = layers.pop("depth"), layers["normals"]
+    depth = layers.pop("depth")
+    normals = layers["normals"]
     found = truth.points(depth, camera.unproject(), POSE, layers)
     seen = np.isfinite(depth) & (depth > 0)
     assert len(found) == seen.sum() > 0
@@ -56,8 +57,12 @@ def test_points_of_a_lidar_by_ring_and_time(preset, degrees, turned):
 
 def test_pixels_without_surface_or_unsure_have_no_point():
     camera = CAMERAS["equirectangular-0"]
-    depth, unsure = np.full((48, 96), 2.0, np.float32), np.zeros((48, 96), bool)
-    depth[0], depth[1], depth[2], unsure[3] = 0, np.inf, np.nan, True
+    depth = np.full((48, 96), 2.0, np.float32)
+    unsure = np.zeros((48, 96), bool)
+    depth[0] = 0
+    depth[1] = np.inf
+    depth[2] = np.nan
+    unsure[3] = True
     found = truth.points(depth, camera.unproject(), POSE, {"row": np.indices((48, 96))[0]}, unsure)
     assert set(found.values["row"]) == set(range(4, 48))
 

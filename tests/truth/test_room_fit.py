@@ -40,7 +40,8 @@ def rendered(source, camera=PANORAMA, **known):
 def same_room(found, corners, names, within_m):
     """Whether a room has these corners, in any turn, and the walls between them these names."""
     start = int(np.linalg.norm(found.corners_w - corners[0], axis=1).argmin())
-    turned, walls = np.roll(found.corners_w, -start, axis=0), np.roll(found.walls, -start)
+    turned = np.roll(found.corners_w, -start, axis=0)
+    walls = np.roll(found.walls, -start)
     assert turned.shape == np.shape(corners)
     assert np.abs(turned - corners).max() <= within_m
     assert walls.tolist() == list(names)
@@ -50,7 +51,8 @@ def same_room(found, corners, names, within_m):
 def test_an_image_of_a_furnished_room_gives_its_walls(scene):
     """Rendered as users render: walls behind furniture are seen above it, and labels may be blurred."""
     shown, _ = rendered(open_source(f"scene://{scene}"))
-    found, expected = layout([shown.image]), room_of_scene(scene)
+    found = layout([shown.image])
+    expected = room_of_scene(scene)
     assert found.source == "fitted"
     assert found.residual_m < 0.002
     same_room(found.room, expected.corners_w, expected.walls, 0.002)
@@ -146,7 +148,8 @@ class Hides(SourceWrapper):
 
     def __init__(self, source, empty):
         super().__init__(source)
-        self.hidden, self._empty = [], empty
+        self.hidden = []
+        self._empty = empty
 
     def geometry(self):
         return SceneGeometry()

@@ -51,7 +51,8 @@ def test_shares_agree_with_traced_rays(shares):
     assert things <= {record["instance_id"] for record in records}
     hidden = 0
     for record in records:
-        exact, visible = alone(seen_frame, record["name"]), seen_frame.image.labels == record["instance_id"]
+        exact = alone(seen_frame, record["name"])
+        visible = seen_frame.image.labels == record["instance_id"]
         mask = cocomask.decode(record["segmentation"]).astype(bool)
         edge = np.count_nonzero(exact ^ eroded(exact))
         assert np.count_nonzero(mask ^ exact) <= 0.4 * edge + 4  # where a capture's grid decides
@@ -84,7 +85,8 @@ def test_hidden_objects_have_the_share_0():
 
 
 def test_a_live_server_has_the_same_shares_and_shows_all_again():
-    camera, options = cameras.create("equirectangular", width=96, height=48), {"face_size": 48}
+    camera = cameras.create("equirectangular", width=96, height=48)
+    options = {"face_size": 48}
     with omniscv.open_source("scene://four-wall") as source:
         wanted = truths.get("amodal").apply(observed(source, camera, HERE, **options), {})
     with mock_server.serve("four-wall") as server, omniscv.open_source(server.uri) as source:
@@ -116,7 +118,8 @@ def test_objects_of_a_group_cannot_hide_each_other():
         boxes = source.geometry().boxes
     rng = np.random.default_rng(7)
     for _ in range(3):
-        center_w, radius = rng.uniform([-1.5, -1.5, 0.5], [1.5, 1.5, 2.2]), rng.choice([0.0, 0.3])
+        center_w = rng.uniform([-1.5, -1.5, 0.5], [1.5, 1.5, 2.2])
+        radius = rng.choice([0.0, 0.3])
         groups = groups_apart(THINGS, boxes, center_w, radius)
         assert sorted(name for group in groups for name in group) == THINGS
         aside, directions = rng.normal(size=(2, 20_000, 3))

@@ -32,7 +32,9 @@ class Read(HTMLParser):
 
     def __init__(self, path):
         super().__init__()
-        self.json, self.addresses, self._id = {}, [], None
+        self.json = {}
+        self.addresses = []
+        self._id = None
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attrs):
@@ -75,7 +77,8 @@ def test_a_page_holds_all_layers_and_no_address(truth, tmp_path):
     assert [each["key"] for each in shared["frames"]] == sorted(looked.CAMERAS)
     assert [each["name"] for each in shared["layers"]] == ["lit", "depth", "normals", "labels"]
     for i, line in enumerate(shared["frames"]):
-        camera, layers = looked.CAMERAS[line["key"]], read.json[f"frame-{i}"]["layers"]
+        camera = looked.CAMERAS[line["key"]]
+        layers = read.json[f"frame-{i}"]["layers"]
         hit = truth.trace(camera, (camera.width // 2, camera.height // 2))
         place = 0, camera.height // 2, camera.width // 2
         assert unpacked(layers["depth"])[place] == np.float32(hit.distance[0])
@@ -169,7 +172,8 @@ def test_directions_find_the_pixels_that_see_them(name):
 
 def looked_up(sphere, tables, directions):
     """(N, 2) px of directions, NaN for none, and which were interpolated, as directions.py describes it."""
-    count, finer = sphere["cells"], sphere["fine"]
+    count = sphere["cells"]
+    finer = sphere["fine"]
     axis = np.abs(directions).argmax(axis=-1)
     rows = np.arange(len(directions))
     largest = directions[rows, axis]
@@ -271,7 +275,8 @@ def test_a_box_over_the_seam_continues_at_the_left():
 
 @pytest.mark.parametrize("name", ["equirectangular", "noncentral-panorama"])
 def test_lines_of_a_box_in_space_end_at_its_corners(name):
-    camera, pose = cameras.model(name).example(100), omniscv.Pose.from_angles((0, 0, 1.5))
+    camera = cameras.model(name).example(100)
+    pose = omniscv.Pose.from_angles((0, 0, 1.5))
     with omniscv.open_source("scene://four-wall") as source:
         boxes = {"Sofa": source.geometry().boxes["Sofa"], "Table": source.geometry().boxes["Table"]}
     seen = 0

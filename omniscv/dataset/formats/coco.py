@@ -145,7 +145,8 @@ class Coco(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: CocoOptions) -> list[Path]:
         ordered = sorted(frames, key=lambda frame: frame.key)
-        images, annotations = [], list[dict[str, Any]]()
+        images = []
+        annotations = list[dict[str, Any]]()
         for number, frame in enumerate(ordered, start=1):
             images.append(image_entry(frame, number, out))
             for entry in object_entries(frame, split=options.seam == "split"):
@@ -163,9 +164,11 @@ class Coco(Format):
 
 def _panoptic(frames: Sequence[Frame], images: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
     """Write instance ids as ``R + 256 G + 65536 B``, and their segments."""
-    annotations, written = [], []
+    annotations = []
+    written = []
     for frame, image in zip(frames, images, strict=True):
-        labels, segments = frame.layer("labels"), []
+        labels = frame.layer("labels")
+        segments = []
         for box in boxes(labels, frame.instances, frame.classes):
             if category := class_of(frame, box["name"]):
                 segment = {"id": box["instance_id"], "category_id": category.id, "iscrowd": 0}

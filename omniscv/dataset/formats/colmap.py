@@ -54,7 +54,8 @@ class Colmap(Format):
         return colmap.refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: ColmapOptions) -> list[Path]:
-        images, (origin, frames) = out / "images", near_origin(frames)
+        images = out / "images"
+        (origin, frames) = near_origin(frames)
         pictures = {frame.key: copy_lit(frame, images / frame.camera_name) for frame in frames}
         model = _Model(rigs(frames))
         paths = [pictures[frame.key] for frame in model.images]
@@ -73,7 +74,8 @@ class Colmap(Format):
         ]
         points = None
         if options.points is not None:
-            ids, limit = model.image_ids, options.max_relative_error
+            ids = model.image_ids
+            limit = options.max_relative_error
             clouds = (_observed(frame, ids[frame.key], limit) for frame in frames)
             points = _Observations(merged(clouds, options.points), len(model.images))
         paths += [mask for mask in masks if mask is not None]
@@ -106,7 +108,8 @@ class _Observations:
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of ``points3D.txt``."""
-        points, image = self.points, self.points.values["image"]
+        points = self.points
+        image = self.points.values["image"]
         index_in_image = np.empty(len(points), np.int64)
         index_in_image[self._order] = np.arange(len(points)) - self._starts[image[self._order]]
         columns = points.positions_w, points.values["lit"], image, index_in_image
@@ -146,7 +149,8 @@ class _Model:
         """Return the lines of all files by their names, with the names of the images and their points."""
         ids = self.camera_ids
         cameras = {str(ids[name]): without_limit(camera) for name, camera in self.cameras.items()}
-        frames, rigs = list[str](), list[str]()
+        frames = list[str]()
+        rigs = list[str]()
         for rig_id, rig in enumerate(self.rigs, start=1):
             mounts = {ids[name]: mounted.pose for name, mounted in rig.rig.cameras.items()}
             rigs.append(colmap.rig_line(rig_id, mounts))

@@ -40,7 +40,8 @@ _SCENE = Modality(
 _PNG = Modality("flow", ("uint16",), 3)
 _UNKNOWN = 1e10
 _FLO_MAGIC = b"PIEH"  # float32 202021.25
-_KITTI_STEPS, _KITTI_ZERO = 64, 1 << 15
+_KITTI_STEPS = 64
+_KITTI_ZERO = 1 << 15
 
 
 @register
@@ -104,7 +105,8 @@ def _sure_depth(frame: Frame) -> NDArray[np.float32]:
 
 def _motions(first: Frame, second: Frame) -> dict[int, Pose | None]:
     """By instance id, the motion of objects with poses; None without flow: see the module."""
-    before, after = _object_poses(first), _object_poses(second)
+    before = _object_poses(first)
+    after = _object_poses(second)
     at_once = not (readout_of(first.camera) or readout_of(second.camera))
     motions: dict[int, Pose | None] = {}
     for name in sorted((before.keys() | after.keys()) & first.instances.keys()):

@@ -87,7 +87,8 @@ class KittiLidar(Format):
             axes = np.column_stack([R_LEVEL.T, np.zeros(3)])
             rows = {**{f"P{i}": np.eye(3, 4) for i in range(4)}, "Tr": axes}
             numbers = {name: " ".join(f"{value:.12e}" for value in row.ravel()) for name, row in rows.items()}
-            poses, calib = trajectory(mine), "".join(f"{name}: {row}\n" for name, row in numbers.items())
+            poses = trajectory(mine)
+            calib = "".join(f"{name}: {row}\n" for name, row in numbers.items())
             contents = {"poses": write_kitti(poses), "calib": calib}
             if timed(mine):
                 contents["times"] = write_kitti_times(poses)
@@ -104,7 +105,8 @@ class Pcd(Format):
     options = LidarOptions
 
     def write(self, frames: Sequence[Frame], out: Path, options: LidarOptions) -> list[Path]:
-        written, (origin, frames) = [], near_origin(frames)
+        written = []
+        (origin, frames) = near_origin(frames)
         comment = "# origin {:.0f} {:.0f} {:.0f}\n".format(*origin) if origin.any() else ""
         for frame in frames:
             points = sweep(frame, options.max_relative_error, options.intensity)

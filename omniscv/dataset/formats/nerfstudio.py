@@ -49,7 +49,8 @@ class Nerfstudio(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: PointOptions) -> list[Path]:
         origin, frames = near_origin(frames)
-        cameras, more = by_camera(frames), dict[str, Any]()
+        cameras = by_camera(frames)
+        more = dict[str, Any]()
         if origin.any():
             more["applied_transform"] = np.column_stack([np.eye(3), -origin]).tolist()
         written = []

@@ -79,7 +79,8 @@ def encode(depth: NDArray[np.float32], camera: Camera, preset: Preset) -> tuple[
     codes = np.rint(metres * preset.per_metre)
     fits = (codes >= 0) & (codes < 1 << preset.bits) & (codes != preset.none) & (depth > 0)
     codes = np.where(fits, codes, preset.none).astype(np.uint32)
-    infinite, outside = np.isposinf(depth), depth == 0
+    infinite = np.isposinf(depth)
+    outside = depth == 0
     masks = {"beyond": ~fits & ~infinite & ~outside, "infinite": infinite, "outside": outside}
     pixels = codes.astype(np.uint16)
     if preset.bits == 24:

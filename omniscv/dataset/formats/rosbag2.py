@@ -66,7 +66,8 @@ class Rosbag2(Format):
     def write(self, frames: Sequence[Frame], out: Path, options: BagOptions) -> list[Path]:
         rosbag2, typesys = _rosbags()
         store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        plugin, topics = rosbag2.StoragePlugin[options.storage.upper()], dict[str, Any]()
+        plugin = rosbag2.StoragePlugin[options.storage.upper()]
+        topics = dict[str, Any]()
         track = track_of(frames)
         messages = [*_of_frames(track, frames, out, options), *_of_imu(track)]
         with rosbag2.Writer(out / "bag", version=9, storage_plugin=plugin) as writer:
@@ -125,7 +126,8 @@ def _of_frames(track: ImuTrack, frames: Sequence[Frame], out: Path, options: Bag
     for name, mine in by_camera(frames).items():
         camera = mine[0].camera
         lens = camera.base if isinstance(camera, RollingShutter) else camera
-        pose, info = track.on_body(mine[0]), _camera_info(lens)
+        pose = track.on_body(mine[0])
+        info = _camera_info(lens)
         lidar = lidar_of(mine[0].camera) is not None
         turn = pose.rotation @ R_LEVEL.T if lidar else pose.rotation
         static.append(_transform(mine[0].time_ns or 0, "body", name, pose.position, turn))
@@ -153,7 +155,8 @@ def _pixels(frame: Frame, lens: Camera, options: BagOptions) -> Iterator[tuple[s
         yield "labels", frame.layer("labels")
     if options.depth == "none":
         return
-    depth, ahead = frame.layer("depth"), lens.unproject().directions[..., 2]
+    depth = frame.layer("depth")
+    ahead = lens.unproject().directions[..., 2]
     planar = lens.central and bool((ahead[lens.valid()] > 0).all())
     metres = np.where(depth > 0, depth * np.where(planar, ahead, 1.0), np.nan).astype(np.float32)
     if options.depth == "16UC1":
@@ -191,7 +194,8 @@ def _cloud(table: Any) -> dict[str, Any]:
         {"name": name, "offset": offset, "datatype": _DATATYPES[type.str], "count": 1}
         for name, (type, offset) in points.dtype.fields.items()
     ]
-    step, data = points.dtype.itemsize, np.frombuffer(points.tobytes(), np.uint8)
+    step = points.dtype.itemsize
+    data = np.frombuffer(points.tobytes(), np.uint8)
     size = {"height": 1, "width": len(points), "point_step": step, "row_step": step * len(points)}
     return {"fields": fields, "data": data, "is_dense": True, **size}
 
@@ -206,7 +210,8 @@ def _of_imu(track: ImuTrack) -> Iterator[Message]:
     }
     covariances["orientation_covariance"] = np.array([-1.0] + [0.0] * 8)  # there is none
     for i, stamp in enumerate(samples.times_ns.tolist()):
-        R, position = samples.rotations[i], samples.positions_w[i]
+        R = samples.rotations[i]
+        position = samples.positions_w[i]
         force = _xyz(samples.specific_force[i])
         measured = {"angular_velocity": _xyz(samples.angular_velocity[i]), "linear_acceleration": force}
         yield stamp, "/imu", "sensor_msgs/Imu", {"header": _header(stamp, "body"), **measured, **covariances}

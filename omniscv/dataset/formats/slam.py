@@ -87,7 +87,8 @@ class Kalibr(Format):
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
         if frames and frames[0].imu is not None and timed(frames):
-            track, first = frames[0].imu, {name: mine[0] for name, mine in by_camera(frames).items()}
+            track = frames[0].imu
+            first = {name: mine[0] for name, mine in by_camera(frames).items()}
             on_imu = {name: RigCamera(frame.camera, track.on_body(frame)) for name, frame in first.items()}
             return [write_text(out / "camchain.yaml", _chain(Rig(on_imu), on_imu=True))]
         chains = [of_frames.rig for of_frames in rigs(frames)]
@@ -109,7 +110,8 @@ def _chain(rig: Rig, on_imu: bool = False) -> str:
         pixels = np.meshgrid(*(np.linspace(0, size, _SAMPLES) for size in sizes))
         rays = mounted.camera.unproject(np.stack(pixels, axis=-1))
         directions = rays.directions[rays.valid]  # of points far away
-        entry["rostopic"], entry["cam_overlaps"] = f"/{camera_name}", []
+        entry["rostopic"] = f"/{camera_name}"
+        entry["cam_overlaps"] = []
         for i, other in enumerate(rig.cameras.values()):
             R_other_camera = other.pose.rotation.T @ mounted.pose.rotation
             if other is not mounted and other.camera.project(directions @ R_other_camera.T)[1].any():
@@ -156,16 +158,21 @@ class Euroc(Format):
         return Kalibr().refuses(without_limit(camera))
 
     def write(self, frames: Sequence[Frame], out: Path, options: NoOptions) -> list[Path]:
-        track, root, written, names = track_of(frames), out / "mav0", list[Path](), ""
+        track = track_of(frames)
+        root = out / "mav0"
+        written = list[Path]()
+        names = ""
         for i, (name, mine) in enumerate(by_camera(frames).items()):
-            folder, names = root / f"cam{i}", f"{names}cam{i} {name}\n"
+            folder = root / f"cam{i}"
+            names = f"{names}cam{i} {name}\n"
             stamps = [frame.time_ns or 0 for frame in mine]
             for stamp, frame in zip(stamps, mine, strict=True):
                 written.append(write_color(folder / "data" / f"{stamp:019d}.png", frame))
             rows = "".join(f"{stamp},{stamp:019d}.png\n" for stamp in stamps)
             written.append(write_text(folder / "data.csv", f"#timestamp [ns],filename\n{rows}"))
             written.append(_sensor(folder, "camera", track.on_body(mine[0]), _camera(mine)))
-        samples, body = track.samples(), Pose(np.zeros(3), np.eye(3))
+        samples = track.samples()
+        body = Pose(np.zeros(3), np.eye(3))
         quaternions = Rotation.from_matrix(samples.rotations).as_quat(canonical=True, scalar_first=True)
         biases = samples.gyro_bias, samples.accel_bias
         states = samples.positions_w, quaternions, samples.velocities_w, *biases
@@ -173,7 +180,8 @@ class Euroc(Format):
         for name, errors in (("gyroscope", track.imu.gyroscope), ("accelerometer", track.imu.accelerometer)):
             noise[f"{name}_noise_density"] = max(errors.noise_density)  # files have one for all axes
             noise[f"{name}_random_walk"] = max(errors.random_walk)
-        imu, state = root / "imu0", root / "state_groundtruth_estimate0"
+        imu = root / "imu0"
+        state = root / "state_groundtruth_estimate0"
         return [
             *written,
             _csv(imu, _MEASURED, samples.times_ns, samples.angular_velocity, samples.specific_force),
@@ -244,9 +252,11 @@ class TumMono(Format):
             raise ArgumentError(f"tum_mono: {wanted}; leave the format out")
 
     def write(self, frames: Sequence[Frame], out: Path, options: TumMonoOptions) -> list[Path]:
-        sensor, written = Sensor(**(options.sensor or {})), []
+        sensor = Sensor(**(options.sensor or {}))
+        written = []
         for name, mine in by_camera(frames).items():
-            folder, camera = out / name, mine[0].camera
+            folder = out / name
+            camera = mine[0].camera
             numbered = [(f"{i:05d}", frame) for i, frame in enumerate(mine)]
             for number, frame in numbered:
                 written.append(write_pixels(folder / "images" / f"{number}.png", frame.layer("sensor")))

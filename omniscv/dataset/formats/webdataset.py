@@ -53,7 +53,8 @@ class WebDataset(Format):
         by_split: dict[str, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.key):
             by_split.setdefault(frame.split or "frames", []).append(frame)
-        written, shards = [], []
+        written = []
+        shards = []
         for split, of_split in sorted(by_split.items()):
             for number, shard in enumerate(_shards(of_split, options)):
                 path = out / f"{split}-{number:06d}.tar"
@@ -77,12 +78,14 @@ class WebDataset(Format):
 
 
 def _shards(frames: Sequence[Frame], limits: WebDatasetOptions) -> Iterator[list[Frame]]:
-    shard, size = list[Frame](), 0
+    shard = list[Frame]()
+    size = 0
     for frame in frames:
         added = sum(path.stat().st_size for path in frame.files.values())
         if shard and (len(shard) == limits.max_count or size + added > limits.max_bytes):
             yield shard
-            shard, size = [], 0
+            shard = []
+            size = 0
         shard.append(frame)
         size += added
     if shard:
@@ -125,7 +128,8 @@ def read_list(folder: Folder) -> tuple[Manifest, dict[FileEntry, tuple[str, ...]
             FileEntry(shard["path"], shard["bytes"], shard["sha256"]): tuple(map(str, shard["keys"]))
             for shard in content["shards"]
         }
-        cameras, names = read_cameras(content["cameras"]), read_names(content["names"])
+        cameras = read_cameras(content["cameras"])
+        names = read_names(content["names"])
         return Manifest(cameras, names, versions={}), shards
     except (ValueError, TypeError, KeyError, AttributeError) as cause:
         raise DatasetError(f"{folder}/{SHARDS}: expected a list of shards, got: {cause}") from cause

@@ -74,7 +74,9 @@ class Yolo(Format):
         ordered = sorted(frames, key=lambda frame: frame.key)
         categories = category_entries(ordered, stuff=False)
         number_of = {category["id"]: number for number, category in enumerate(categories)}
-        written, splits, areas = list[Path](), dict[str, str](), [0.0, 0.0]
+        written = list[Path]()
+        splits = dict[str, str]()
+        areas = [0.0, 0.0]
         for frame in ordered:
             height, width = frame.camera.height, frame.camera.width
             if min(height, width) < _LEAST_PX:

@@ -26,7 +26,8 @@ OPTIONS: frozenset[str] = frozenset()
 Triple = tuple[float, float, float]
 
 NOISE_PX = 0.5
-_LINES, _POINTS = 8, 60
+_LINES = 8
+_POINTS = 60
 _LEAST_NZ = 0.15
 _SOUGHT = (0.3, 2.0)  # bounds of r_vl, in units
 _LEAST_SHARE = 0.1  # number of points of a line, in units
@@ -161,7 +162,9 @@ def facing(camera: Camera, position: Triple, angles: Triple) -> Pose:
     of mirrors is backwards."""
     yaw, pitch, roll = angles
     if camera.unproject(camera.center + 0.5).directions[2] < 0:
-        yaw, pitch, roll = yaw + 180, -pitch, -roll
+        yaw = yaw + 180
+        pitch = -pitch
+        roll = -roll
     return Pose.from_angles(position, yaw, pitch, roll)
 
 

@@ -94,7 +94,8 @@ class LineImages:
             (...) px; NaN where there is none.
         """
         r = np.linalg.norm(points, axis=-1)
-        b, c = np.roll(points, -1, axis=-2), np.roll(points, -2, axis=-2)
+        b = np.roll(points, -1, axis=-2)
+        c = np.roll(points, -2, axis=-2)
         weights = b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0]
 
         def value(r_vl: Array) -> Array:
@@ -108,7 +109,8 @@ class LineImages:
             for _ in range(_HALVINGS):
                 middle = (below + above) / 2
                 beyond = start * value(middle) > 0
-                below, above = np.where(beyond, middle, below), np.where(beyond, above, middle)
+                below = np.where(beyond, middle, below)
+                above = np.where(beyond, above, middle)
         return np.where(crossed, (below + above) / 2, np.nan)
 
     def _relative(self, r: Array, r_vl: Array | float) -> Array:
@@ -178,7 +180,8 @@ class PointsOnLines:
             which stands where the model has no such radius.
         """
         with np.errstate(invalid="ignore"):
-            alpha, slope = model.alpha(self._r, r_vl), model.slope(self._r, r_vl)
+            alpha = model.alpha(self._r, r_vl)
+            slope = model.slope(self._r, r_vl)
         seen = np.isfinite(alpha) & np.isfinite(slope)
         rows = np.where(seen[:, None], np.column_stack([self._points, -alpha]), 0.0)
         outward = np.where(seen, slope, 0.0)[:, None] * self._points / self._r[:, None]
@@ -288,14 +291,16 @@ def _largest_consensus(
     """Return (N,) whether points are near the image of a line through three of them."""
     triples = points[rng.integers(len(points), size=(_TRIPLES, 3))]
     r_vl = model.r_vl_of_triples(triples, *limits)
-    triples, r_vl = triples[np.isfinite(r_vl)], r_vl[np.isfinite(r_vl), None]
+    triples = triples[np.isfinite(r_vl)]
+    r_vl = r_vl[np.isfinite(r_vl), None]
     if not len(triples):
         return np.zeros(len(points), np.bool_)
     rows = np.concatenate([triples, -model.alpha(np.linalg.norm(triples, axis=-1), r_vl)[..., None]], axis=-1)
     normals = np.linalg.svd(rows)[2][:, 2]
     r = np.maximum(np.linalg.norm(points, axis=-1), 1e-9)
     with np.errstate(invalid="ignore"):
-        alpha, slope = model.alpha(r, r_vl), model.slope(r, r_vl)
+        alpha = model.alpha(r, r_vl)
+        slope = model.slope(r, r_vl)
         across = normals[:, None, :2] - normals[:, None, 2:] * slope[..., None] * (points / r[:, None])
         value = normals[:, :2] @ points.T - normals[:, 2:] * alpha
         near = np.abs(value) <= _NEAR_PX * np.linalg.norm(across, axis=-1)
@@ -308,7 +313,8 @@ def _maxima(
     """Return rows and columns of the maxima, and (N, 2) px their offsets from the pixels' centres."""
     across = np.abs(gradient[..., 0]) >= np.abs(gradient[..., 1])
     strong = inside & (size >= _LEAST_CONTRAST)
-    strong[[0, -1]], strong[:, [0, -1]] = False, False
+    strong[[0, -1]] = False
+    strong[:, [0, -1]] = False
     row, column = np.nonzero(strong)
     step = across[row, column].astype(np.intp)
     before, middle, after = (size[row + k * (1 - step), column + k * step] for k in (-1, 0, 1))
@@ -324,7 +330,8 @@ def _chains(
     """Return the chain of each point (N,): connected pixels between which the gradient turns little."""
     index = np.full(shape, -1, np.intp)
     index[row, column] = np.arange(len(row))
-    starts, ends = [], []
+    starts = []
+    ends = []
     for down, right in _NEIGHBOURS:
         neighbour = index[(row + down) % shape[0], (column + right) % shape[1]]
         start = np.flatnonzero(neighbour >= 0)

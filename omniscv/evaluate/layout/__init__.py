@@ -34,14 +34,20 @@ from omniscv.truth.room_in_image import inside
 
 SCENES = "mock://four-wall", "mock://six-wall"
 
-_WIDTH, _QUICK_WIDTH = 1024, 512
-_VIEWPOINTS, _QUICK_VIEWPOINTS = 5, 2
+_WIDTH = 1024
+_QUICK_WIDTH = 512
+_VIEWPOINTS = 5
+_QUICK_VIEWPOINTS = 2
 _YAWS_DEG = 17.0, 62.0  # neither along the walls
 _TURN_DEG = 31.0  # from one viewpoint to the next
-_HEIGHT_M, _GRID_M = 1.5, 0.25
-_FROM_WALLS_M, _FROM_OBJECTS_M = 0.6, 0.3
+_HEIGHT_M = 1.5
+_GRID_M = 0.25
+_FROM_WALLS_M = 0.6
+_FROM_OBJECTS_M = 0.3
 _FITTED = ("object_mask", "depth", "normals")  # the modes that a room is fitted to
-_CUBE_FACES, _FACE_FOV_DEG = 6, 89.0  # views that show all around a recorded viewpoint
+# views that show all around a recorded viewpoint
+_CUBE_FACES = 6
+_FACE_FOV_DEG = 89.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +86,8 @@ def render(settings: Settings) -> Iterator[Panorama]:
     for address in (settings.source,) if settings.source else SCENES:
         with omniscv.open_source(address) as source, within(f"layout: {address}"):
             name = "room" if settings.source else address.partition("://")[2]
-            renderer, geometry = omniscv.Renderer(source), source.geometry()
+            renderer = omniscv.Renderer(source)
+            geometry = source.geometry()
             positions = _positions(source, geometry, viewpoints)
             room = geometry.room
             if room is None:  # fitted to images
@@ -187,7 +194,8 @@ def evaluate(settings: Settings) -> Report:
         ArgumentError: a source without a known room, or missing or malformed predictions.
         OmniscvError: of the source; shapely is not installed.
     """
-    out, folder = settings.out / "layout", settings.options.get("predictions")
+    out = settings.out / "layout"
+    folder = settings.options.get("predictions")
     if folder is not None and not Path(folder).is_dir():
         raise ArgumentError(f"predictions: expected a folder, got {folder}")
     rendered = list[Panorama]()
@@ -226,7 +234,9 @@ def scores(prediction: Prediction, panorama: Panorama) -> dict[str, float | None
 
     Corners without maps are drawn as maps.
     """
-    width, corners, maps = panorama.lit.shape[1], prediction.corners, prediction.maps
+    width = panorama.lit.shape[1]
+    corners = prediction.corners
+    maps = prediction.maps
     if maps is None and corners is not None:
         edge_map, corner_map = predictions.draw_maps(corners, width)
         maps = edge_map / 255.0, corner_map / 255.0
@@ -276,7 +286,8 @@ def draw(panoramas: Sequence[Panorama], predicted: Mapping[str, Prediction], pat
 def _draw_panorama(axes: Axes, panorama: Panorama, prediction: Prediction | None) -> None:
     height, width = panorama.lit.shape[:2]
     axes.imshow(panorama.lit, extent=(0, width, height, 0))
-    layouts, title = [(panorama.corners, "white", 2.6)], f"{panorama.name}: the true layout (white)"
+    layouts = [(panorama.corners, "white", 2.6)]
+    title = f"{panorama.name}: the true layout (white)"
     if prediction is not None and prediction.corners is not None:
         layouts.append((prediction.corners, RED, 1.1))
         title += ", the predicted one (orange)"

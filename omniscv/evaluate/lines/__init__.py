@@ -104,10 +104,13 @@ class Segment(NamedTuple):
 def evaluate(settings: Settings) -> Report:
     """Reconstruct, and compare with the truth; ArgumentError for a source without a known room."""
     setups = _setups(settings.quick)
-    rows, exact = list[Row](), list[tuple[float, float]]()
-    errors, cloud = settings.out / "lines.png", settings.out / "lines-cloud.png"
+    rows = list[Row]()
+    exact = list[tuple[float, float]]()
+    errors = settings.out / "lines.png"
+    cloud = settings.out / "lines-cloud.png"
     with open_source(settings.source or _SCENE) as source:
-        room, names = source.geometry().room, source.objects().names()
+        room = source.geometry().room
+        names = source.objects().names()
         if room is None:
             raise ArgumentError("source: expected one with a known room, got none; try scene://four-wall")
         renderer = Renderer(source)
@@ -143,7 +146,8 @@ def room_edges(room: Room) -> Iterator[Edge]:
 def seen_edges(room: Room, camera: Camera, labels: NDArray[np.uint16], names: Sequence[str]) -> Seen:
     """Return the edges that an image shows by its labels (H, W), and the pixels where it does; ``names`` are
     of the labels from 1 on."""
-    label, seen = {name: i for i, name in enumerate(names, start=1)}, list[tuple[Edge, ObservedLine]]()
+    label = {name: i for i, name in enumerate(names, start=1)}
+    seen = list[tuple[Edge, ObservedLine]]()
     for edge in room_edges(room):
         if {*edge.surfaces} <= label.keys():
             pixels = boundary(labels, *(label[name] for name in edge.surfaces))
@@ -154,7 +158,8 @@ def seen_edges(room: Room, camera: Camera, labels: NDArray[np.uint16], names: Se
 
 def boundary(labels: NDArray[np.uint16], a: int, b: int) -> Array:
     """Return (N, 2) px the midpoints of neighbouring pixels, one with label ``a``, the other with ``b``."""
-    is_a, is_b = labels == a, labels == b
+    is_a = labels == a
+    is_b = labels == b
     beside = is_a[:, :-1] & is_b[:, 1:] | is_b[:, :-1] & is_a[:, 1:]
     below = is_a[:-1] & is_b[1:] | is_b[:-1] & is_a[1:]
     points = np.argwhere(beside) + np.array([0.5, 1.0]), np.argwhere(below) + np.array([1.0, 0.5])

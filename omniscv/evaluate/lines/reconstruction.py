@@ -47,7 +47,8 @@ def incidence(origins: Array, directions: Array) -> Array:
 def nearest_to_rays(line: Array, origins: Array, directions: Array) -> Array:
     """Return (N, 3) the points of a line (6,) of unit direction that are nearest to rays (N, 3), unit."""
     middle = np.cross(line[:3], line[3:])  # nearest to the origin
-    cosine, offset = directions @ line[:3], origins - middle
+    cosine = directions @ line[:3]
+    offset = origins - middle
     along = (offset @ line[:3] - cosine * (offset * directions).sum(axis=-1)) / (1 - cosine**2)
     return np.asarray(middle + along[:, None] * line[:3])
 
@@ -122,7 +123,8 @@ def effective_baseline(origins: Array, directions: Array) -> float:
 def _on_klein(line: Array) -> Array:
     """Return the line (6,) of unit direction nearest to six numbers, with the same direction."""
     length = float(np.linalg.norm(line[:3]))
-    along, moment = line[:3] / length, line[3:] / length
+    along = line[:3] / length
+    moment = line[3:] / length
     return np.concatenate([along, moment - along * (along @ moment)])
 
 
@@ -154,8 +156,10 @@ class ObservedLine:
         rays = camera.unproject(pixels[:, None] + steps)
         seen = rays.valid.all(axis=1)
         rows = incidence(rays.origins, rays.directions)[seen]
-        self.pixels, self.rows = pixels[seen], rows[:, 0]
-        self.origins, self.directions = rays.origins[seen, 0], rays.directions[seen, 0]
+        self.pixels = pixels[seen]
+        self.rows = rows[:, 0]
+        self.origins = rays.origins[seen, 0]
+        self.directions = rays.directions[seen, 0]
         self.gradients = (rows[:, 1::2] - rows[:, 2::2]) / (2 * _STEP_PX)
 
     def distances_px(self, line: Array) -> Array:

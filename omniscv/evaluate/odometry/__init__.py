@@ -61,19 +61,22 @@ def evaluate(settings: Settings) -> Report:
     """
     pycolmap = load_pycolmap()
     count, width, edge = (20, 768, 512) if settings.quick else (60, 1024, 640)
-    truth, path = flight(count), settings.options.get("trajectory")
+    truth = flight(count)
+    path = settings.options.get("trajectory")
     if path is not None:
         truth = read_trajectory(Path(path))
         truth = truth[:: -(-len(truth) // count)] if settings.quick else truth
     times = truth.seconds or tuple(map(float, range(len(truth))))
-    rig, folder = rig_of(width, edge), settings.out / "odometry"
+    rig = rig_of(width, edge)
+    folder = settings.out / "odometry"
     steps = len(truth) * (1 + len(rig.cameras))
     with open_source(settings.source or SOURCE) as source:
         images = render(rig, truth, source, folder, lambda done: settings.progress(done, steps))
     written = [write_text(folder / "truth.tum", write_tum(truth))]
     runs = dict[str, TrajectoryErrors]()
     for i, (name, mounted) in enumerate(rig.cameras.items(), start=1):
-        T_cam_rig, estimates = mounted.pose.inverse(), reconstruct(images[name], mounted.camera)
+        T_cam_rig = mounted.pose.inverse()
+        estimates = reconstruct(images[name], mounted.camera)
         errors = _NO_ERRORS
         with suppress(ArgumentError):  # too few poses to align them
             errors = trajectory_errors(truth, {frame: pose @ T_cam_rig for frame, pose in estimates.items()})
@@ -144,7 +147,8 @@ def render(
 
 
 def _figures(name: str, truth: Trajectory, errors: TrajectoryErrors) -> list[Figure]:
-    count, off = len(errors.frames), rms(errors.position_m)
+    count = len(errors.frames)
+    off = rms(errors.position_m)
     unknown = np.array([np.nan])
     eps_t, eps_theta = (errors.eps_t_deg, errors.eps_theta_deg) if count else (unknown, unknown)
     return [
@@ -182,7 +186,8 @@ def draw(
         above.plot(*_from_above(truth), "-", color="#d1495b", lw=4, alpha=0.5, label="truth")
         for name, errors in runs.items():
             if errors.frames:
-                color, at = _COLORS[name], [times[frame] for frame in errors.frames]
+                color = _COLORS[name]
+                at = [times[frame] for frame in errors.frames]
                 position.plot(at, np.maximum(errors.eps_t_deg, _LEAST_DEG), lw=1.6, color=color)
                 orientation.plot(at, np.maximum(errors.eps_theta_deg, _LEAST_DEG), lw=1.6, color=color)
                 above.plot(*_from_above(errors.aligned), lw=1.2, label=name, color=color)

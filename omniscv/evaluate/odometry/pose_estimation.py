@@ -73,7 +73,8 @@ def reconstruct(images: Sequence[Path], camera: Camera) -> dict[int, Pose]:
     """Return the poses of the images, files in one folder of a central camera, that COLMAP registers in its
     largest model, by index; none if it fails."""
     pycolmap = load_pycolmap()
-    folder, names = images[0].parent, [path.name for path in images]
+    folder = images[0].parent
+    names = [path.name for path in images]
     with TemporaryDirectory() as scratch:
         pycolmap.set_random_seed(SEED)
         database = Path(scratch) / "database.db"
@@ -157,8 +158,10 @@ def umeyama(points: Array, targets: Array) -> tuple[float, Array, Array]:
     ArgumentError for fewer than three points, or points or targets on one line."""
     if len(points) < FEWEST:
         raise ArgumentError(f"positions: expected {FEWEST} or more, got {len(points)}")
-    mean, target_mean = points.mean(axis=0), targets.mean(axis=0)
-    offsets, target_offsets = points - mean, targets - target_mean
+    mean = points.mean(axis=0)
+    target_mean = targets.mean(axis=0)
+    offsets = points - mean
+    target_offsets = targets - target_mean
     for rows in (offsets, target_offsets):
         spread = np.linalg.svd(rows, compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
@@ -189,7 +192,8 @@ def trajectory_errors(
     reached = _positions(aligned)
     seen = positions - np.asarray(origin), reached - np.asarray(origin)
     # By the arc tangent, which is exact for small angles; the arc cosine is not.
-    across, ahead = np.linalg.norm(np.cross(*seen), axis=1), (seen[0] * seen[1]).sum(axis=1)
+    across = np.linalg.norm(np.cross(*seen), axis=1)
+    ahead = (seen[0] * seen[1]).sum(axis=1)
     successive = [i for i, (a, b) in enumerate(pairwise(frames)) if b == a + 1]
     ours, theirs = ([poses[i].inverse() @ poses[i + 1] for i in successive] for poses in (aligned, true))
     steps = [true_step.inverse() @ step for step, true_step in zip(ours, theirs, strict=True)]

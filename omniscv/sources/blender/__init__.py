@@ -76,7 +76,8 @@ class Settings:
 def read_address(address: str) -> tuple[Settings, str | None, int]:
     """Return an address's settings, Blender and number of processes; ArgumentError for a wrong one."""
     name, options = split_address(address, _READERS)
-    blender, processes = options.pop("blender", None), options.pop("processes", 1)
+    blender = options.pop("blender", None)
+    processes = options.pop("processes", 1)
     with within(f"source: {shown(address)}"):
         whole_number("processes", processes, most=256)
         path = Path(name).absolute()

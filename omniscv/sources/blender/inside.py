@@ -104,14 +104,16 @@ class World:
 
     def transfer(self) -> str:
         """Return what 8-bit colours say of light: known of view transforms that change no contrast."""
-        view, display = self.scene.view_settings, self.scene.display_settings.display_device
+        view = self.scene.view_settings
+        display = self.scene.display_settings.display_device
         changed = view.look != "None" or view.gamma != 1 or view.use_curve_mapping or display != "sRGB"
         known = {} if changed else {"Standard": "srgb", "Raw": "linear"}
         return known.get(view.view_transform, "unknown")
 
     def prepare(self) -> None:
         """Set what all renders have in common: pictures as they are, without anything drawn over them."""
-        render, cycles = self.scene.render, self.scene.cycles
+        render = self.scene.render
+        cycles = self.scene.cycles
         render.engine = "CYCLES"
         render.resolution_percentage = 100
         render.pixel_aspect_x = render.pixel_aspect_y = 1
@@ -127,7 +129,8 @@ class World:
         cycles.seed = self.settings["seed"]
         use_device(self.scene, self.settings["device"])
         if self.settings["threads"]:
-            render.threads_mode, render.threads = "FIXED", self.settings["threads"]
+            render.threads_mode = "FIXED"
+            render.threads = self.settings["threads"]
         names = "pixel_filter_type", "filter_width", "max_bounces"
         self.look = {name: getattr(cycles, name) for name in names}
 
@@ -145,7 +148,8 @@ class World:
 
     def aim(self, request: Message) -> None:
         """Set the camera: a pose from Blender's camera axes (x right, y up, z back) to its world."""
-        data, render = self.camera.data, self.scene.render
+        data = self.camera.data
+        render = self.scene.render
         tangent = request["tan_half_fov"]
         data.sensor_fit = "HORIZONTAL"
         data.lens = max(1.0, 18 / tangent)  # mm, at least 1
@@ -160,25 +164,34 @@ class World:
         """One sample at the centre of every pixel, without light; Blender knows no filter below 0.01 px."""
         cycles = self.scene.cycles
         self.use_passes("z", "normal", "object_index")
-        cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = 1, False, False
-        cycles.pixel_filter_type, cycles.filter_width, cycles.max_bounces = "BOX", 0.01, 0
+        cycles.samples = 1
+        cycles.use_adaptive_sampling = False
+        cycles.use_denoising = False
+        cycles.pixel_filter_type = "BOX"
+        cycles.filter_width = 0.01
+        cycles.max_bounces = 0
         multi_layer_exr(self.scene.render.image_settings)
 
     def set_colors(self) -> None:
         """As many samples as the address says, through the scene's pixel filter."""
-        cycles, image = self.scene.cycles, self.scene.render.image_settings
+        cycles = self.scene.cycles
+        image = self.scene.render.image_settings
         self.use_passes("combined")
         for name, value in self.look.items():
             setattr(cycles, name, value)
-        cycles.samples, cycles.use_adaptive_sampling = self.settings["samples"], False
+        cycles.samples = self.settings["samples"]
+        cycles.use_adaptive_sampling = False
         cycles.use_denoising = self.settings["denoiser"] != "none"
         if cycles.use_denoising:
             cycles.denoiser = self.settings["denoiser"].upper()
         if self.settings["lit"] == "float32":
             multi_layer_exr(image)
             return
-        image.media_type, image.file_format = "IMAGE", "PNG"
-        image.color_mode, image.color_depth, image.compression = "RGB", "8", 0
+        image.media_type = "IMAGE"
+        image.file_format = "PNG"
+        image.color_mode = "RGB"
+        image.color_depth = "8"
+        image.compression = 0
 
     def use_passes(self, *names: str) -> None:
         """Render only these passes."""
@@ -190,12 +203,14 @@ class World:
 
     def change(self, request: Message) -> None:
         """Hide and place objects, and set lights and materials; whatever was changed before is put back."""
-        hidden, poses = set(request["hidden"]), request["poses"]
+        hidden = set(request["hidden"])
+        poses = request["poses"]
         for name in hidden ^ self.hidden:
             self.named[name].hide_render = name in hidden
         for name in sorted(self.moved | poses.keys()):
             place(self.named[name], self.rest[name], poses.get(name), self.metres)
-        self.hidden, self.moved = hidden, set(poses)
+        self.hidden = hidden
+        self.moved = set(poses)
         for owner, attribute, value in reversed(self.undo):
             setattr(owner, attribute, value)
         self.undo = []
@@ -299,8 +314,10 @@ def place(item: Any, rest: Any, pose: Any, metres: float) -> None:
 
 
 def multi_layer_exr(image: Any) -> None:
-    image.media_type, image.file_format = "MULTI_LAYER_IMAGE", "OPEN_EXR_MULTILAYER"
-    image.color_depth, image.exr_codec = "32", "NONE"
+    image.media_type = "MULTI_LAYER_IMAGE"
+    image.file_format = "OPEN_EXR_MULTILAYER"
+    image.color_depth = "32"
+    image.exr_codec = "NONE"
 
 
 def use_device(scene: Any, device: str) -> None:

@@ -87,7 +87,8 @@ def copy_object(original: Any, name: str, matrix: Any, mesh: Any) -> Any:
         if new.type == "MESH":
             new.data = mesh
         else:  # curves and the like become meshes
-            curve, new = new, bpy.data.objects.new(new.name, mesh)
+            curve = new
+            new = bpy.data.objects.new(new.name, mesh)
             bpy.data.objects.remove(curve)
     new.matrix_world = matrix
     return new

@@ -35,7 +35,8 @@ from omniscv.storage.local import last_line
 
 T = TypeVar("T")
 
-TIMEOUT_S, RETRIES = 600.0, 3
+TIMEOUT_S = 600.0
+RETRIES = 3
 OLDEST = (5, 0)
 """Passes of EXR files and the settings of pictures have other names before Blender 5.0."""
 MARK = b"\n--omniscv-blender-1--\n"
@@ -67,7 +68,8 @@ class Process:
     """A running Blender, without a scene at first, and a ``folder`` for the files of its pictures."""
 
     def __init__(self, command: Sequence[str], name: str, timeout_s: float) -> None:
-        self._name, self._timeout_s = name, timeout_s
+        self._name = name
+        self._timeout_s = timeout_s
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed by stop
         self.folder = Path(tempfile.mkdtemp(prefix="omniscv-blender-"))
         pipe = subprocess.PIPE
@@ -207,8 +209,10 @@ class Blender:
     def __init__(
         self, command: Sequence[str], settings: Settings, timeout_s: float = TIMEOUT_S, retries: int = RETRIES
     ) -> None:
-        self._command, self._settings = list(command), settings
-        self._timeout_s, self._retries = timeout_s, retries
+        self._command = list(command)
+        self._settings = settings
+        self._timeout_s = timeout_s
+        self._retries = retries
         self.name = Path(settings.path).name
         self._process: Process | None = None
         self.version = ""

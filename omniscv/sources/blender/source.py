@@ -38,7 +38,9 @@ from omniscv.storage.bounded import library_error, read_bytes
 
 _DATA = ("object_mask", "depth", "normals")  # modalities that one render of a view gives together
 _AHEAD = 24  # requests that are read ahead, to render a view once for all its data
-_LEAST_PX, _MOST_PX = 4, 65_536  # of a side, as Blender has it
+# of a side, as Blender has it
+_LEAST_PX = 4
+_MOST_PX = 65_536
 CAPABILITIES = Capabilities(
     frozenset(("lit", *_DATA)),
     min_size=_LEAST_PX,
@@ -53,7 +55,9 @@ _log = logging.getLogger("omniscv")
 _SKY = 0.99e10  # Blender's depth where there is no surface is 1e10, in units of the scene
 _MOST_ID = 0xFFFF
 _MOST_HEADER = 1 << 16  # bytes of a PNG besides its pixels
-_MOST_PARTS, _MOST_CHANNELS = 16, 16  # of an EXR file
+# of an EXR file
+_MOST_PARTS = 16
+_MOST_CHANNELS = 16
 Pixels = dict[str, NDArray[Any]]
 """Pixels by modality."""
 
@@ -70,9 +74,12 @@ class BlenderSource(Rendered):
     """
 
     def __init__(self, blender: Blender, settings: Settings) -> None:
-        self.blender, self._settings = blender, settings
-        self._lock, self._closed = threading.RLock(), threading.Event()
-        self._name, self._objects = blender.name, ObjectTable({}, ids=dict(blender.scene.objects))
+        self.blender = blender
+        self._settings = settings
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._name = blender.name
+        self._objects = ObjectTable({}, ids=dict(blender.scene.objects))
         level = f"{blender.scene.scene}, frame {blender.scene.frame}"
         self._identity = SceneIdentity(Path(settings.path).stem, level, blender.digest)
 
@@ -143,12 +150,14 @@ class BlenderSource(Rendered):
 
     def _render(self, request: Request) -> Pixels:
         """Render a view, and return its pixels, read-only, by the modalities that come together."""
-        view, is_lit = request.view, request.mode == "lit"
+        view = request.view
+        is_lit = request.mode == "lit"
         is_png = is_lit and self._settings.lit == "uint8"
         file = f"picture.{'png' if is_png else 'exr'}"
 
         def read(reply: dict[str, Any], folder: Path) -> Pixels:
-            path, metres = folder / file, float(reply["metres"])
+            path = folder / file
+            metres = float(reply["metres"])
             pixels = read_colors(path, view) if is_lit else read_data(path, view, metres)
             path.unlink()
             return pixels

@@ -50,7 +50,9 @@ class Developed(SourceWrapper):
 
         def needed() -> Iterator[Request]:
             for _, at in groupby(requests, lambda request: request.view.key().position):
-                here, place, claimed = list(at), dict[Request, Capture](), set[Request]()
+                here = list(at)
+                place = dict[Request, Capture]()
+                claimed = set[Request]()
                 for request in here:
                     cube = self._cube(request, here)
                     new = [each for each in dict.fromkeys((request, *cube)) if each not in claimed]
@@ -58,11 +60,13 @@ class Developed(SourceWrapper):
                     asked.append((request, cube, place, new))
                     yield from new
 
-        arriving, ahead = self._source.capture(needed()), None
+        arriving = self._source.capture(needed())
+        ahead = None
         while asked or (ahead := next(arriving, None)) is not None or asked:
             request, cube, place, new = asked.popleft()
             for each in new:
-                capture, ahead = ahead or next(arriving, None), None
+                capture = ahead or next(arriving, None)
+                ahead = None
                 if capture is None:
                     return
                 place[each] = self._alone(capture)
@@ -75,7 +79,8 @@ class Developed(SourceWrapper):
 
         Masks of a recording count if it has them, those of a live source if they are requested, too.
         """
-        view, scale = request.view, self._options.truth_scale
+        view = request.view
+        scale = self._options.truth_scale
         sees_a_face = view.width == view.height and view.focal_px <= view.width / 2 * (1 + _SAME)
         if request.mode != "lit" or request.again or view.lens or not sees_a_face:
             return []
@@ -93,7 +98,8 @@ class Developed(SourceWrapper):
         """Replace captures of colours by mended ones, with their masks among the captures."""
         faces = [place[request] for request in requests if request.mode == "lit"]
         masks = [place[request].pixels for request in requests if request.mode != "lit"]
-        views, pixels = [face.view for face in faces], [face.pixels for face in faces]
+        views = [face.view for face in faces]
+        pixels = [face.pixels for face in faces]
         transfer = self._source.capabilities.transfer
         mended = mend(views, pixels, self._options.seams, transfer, masks, self._vignette)
         for face, colors, relit in zip(faces, mended.pixels, mended.relit, strict=True):
@@ -117,7 +123,8 @@ class Developed(SourceWrapper):
         """Return a capture of a face that is turned as it should be; others as they are."""
         if not self._options.straighten or self._recorded is None:
             return capture
-        center_w, R_w_c = capture.view.pose.t_w_c, capture.view.pose.R_w_c
+        center_w = capture.view.pose.t_w_c
+        R_w_c = capture.view.pose.R_w_c
         if (at := center_w.tobytes()) not in self._turns:
             cube = Cube.recorded(self._source, center_w, capture.request.state)
             turns = {} if cube is None else proven_turns(cube)

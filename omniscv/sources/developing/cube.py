@@ -109,7 +109,8 @@ class Cube:
 
     def continuous(self, edge: Edge) -> NDArray[np.bool_]:
         """Return (s,) where both faces show one object, in the order of :meth:`lines`."""
-        a, b = np.rot90(self.labels[edge.a], edge.side_a), np.rot90(self.labels[edge.b], edge.side_b)
+        a = np.rot90(self.labels[edge.a], edge.side_a)
+        b = np.rot90(self.labels[edge.b], edge.side_b)
         return np.asarray(a[0] == b[0, ::-1])
 
     def steps(self) -> Array:

@@ -28,8 +28,12 @@ _BLOCKS = 64  # of an edge, for gains
 _CODES = 10, 245  # beyond, pictures are too dark, or clipped
 _SCALES = 1.0, 0.3, 0.1, 0.05, 0.03, 0.02  # of residuals of gains, lowered step by step
 _PRIOR = 0.02 / 0.5  # noise of a block by the spread of gains
-_EXPLAINED, _GAIN = 0.3, 0.01  # the least that gains explain, and by which one differs from 1
-_FEWEST_EDGES, _MOST_SHIFT_PX = 4, 2.0  # beyond, faces are of several places or instants
+# the least that gains explain, and by which one differs from 1
+_EXPLAINED = 0.3
+_GAIN = 0.01
+# beyond, faces are of several places or instants
+_FEWEST_EDGES = 4
+_MOST_SHIFT_PX = 2.0
 _FEWEST_OF_FACE = 2  # edges that show a face's gain
 _CLIPPED = 1e-3  # share of the pixels
 _GAINS = 0.25, 4.0
@@ -42,7 +46,9 @@ _REACH = 0.1  # face widths within which a correction falls to 1/e
 _OUTLINE = 12.0  # levels between cells at which a correction stops
 _COUPLING = 20.0
 _SURE = 1.5  # steps within so many of their standard errors are texture
-_SMOOTH_PX, _FADE_PX = 8, 16  # of what the cells leave, along the edge and into the face
+# of what the cells leave, along the edge and into the face
+_SMOOTH_PX = 8
+_FADE_PX = 16
 _OVERLAP = 1 / 32  # of a face beyond each side, from which faces fade into each other
 
 
@@ -66,7 +72,8 @@ class Gains(NamedTuple):
 
 def estimate_gains(cube: Cube, transfer: str) -> Gains:
     """Return the gains of the faces in linear light, by a robust fit to the logarithms along the edges."""
-    rows, differences = [], []
+    rows = []
+    differences = []
     for edge in cube.edges:
         a, b = cube.at_edge(edge)
         usable = np.all((np.minimum(a, b) > _CODES[0]) & (np.maximum(a, b) < _CODES[1]), axis=-1)
@@ -83,12 +90,15 @@ def estimate_gains(cube: Cube, transfer: str) -> Gains:
 
 def estimate_in_overlap(views: Sequence[View], pixels: NDArray[np.uint8], transfer: str) -> Gains:
     """Return gains and vignette of faces (6, h, h, 3) wider than 90 degrees, by rays that two of them see."""
-    rows, differences, squared_radii = [], [], []
+    rows = []
+    differences = []
+    squared_radii = []
     every = max(1, pixels.shape[1] // _SAMPLES)
     radii = _squared_radii(pixels.shape[1])
     for a, b, band, at_px, weight in _overlaps(views):
         some = np.s_[::every, ::every]
-        at, here = np.rint(at_px[some]).astype(int), pixels[a][band][some]
+        at = np.rint(at_px[some]).astype(int)
+        here = pixels[a][band][some]
         x, y = np.moveaxis(np.clip(at, 0, pixels.shape[1] - 1), -1, 0)
         there = pixels[b][y, x]
         clear = (np.minimum(here, there) > _CODES[0]) & (np.maximum(here, there) < _CODES[1])
@@ -105,7 +115,8 @@ def _fit(index: NDArray[Any], y: Array, squared_radii: Array) -> Gains:
     pairs = np.unique(index, axis=0) if len(y) else np.zeros((0, 2), int)
     if np.bincount(pairs.ravel(), minlength=6).min() < _FEWEST_OF_FACE:
         return Gains(np.ones(6), 0.0, False)
-    J, x = np.zeros((len(y), 8)), np.zeros(8)
+    J = np.zeros((len(y), 8))
+    x = np.zeros(8)
     J[np.arange(len(y)), index[:, 0]] = 1
     J[np.arange(len(y)), index[:, 1]] = -1
     J[:, 6] = squared_radii[:, 0] - squared_radii[:, 1]
@@ -244,15 +255,18 @@ def cross_fade(views: Sequence[View], pixels: NDArray[np.uint8]) -> NDArray[np.u
     """Return pixels (6, h, h, 3) of faces wider than 90 degrees that fade into each other."""
     import cv2
 
-    half, focal = views[0].width / 2, views[0].focal_px
+    half = views[0].width / 2
+    focal = views[0].focal_px
     x = np.abs(np.arange(views[0].width, dtype=np.float32) + np.float32(0.5 - half)) / np.float32(focal)
     own = half / focal - np.maximum(x[None], x[:, None])
-    total, light = np.tile(own, (6, 1, 1)), own[..., None] * pixels
+    total = np.tile(own, (6, 1, 1))
+    light = own[..., None] * pixels
     for face, other, band, at_px, weight in _overlaps(views):
         seen = cv2.remap(pixels[other], at_px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         total[face][band] += weight
         light[face][band] += weight[..., None] * seen
-    faded, shared = pixels.copy(), total > own
+    faded = pixels.copy()
+    shared = total > own
     faded[shared] = np.rint(light[shared] / total[shared][:, None])
     return faded
 
@@ -263,7 +277,8 @@ def _overlaps(
     """Yield a face and one beside it, and of the band (rows, columns) that both show the other's px (h, w, 2)
     and its weight (h, w), 0 at its border.
     """
-    half, focal = views[0].width / 2, views[0].focal_px
+    half = views[0].width / 2
+    focal = views[0].focal_px
     reach = half / focal
     x = ((np.arange(views[0].width) + 0.5 - half) / focal).astype(np.float32)
     rays = np.stack([*np.meshgrid(x, x), np.ones((len(x), len(x)), np.float32)], axis=-1)
@@ -285,12 +300,14 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
     from scipy.sparse import coo_array, csc_array, diags_array
     from scipy.sparse.linalg import splu
 
-    size, area = (cells, cells), cv2.INTER_AREA
+    size = (cells, cells)
+    area = cv2.INTER_AREA
     means = np.stack([cv2.resize(face.astype(np.float32), size, interpolation=area) for face in cube.pixels])
     index = np.arange(6 * cells * cells).reshape(6, cells, cells)
     middles = ((np.arange(cells) + 0.5) * cube.pixels.shape[1] / cells).astype(int)
     labels = cube.labels[:, middles[:, None], middles]
-    pairs, weights = list[NDArray[np.int64]](), list[Array]()
+    pairs = list[NDArray[np.int64]]()
+    weights = list[Array]()
     for axis in (1, 2):
         first, second = (np.take(index, np.arange(s, cells - 1 + s), axis=axis).ravel() for s in (0, 1))
         change = np.abs(np.diff(means, axis=axis)).max(axis=-1).ravel()
@@ -306,7 +323,8 @@ def _membrane(cube: Cube, cells: int) -> NDArray[np.float32]:
         weights.append(_COUPLING * share)
         np.add.at(pull, a, -_COUPLING * share[:, None] * step)
         np.add.at(pull, b, _COUPLING * share[:, None] * step)
-    (i, j), w = np.concatenate(pairs, axis=1), np.concatenate(weights)
+    (i, j) = np.concatenate(pairs, axis=1)
+    w = np.concatenate(weights)
     off = coo_array((-w, (i, j)), (index.size, index.size)).tocsr()
     off = off + off.T
     diagonal = -off.sum(axis=1) + 1 / (_REACH * cells) ** 2

@@ -21,10 +21,16 @@ POOLED = 16
 """Places of a recording, at most, that show its vignette."""
 
 _CODES = 10, 245  # beyond, pictures are too dark, or clipped
-_DEEP, _SAMPLED_ROWS, _BLOCKS = 1 / 16, 8, 32  # of a width, beside an edge; rows there; blocks along it
-_LEAST, _ERRORS = 0.19, 5  # the least logarithm in the corners that is applied, and in standard errors
+# of a width, beside an edge; rows there; blocks along it
+_DEEP = 1 / 16
+_SAMPLED_ROWS = 8
+_BLOCKS = 32
+# the least logarithm in the corners that is applied, and in standard errors
+_LEAST = 0.19
+_ERRORS = 5
 _NOISE = 0.01  # of logarithms of 8-bit codes
-_ROUNDS, _PRIOR = 20, 1e-9
+_ROUNDS = 20
+_PRIOR = 1e-9
 
 
 def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float] | None:
@@ -36,19 +42,22 @@ def pooled_vignette(cubes: Iterable[Cube], transfer: str) -> tuple[float, float]
     fitted = _fitted(np.concatenate(parts))
     without = np.array([_fitted(np.concatenate(parts[:i] + parts[i + 1 :])) for i in range(12)])
     corner = np.array((2.0, 4.0))  # r^2 and r^4 there
-    lost, left_out = fitted @ corner, without @ corner
+    lost = fitted @ corner
+    left_out = without @ corner
     error = np.sqrt(11 / 12 * ((left_out - left_out.mean()) ** 2).sum())
     return (float(fitted[0]), float(fitted[1])) if lost > max(_LEAST, _ERRORS * error) else None
 
 
 def _creases(cube: Cube, transfer: str) -> list[Array]:
     """By edge (n, 3): the mean logarithm of light of both faces beside it, less that on it; r^2 of both."""
-    size, half = cube.pixels.shape[1], cube.pixels.shape[1] / 2 + cube.border
+    size = cube.pixels.shape[1]
+    half = cube.pixels.shape[1] / 2 + cube.border
     deep = max(2, round(_DEEP * size))
     rows = np.unique(np.linspace(1, deep - 1, _SAMPLED_ROWS).astype(int))
     along = np.array_split((np.arange(size) + 0.5 - size / 2) / half, min(_BLOCKS, size))
     y = np.array([block.mean() for block in along])
-    on_edge, beside = size / 2 / half, (size / 2 - rows - 0.5) / half
+    on_edge = size / 2 / half
+    beside = (size / 2 - rows - 0.5) / half
     radii = np.stack(np.broadcast_arrays(beside[:, None] ** 2 + y**2, on_edge**2 + y**2), axis=-1)
     edges = []
     for edge in cube.edges:
@@ -68,7 +77,8 @@ def _creases(cube: Cube, transfer: str) -> list[Array]:
 def _fitted(creases: NDArray[np.float64]) -> Array:
     """Return (a, b) of the creases' logarithms, by least squares that outliers hardly change."""
     y, beside, on_edge = creases.T
-    J, x = np.stack([on_edge - beside, on_edge**2 - beside**2], axis=1), np.zeros(2)
+    J = np.stack([on_edge - beside, on_edge**2 - beside**2], axis=1)
+    x = np.zeros(2)
     for _ in range(_ROUNDS if len(y) else 0):
         off = y - J @ x
         scale = max(_NOISE, 1.4826 * float(np.median(np.abs(off))))
@@ -81,10 +91,16 @@ _BLUR_PX = 15  # on both sides: slower changes along an edge are no texture
 _BLUR = np.full(2 * _BLUR_PX + 1, 1 / (2 * _BLUR_PX + 1))
 _ROWS = 3  # from which the direction of lines is taken
 _MOST_SLIP = 1 / 128  # of a face's width
-_TEXTURE, _ALIKE = 1.0, 0.6  # levels of texture, and correlation, that show a shift
-_SLIP_PX, _NOISE_PX = 0.6, 0.1  # pictures without anti-aliasing shift texture by half a pixel
+# levels of texture, and correlation, that show a shift
+_TEXTURE = 1.0
+_ALIKE = 0.6
+# pictures without anti-aliasing shift texture by half a pixel
+_SLIP_PX = 0.6
+_NOISE_PX = 0.1
 _LEAST_PX = 512  # of a face: smaller ones are turned by less than their pixels show
-_SLIP_DEG, _PROVEN = 0.05, 2  # the least turn, and the edges on which it is seen
+# the least turn, and the edges on which it is seen
+_SLIP_DEG = 0.05
+_PROVEN = 2
 
 
 def straightened(capture: Capture, turn: Array) -> Capture:
@@ -92,7 +108,8 @@ def straightened(capture: Capture, turn: Array) -> Capture:
     import cv2
     from scipy.spatial.transform import Rotation  # slow to load
 
-    view, R_w_c = capture.view, capture.view.pose.R_w_c
+    view = capture.view
+    R_w_c = capture.view.pose.R_w_c
     shown = replace(view, pose=Pose(np.zeros(3), Rotation.from_rotvec(turn).as_matrix() @ R_w_c))
     pixels = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in (view.width, view.height))), axis=-1)
     rays_w = pinhole.rays(pixels, view.projection) @ R_w_c.T
@@ -128,7 +145,8 @@ def turns_of(cube: Cube) -> tuple[Array, NDArray[np.int64]]:
         # A face that is turned by w shows a direction d where d - w x d would be.
         row[edge.a] = np.cross(middle, along) * view.focal_px
         row[edge.b] = -row[edge.a]
-    A, y = rows, np.array([*known.values()])
+    A = rows
+    y = np.array([*known.values()])
     turns = _few_turns(A, y)
     of_face = (A * turns).sum(axis=2)  # (edges, 6) px that each face's turn explains
     explained = np.abs(of_face.sum(axis=1) - y) < np.abs(y) / 2
@@ -168,7 +186,8 @@ def _shift_along(a: Array, b: Array) -> float:
 def _few_turns(A: Array, y: Array) -> Array:
     """(6, 3) turns of few faces that explain shifts y: least squares, reweighted by the size of each turn."""
     flat = A.reshape(len(A), 18)
-    x, weights = np.zeros(18), np.ones(18)
+    x = np.zeros(18)
+    weights = np.ones(18)
     for _ in range(20):
         scaled = flat * weights
         x = weights * (scaled.T @ np.linalg.solve(scaled @ scaled.T + _NOISE_PX**2 * np.eye(len(A)), y))

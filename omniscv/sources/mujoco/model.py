@@ -68,8 +68,12 @@ class Model:
     def __init__(self, model: Any, data: Any, settings: Settings) -> None:
         import mujoco
 
-        self.mujoco, self.m, self.d, self.settings = mujoco, model, data, settings
-        self.lock, self.closed = threading.RLock(), threading.Event()
+        self.mujoco = mujoco
+        self.m = model
+        self.d = data
+        self.settings = settings
+        self.lock = threading.RLock()
+        self.closed = threading.Event()
         self._track: Array | None = None
         self._start()
         check_finite(mujoco, model, data)
@@ -77,7 +81,9 @@ class Model:
         self.far_m = max(FAR_M, _FAR_EXTENTS * float(model.stat.extent))
         self.planes = Planes.of(mujoco, model)
         visible = opacity(model) > 0
-        model.geom_matid[~visible], model.geom_rgba[~visible, 3] = -1, 0  # rays pass them, too
+        # rays pass them, too
+        model.geom_matid[~visible] = -1
+        model.geom_rgba[~visible, 3] = 0
         self._passed = np.flatnonzero(visible & (met_opacity(model) == 0))
         self.handles, object_of = _objects(mujoco, model, settings.by)
         self.groups = np.array([str(group) in settings.groups for group in range(_GROUPS)], np.uint8)
@@ -112,7 +118,8 @@ class Model:
 
     def _start(self) -> None:
         """Bring the data to the keyframe and ``qpos`` of the settings."""
-        keyframe, qpos = self.settings.keyframe, read_qpos(self.settings.qpos, self.m.nq)
+        keyframe = self.settings.keyframe
+        qpos = read_qpos(self.settings.qpos, self.m.nq)
         if keyframe is not None:
             kind = self.mujoco.mjtObj.mjOBJ_KEY
             name = str(keyframe)
@@ -174,7 +181,9 @@ class Model:
             self._compute()
         names = list(self.handles)
         gone = np.array([names[i] in hidden for i in self._object_of], np.bool_)
-        self.m.geom_matid[gone], self.m.geom_rgba[gone, 3] = -1, 0  # rays and the renderer pass through
+        # rays and the renderer pass through
+        self.m.geom_matid[gone] = -1
+        self.m.geom_rgba[gone, 3] = 0
         for kind, number in (self.soft[name] for name in hidden if name in self.soft):
             getattr(self.m, f"{kind}_group")[number] = HIDDEN
         for name, values in instant.varied.get("lights", {}).items():
@@ -226,7 +235,8 @@ class Model:
             done, state = self._walked if same else (0, begin)
             self.mujoco.mj_setState(self.m, self.d, state, kind)
             self._walk(step - done)
-            self._walked, self._walked_from = (step, self.state_of(self.d)), begin
+            self._walked = (step, self.state_of(self.d))
+            self._walked_from = begin
         self._compute()
 
     _walked_from: Array | None = None
@@ -261,14 +271,18 @@ class Model:
     def _depth(self, name: str) -> int:
         """Return how deep an object lies in the tree of bodies: those that carry others are placed first."""
         kind, index = self.handles[name]
-        body, depth = index if kind == "body" else self.m.geom_bodyid[index], 0
+        body = index if kind == "body" else self.m.geom_bodyid[index]
+        depth = 0
         while body:
-            body, depth = self.m.body_parentid[body], depth + 1
+            body = self.m.body_parentid[body]
+            depth = depth + 1
         return 2 * depth + (kind == "geom")
 
     def _place(self, handle: Handle, pose: Pose) -> None:
         """Move a body, with all that hangs on it, or a geom."""
-        m, d, i = self.m, self.d, handle.number
+        m = self.m
+        d = self.d
+        i = handle.number
         free = self.mujoco.mjtJoint.mjJNT_FREE
         if handle.kind == "geom":
             body = m.geom_bodyid[i]
@@ -284,7 +298,8 @@ class Model:
             d.mocap_pos[mocap], d.mocap_quat[mocap] = pose.position, self._quaternion(target)
         else:  # its frame in its parent, such that the joints as they are give the pose
             parent = m.body_parentid[i]
-            T_w_p, T_w_i = _matrix(d.xpos[parent], d.xmat[parent]), _matrix(d.xpos[i], d.xmat[i])
+            T_w_p = _matrix(d.xpos[parent], d.xmat[parent])
+            T_w_i = _matrix(d.xpos[i], d.xmat[i])
             R = np.empty(9)
             self.mujoco.mju_quat2Mat(R, m.body_quat[i])
             frame = np.linalg.inv(T_w_p) @ target @ np.linalg.inv(T_w_i) @ T_w_p @ _matrix(m.body_pos[i], R)
@@ -334,12 +349,14 @@ class Model:
 
     def box(self, name: str) -> ObjectBox | None:
         """Return the box around an object's geoms, in its own axes; None around a plane, which has no end."""
-        names, frame = list(self.handles), self.pose(name)
+        names = list(self.handles)
+        frame = self.pose(name)
         of_object = self._object_of == names.index(name)
         geoms = np.flatnonzero(of_object & (self.m.geom_type > int(self.mujoco.mjtGeom.mjGEOM_PLANE)))
         if not len(geoms) or of_object.sum() > len(geoms):
             return None
-        middles, halves = self.m.geom_aabb[geoms, None, :3], self.m.geom_aabb[geoms, None, 3:]
+        middles = self.m.geom_aabb[geoms, None, :3]
+        halves = self.m.geom_aabb[geoms, None, 3:]
         R_w_g = self.d.geom_xmat[geoms].reshape(-1, 1, 3, 3)
         corners = ((middles + _CORNERS * halves)[..., None, :] @ np.swapaxes(R_w_g, -1, -2))[..., 0, :]
         along = (corners + self.d.geom_xpos[geoms, None] - frame.position).reshape(-1, 3) @ frame.rotation
@@ -351,10 +368,12 @@ class Model:
         """Return what rays meet: see :meth:`omniscv.sources.Source.trace`."""
         shape = directions_w.shape[:-1]
         rays = np.ascontiguousarray(directions_w.reshape(-1, 3), np.float64)
-        geom, distance = np.full(len(rays), -1, np.int32), np.full(len(rays), -1.0)
+        geom = np.full(len(rays), -1, np.int32)
+        distance = np.full(len(rays), -1.0)
         normal = np.zeros((len(rays), 3))
         used = np.flatnonzero(np.isfinite(rays).all(axis=1))  # a ray with NaN meets nothing
-        points, of = np.reshape(origins_w, (-1, 3)), np.zeros(len(used), np.int64)
+        points = np.reshape(origins_w, (-1, 3))
+        of = np.zeros(len(used), np.int64)
         if np.ndim(origins_w) > 1:
             points, of = np.unique(points[used], axis=0, return_inverse=True)
         order = np.argsort(of.ravel(), kind="stable")
@@ -364,7 +383,8 @@ class Model:
                 geom[rows], distance[rows], normal[rows] = self._meet(point, rays[rows])
         geom[distance > self.far_m] = -1
         nothing = (geom < 0) | (distance < 0)
-        distance[nothing], normal[nothing] = np.inf, 0
+        distance[nothing] = np.inf
+        normal[nothing] = 0
         label = self.label_of[np.where(geom < 0, -1, geom)]
         normal[np.einsum("ij,ij->i", normal, rays) > 0] *= -1  # towards the ray, also from inside
         return Traced(distance.reshape(shape), label.reshape(shape), normal.reshape(*shape, 3))
@@ -372,7 +392,9 @@ class Model:
     def _meet(self, point: Array, rays: Array) -> tuple[NDArray[np.int32], Array, Array]:
         """Return the geoms, -1 for none, distances and normals that rays (N, 3) from one point meet."""
         count = len(rays)
-        geom, distance, normal = np.full(count, -1, np.int32), np.full(count, -1.0), np.zeros(3 * count)
+        geom = np.full(count, -1, np.int32)
+        distance = np.full(count, -1.0)
+        normal = np.zeros(3 * count)
         aimed = np.ascontiguousarray(rays).ravel()
         found = geom, distance, normal, count, _ENDLESS_M
         self.mujoco.mj_multiRay(self.m, self.d, point, aimed, self.groups, 1, -1, *found)
@@ -389,14 +411,16 @@ class Model:
     @contextmanager
     def _without(self, geoms: NDArray[np.int64], met: bool = False) -> Iterator[None]:
         """Hide geoms from rays and the renderer; or let rays meet what they pass for its material."""
-        materials, opacities = self.m.geom_matid[geoms].copy(), self.m.geom_rgba[geoms, 3].copy()
+        materials = self.m.geom_matid[geoms].copy()
+        opacities = self.m.geom_rgba[geoms, 3].copy()
         self.m.geom_matid[geoms] = -1
         if not met:
             self.m.geom_rgba[geoms, 3] = 0
         try:
             yield
         finally:
-            self.m.geom_matid[geoms], self.m.geom_rgba[geoms, 3] = materials, opacities
+            self.m.geom_matid[geoms] = materials
+            self.m.geom_rgba[geoms, 3] = opacities
 
     def seen_from(self, center_w: Array) -> AbstractContextManager[None]:
         """Return a context in which planes that an optical centre sees from behind are hidden."""

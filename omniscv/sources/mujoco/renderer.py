@@ -11,7 +11,8 @@ from omniscv.geometry import Array
 from omniscv.sources.base import View
 from omniscv.sources.mujoco.drawn import GRID, SOFT, choose
 
-NEAR_M, FAR_M = 0.001, 10_000.0
+NEAR_M = 0.001
+FAR_M = 10_000.0
 """Of what is rendered, at least: the renderer's depth is a float of 32 bits that is 0 at the far end, so that
 a near plane this near costs no digits."""
 DEPTH_ERROR = 1.2e-6
@@ -23,7 +24,8 @@ _OF_A_GRID = 8.0
 _STEEPEST = 1e-3  # cosine of the angle between a ray and the normal below which it is not told from 0
 _FIRST_PX = 256
 _PER_WRAP = 64  # pieces in which a slack tendon is drawn, at most
-_LIT, _DATA = "lit", "data"
+_LIT = "lit"
+_DATA = "data"
 _no_opengl: list[str] = []
 """Why no context could be made in this process: MuJoCo hangs where it is tried once more."""
 
@@ -32,7 +34,8 @@ class Renderer:
     """Renders a model's pictures, colours with samples, data without; SourceError without OpenGL."""
 
     def __init__(self, model: Any) -> None:
-        self._model, self._mujoco = model, model.mujoco
+        self._model = model
+        self._mujoco = model.mujoco
         self._thread = ThreadPoolExecutor(1, "mujoco-gl")
         try:
             self._thread.submit(self._open).result()
@@ -83,13 +86,15 @@ class Renderer:
         raise SourceError(f"mujoco: expected OpenGL to render with, got: {_no_opengl[0][:100]}; {advice}")
 
     def _make_contexts(self) -> None:
-        mujoco, m = self._mujoco, self._model.m
+        mujoco = self._mujoco
+        m = self._model.m
         self._context = mujoco.GLContext(_FIRST_PX, _FIRST_PX)
         self._context.make_current()
         m.vis.quality.numslices = self._model.settings.numslices
         m.vis.quality.numstacks = self._model.settings.numslices // 2
         m.vis.global_.offwidth = m.vis.global_.offheight = _FIRST_PX
-        samples, self._contexts = m.vis.quality.offsamples, {}
+        samples = m.vis.quality.offsamples
+        self._contexts = {}
         for kind in (_LIT, _DATA):
             m.vis.quality.offsamples = samples if kind == _LIT else 0
             self._contexts[kind] = mujoco.MjrContext(m, mujoco.mjtFontScale.mjFONTSCALE_50.value)
@@ -108,14 +113,17 @@ class Renderer:
 
     def _render(self, view: View, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return (H, W, 3) bytes and (H, W) of the depth buffer, as OpenGL has them: the lowest row first."""
-        mujoco, context, size = self._mujoco, self._contexts[kind], (view.width, view.height)
+        mujoco = self._mujoco
+        context = self._contexts[kind]
+        size = (view.width, view.height)
         if context.offWidth < size[0] or context.offHeight < size[1]:
             larger = max(size[0], context.offWidth), max(size[1], context.offHeight)
             mujoco.mjr_resizeOffscreen(*larger, context)
         # Before every picture: after a change of size, ids are garbage without it.
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        m, d = self._model.m, self._model.d
+        m = self._model.m
+        d = self._model.d
         with self._model.seen_from(view.pose.position):
             mujoco.mjv_updateScene(m, d, self._option, None, mujoco.MjvCamera(), everything, self._scene)
         self._aim(view)
@@ -125,16 +133,21 @@ class Renderer:
                 self._set_headlight(light, view)
         self._set_effects(kind == _LIT)
         rectangle = mujoco.MjrRect(0, 0, *size)
-        rgb, z = np.empty((*size[::-1], 3), np.uint8), np.empty(size[::-1], np.float32)
+        rgb = np.empty((*size[::-1], 3), np.uint8)
+        z = np.empty(size[::-1], np.float32)
         mujoco.mjr_render(rectangle, self._scene, context)
         mujoco.mjr_readPixels(rgb, z, rectangle, context)
         return rgb, z
 
     def _aim(self, view: View) -> None:
-        R_w_c, p = view.pose.R_w_c, view.projection
+        R_w_c = view.pose.R_w_c
+        p = view.projection
         for camera in (self._scene.camera[0], self._scene.camera[1]):  # the renderer takes their mean
-            camera.pos, camera.forward, camera.up = view.pose.position, R_w_c[:, 2], -R_w_c[:, 1]
-            camera.frustum_near, camera.frustum_far = NEAR_M, self._model.far_m
+            camera.pos = view.pose.position
+            camera.forward = R_w_c[:, 2]
+            camera.up = -R_w_c[:, 1]
+            camera.frustum_near = NEAR_M
+            camera.frustum_far = self._model.far_m
             camera.frustum_center = NEAR_M * (view.width / 2 - p.cx) / p.fx
             camera.frustum_width = NEAR_M * view.width / 2 / p.fx
             camera.frustum_top = NEAR_M * p.cy / p.fy
@@ -149,7 +162,8 @@ class Renderer:
                 item.pos = planes.position_w(self._model.d, left[item.objid], view.pose.position)
 
     def _set_effects(self, is_lit: bool) -> None:
-        flags, names = self._scene.flags, self._mujoco.mjtRndFlag
+        flags = self._scene.flags
+        names = self._mujoco.mjtRndFlag
         for name in (names.mjRND_SHADOW, names.mjRND_REFLECTION, names.mjRND_SKYBOX, names.mjRND_HAZE):
             flags[name] = is_lit
         flags[names.mjRND_FOG] = is_lit and self._model.settings.fog
@@ -159,16 +173,20 @@ class Renderer:
     def _set_headlight(self, light: Any, view: View) -> None:
         """Make the lamp on the camera one on which all views of one optical centre agree."""
         mode = self._model.settings.headlight
-        light.pos, light.dir = view.pose.position, view.pose.R_w_c[:, 2]
+        light.pos = view.pose.position
+        light.dir = view.pose.R_w_c[:, 2]
         if mode == "camera":
             return
         light.headlight = 0
         if mode == "center":  # a spot as wide as can be: the renderer draws no light of type point
-            light.type, light.cutoff = self._mujoco.mjtLightType.mjLIGHT_SPOT, 180
-            light.exponent, light.attenuation = 0, (1, 0, 0)
+            light.type = self._mujoco.mjtLightType.mjLIGHT_SPOT
+            light.cutoff = 180
+            light.exponent = 0
+            light.attenuation = (1, 0, 0)
             return
         light.ambient = light.ambient + 0.5 * light.diffuse if mode == "ambient" else 0 * light.ambient
-        light.diffuse, light.specular = 0 * light.diffuse, 0 * light.specular
+        light.diffuse = 0 * light.diffuse
+        light.specular = 0 * light.specular
 
 
 def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) -> Array:
@@ -190,7 +208,8 @@ def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) 
     size = np.where(cell_m[geom] > 0, _OF_A_GRID * (size + cell_m[geom]), size)
     error = DEPTH_ERROR * distance + POSITION_ERROR * size / cos
     slices = model.settings.numslices
-    kinds, radius_of = model.mujoco.mjtGeom, np.zeros(len(model.label_of))
+    kinds = model.mujoco.mjtGeom
+    radius_of = np.zeros(len(model.label_of))
     round_ = {
         int(kinds.mjGEOM_ELLIPSOID): 3,
         **dict.fromkeys(map(int, (kinds.mjGEOM_SPHERE, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER)), 1),
@@ -202,7 +221,8 @@ def raster_error(model: Any, geom: NDArray[np.int32], depth: Array, view: View) 
         radii = round_.get(int(model.m.geom_type[index]), 0)
         radius_of[index] = model.m.geom_size[index, :radii].max(initial=0)
     sag_of = radius_of * (1 - np.cos(np.pi / slices) * np.cos(np.pi / (2 * (slices // 2))))
-    sag, radius = sag_of[geom], radius_of[geom]
+    sag = sag_of[geom]
+    radius = radius_of[geom]
     error += np.minimum(1.5 * sag / cos, np.sqrt(2 * radius * sag) + sag)
     return np.where(seen, error, 0.0)
 

@@ -71,7 +71,8 @@ def read_qpos(qpos: Any, size: int) -> Array | None:
     """
     if qpos is None:
         return None
-    where, values = "qpos", qpos
+    where = "qpos"
+    values = qpos
     if isinstance(qpos, str | Path):
         where = f"qpos: {qpos}"
         try:

@@ -70,8 +70,10 @@ class MujocoSource(Rendered):
             what = "skins" if model.m.nskin else "flexes"
             expected = f"expected a model whose rays meet all of it, got {what}; write data=raster"
             raise ArgumentError(f"{identity.name}: {expected}")
-        self._model, self._begin = model, model.begin
-        self._identity, self._name = identity, identity.name
+        self._model = model
+        self._begin = model.begin
+        self._identity = identity
+        self._name = identity.name
         self._objects = ObjectTable({}, ids=model.ids)
 
     @property
@@ -92,7 +94,8 @@ class MujocoSource(Rendered):
             elif request.view != last or request.mode not in data:
                 with self._shown() as model:
                     make = self._by_rays if model.settings.data == "rays" else self._by_renderer
-                    last, data = request.view, make(model, request.view)
+                    last = request.view
+                    data = make(model, request.view)
             payload = data.get("bounded") if request.mode == "depth" else None
             encoding = None if payload is None else codecs.BOUNDED
             pixels = data[request.mode]
@@ -113,7 +116,8 @@ class MujocoSource(Rendered):
         error = raster_error(model, geom, depth, view)
         file = io.BytesIO()
         np.save(file, np.stack([depth, error], axis=-1).astype(np.float32))
-        mask, metres = model.label_of[geom], depth.astype(np.float32)
+        mask = model.label_of[geom]
+        metres = depth.astype(np.float32)
         return {"object_mask": _fixed(mask), "depth": _fixed(metres), "bounded": file.getvalue()}
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
@@ -192,7 +196,8 @@ class MujocoSource(Rendered):
             raise closed_error(self._identity.name)
 
     def _provenance(self) -> dict[str, Any]:
-        server, data = f"MuJoCo {self._model.mujoco.__version__}", self._settings.data
+        server = f"MuJoCo {self._model.mujoco.__version__}"
+        data = self._settings.data
         return {"server": server, "scene": self._name, "dialect": "mujoco", "data": data}
 
 

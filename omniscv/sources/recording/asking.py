@@ -65,7 +65,8 @@ def ordered(sequence: Sequence) -> list[Frame]:
 
 def read_pictures(sequence: Sequence, pairs: int, width: int) -> PosedPictures | None:
     """Return pictures of pairs of frames, without those that cannot be read: the import says so."""
-    frames, pixels = ordered(sequence), list[int]()
+    frames = ordered(sequence)
+    pixels = list[int]()
 
     def shot(i: int, most: int) -> Shot | None:
         frame = frames[i]
@@ -107,7 +108,8 @@ def put_right(sequence: Sequence, verdict: Verdict) -> Sequence | None:
     file = verdict.words.written(*poses_of(sequence.frames))
     W, _ = axes_of(frame_of_axes(convention.C))
     R, t = convention._replace(ratio=verdict.words.metres / metres).poses(*file)
-    kind, unit = "ray" if convention.along else "planar", f"1/{per_m!r}" if per_m != 1 else ""
+    kind = "ray" if convention.along else "planar"
+    unit = f"1/{per_m!r}" if per_m != 1 else ""
     frames = []
     for frame, rotation, position in zip(sequence.frames, W @ R, t @ W.T, strict=True):
         holds = {**frame.holds}

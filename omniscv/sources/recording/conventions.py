@@ -13,17 +13,29 @@ from omniscv.sources.recording.overlap import PosedPictures, moves
 
 LEAST = 0.35
 """Agreement below which pictures tell nothing."""
-PAIRS, WIDTH = 20, 640
+PAIRS = 20
+WIDTH = 640
 """Pairs of frames that are asked, and px of their width, at most."""
 
 _RATIOS = (1, 100, 0.01, 1000, 0.001, 10, 0.1, 5, 0.2, 1000 / 256, 0.256, 0.3048, 1 / 0.3048, 2, 0.5)
-_SHIFTS, _LEAST_SHIFTED = (-3, -2, -1, 1, 2, 3), 9  # frames
-_SKIM, _LOOK = (60, 0.1), (140, 0.07)  # points of a pair, and tolerances of log depth
+# frames
+_SHIFTS = (-3, -2, -1, 1, 2, 3)
+_LEAST_SHIFTED = 9
+# points of a pair, and tolerances of log depth
+_SKIM = (60, 0.1)
+_LOOK = (140, 0.07)
 _READ = ((900, 0.03), (900, 0.015), (900, 0.008))
-_SKIMMED, _KEPT, _SHIFTED, _FINAL = 600, 70, 6, 60  # hypotheses
+# hypotheses
+_SKIMMED = 600
+_KEPT = 70
+_SHIFTED = 6
+_FINAL = 60
 _BEARS = 0.8  # of its agreement, which the best keeps at a finer tolerance
 _SPREAD = 0.03  # of agreements of pairs, at least
-_TIED, _TIED_SIGMA, _NEAR_SIGMA, _NEAR = 0.01, 2.0, 3.0, 0.15
+_TIED = 0.01
+_TIED_SIGMA = 2.0
+_NEAR_SIGMA = 3.0
+_NEAR = 0.15
 _CLEAR = 0.75  # words that reach less of the best agreement are wrong
 _QUATERNIONS = {"": (0, 1, 2, 3), "w first": (1, 2, 3, 0), "w last": (3, 0, 1, 2)}
 _METRES = {0.01: "cm", 0.001: "mm", 1.0: "m"}
@@ -69,7 +81,8 @@ class Convention(NamedTuple):
             numbers = Rotation.from_matrix(R).as_quat()[:, list(_QUATERNIONS[self.quaternion])]
             R = np.asarray(Rotation.from_quat(numbers).as_matrix())
         at = np.clip(np.arange(len(R)) + self.shift, 0, len(R) - 1)
-        R, t = (R.swapaxes(1, 2) if self.transposed else R)[at], t[at]
+        R = (R.swapaxes(1, 2) if self.transposed else R)[at]
+        t = t[at]
         R, t = inverted(R, t) if self.inverse else (R, t)
         return R @ self.C, t / self.ratio
 
@@ -95,7 +108,8 @@ class Words:
     def written(self, R_w_c: Array, t_w_c: Array) -> tuple[Array, Array]:
         """Return the rotations and translations that the file has, of poses that were read by the words."""
         W, C = axes_of(self.axes)
-        R, t = W.T @ R_w_c @ C.T, t_w_c @ W
+        R = W.T @ R_w_c @ C.T
+        t = t_w_c @ W
         return inverted(R, t) if self.inverse else (R, t)
 
 
@@ -131,7 +145,8 @@ class Verdict:
         """Return the verdict in one line."""
         if self.why or self.best is None or self.said is None:
             return f"pictures cannot tell their convention: {self.why}; taken as said"
-        is_said, values = self.best is self.said, zip(self.best.convention, *self.tied, strict=True)
+        is_said = self.best is self.said
+        values = zip(self.best.convention, *self.tied, strict=True)
         open_ = dict.fromkeys(name for name, of in zip(_OPEN, values, strict=True) if len({*of}) > 1)
         parts = [
             f"{'as said, ' * is_said}{self.described(self.best.convention)}: agreement {self.best.mean:.2f}",
@@ -162,7 +177,8 @@ class Verdict:
 
         Depth is another where that makes its numbers known ones and plausible, else positions.
         """
-        per_m, depth_m = self.words.per_m / convention.ratio, self.median * convention.ratio
+        per_m = self.words.per_m / convention.ratio
+        depth_m = self.median * convention.ratio
         is_depth = self.words.per_m != 1 or not _PLAUSIBLE[0] < self.median < _PLAUSIBLE[1]
         known = any(abs(per_m / one - 1) < 0.01 for one in _COMMON)
         if is_depth and known and _PLAUSIBLE[0] < depth_m < _PLAUSIBLE[1]:
@@ -172,9 +188,12 @@ class Verdict:
     def advice(self, layout: str) -> str:
         """Return the words to write in place of those that pictures contradict, in a layout."""
         assert self.best is not None
-        right, said, by = self.best.convention, self.words.convention, _BY.get(layout, "layout")
+        right = self.best.convention
+        said = self.words.convention
+        by = _BY.get(layout, "layout")
         metres, per_m = self.units(right)
-        axes, order = frame_of_axes(right.C), "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
+        axes = frame_of_axes(right.C)
+        order = "qx qy qz qw" if right.quaternion == "w last" else "qw qx qy qz"
         turned = self._turned_pictures(layout)
         keys = {"axes": axes} if right.axes != said.axes and (by == "layout" or not turned) else {}
         keys |= {"inverse": str(right.inverse).lower()} if right.inverse != said.inverse else {}
@@ -237,7 +256,8 @@ class _Search:
     """Scores hypotheses on pairs of frames."""
 
     def __init__(self, pictures: PosedPictures, words: Words) -> None:
-        self.pictures, self.words = pictures, words
+        self.pictures = pictures
+        self.words = words
         self._file = words.written(pictures.R, pictures.t)
         self._motions = dict[Convention, tuple[Array, Array]]()
         self._scores = dict[tuple[int, float], dict[Convention, Score]]()
@@ -251,11 +271,13 @@ class _Search:
         return sorted((scores[each] for each in asked), key=lambda score: -score.mean)
 
     def _score(self, convention: Convention, points: int, tolerance: float) -> Score:
-        pictures, form = self.pictures, convention._replace(axes=_I, ratio=1.0, along=False)
+        pictures = self.pictures
+        form = convention._replace(axes=_I, ratio=1.0, along=False)
         if form not in self._motions:
             R, t = form.poses(*self._file)
             self._motions[form] = moves(R[pictures.frames], t[pictures.frames], pictures.pairs)
-        (turn, step), C = self._motions[form], convention.C
+        (turn, step) = self._motions[form]
+        C = convention.C
         how = points, tolerance, convention.along
         depth, grey = pictures.agreements(C.T @ turn @ C, step @ C / convention.ratio, how).T
         pairs = depth if pictures.grey is None else (depth + np.maximum(grey, 0)) / 2
@@ -263,20 +285,23 @@ class _Search:
 
     def hypotheses(self) -> Iterator[Convention]:
         """Yield all, but for kinds of depth and shifts."""
-        said, per_m = self.words.convention, self.words.per_m
+        said = self.words.convention
+        per_m = self.words.per_m
         known = [per_m / one for one in _COMMON if per_m in _COMMON and one > 1 != per_m]
         ratios = dict.fromkeys(float(ratio) for ratio in (*_RATIOS, *known))
         if self.words.fixed:
             yield from (said._replace(ratio=ratio) for ratio in ratios)
             return
-        orders, both = [*_QUATERNIONS] if self.words.quaternions else [""], (False, True)
+        orders = [*_QUATERNIONS] if self.words.quaternions else [""]
+        both = (False, True)
         for order, inverse, transposed, C, ratio in product(orders, both, both, _AXES, ratios):
             yield Convention(inverse, transposed, C, ratio, said.along, order)
 
 
 def ask(pictures: PosedPictures, words: Words) -> Verdict:
     """Return which convention pictures support, whose poses were read by the words."""
-    search, said = _Search(pictures, words), words.convention
+    search = _Search(pictures, words)
+    said = words.convention
     surfaces = pictures.depth[pictures.depth > 0]
     if not len(surfaces):
         return Verdict(words, why="depth shows no surface")
@@ -298,7 +323,8 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
         pairs = zip(shifted, before, strict=True)
         kept += [score.convention for score, of_depth in pairs if score.of_depth > of_depth]
         scores = search.ranked(kept, *_READ[0])
-    first, kept = scores[0], [*(score.convention for score in scores[:_FINAL]), said]
+    first = scores[0]
+    kept = [*(score.convention for score in scores[:_FINAL]), said]
     for finer in _READ[1:]:
         if search.ranked([scores[0].convention], *finer)[0].mean < _BEARS * first.mean:
             break
@@ -316,6 +342,7 @@ def ask(pictures: PosedPictures, words: Words) -> Verdict:
 def _are_tied(best: Score, other: Score) -> bool:
     """Return whether pairs do not tell two hypotheses apart."""
     difference = best.pairs - other.pairs
-    margin, sigma = difference.mean(), np.hypot(difference.std(), _SPREAD) / np.sqrt(len(difference))
+    margin = difference.mean()
+    sigma = np.hypot(difference.std(), _SPREAD) / np.sqrt(len(difference))
     z = margin / sigma
     return bool(margin < _TIED or z < _TIED_SIGMA or (z < _NEAR_SIGMA and margin < _NEAR * best.mean))

@@ -69,7 +69,9 @@ _FIRST_WAIT_S = 0.5  # before it is asked whether the file system has locks
 _LONGEST_PATH = 504
 """Bytes of the longest path that SQLite opens with a journal beside it."""
 _MOST_SETTLED = 100  # times that other processes may change a journal while it is read
-_JOURNAL, _LEAF = bytes.fromhex("d9d505f920a163d7"), b"\x0d"  # starts of a journal, and of a page of rows
+# starts of a journal, and of a page of rows
+_JOURNAL = bytes.fromhex("d9d505f920a163d7")
+_LEAF = b"\x0d"
 _HEAD = re.compile(rb"([0-9a-f]{32})([0-9a-f]{32})[0-9a-f]{32}")  # id, token, parent: adjacent in a row
 _log = logging.getLogger("omniscv")
 
@@ -184,7 +186,8 @@ class Forkable:
 
     def _forked(self) -> None:
         _inherited.append(self._connection)
-        self._connection, self._lock = None, threading.RLock()
+        self._connection = None
+        self._lock = threading.RLock()
 
 
 _forkable: WeakSet[Forkable] = WeakSet()
@@ -391,14 +394,16 @@ def _sync_folder(path: Path) -> None:
 
 def settle_journal(path: Path) -> None:
     """Roll back the file's own journal; set aside a foreign one, and any write-ahead log."""
-    journal, wal = Path(f"{path}-journal"), Path(f"{path}-wal")
+    journal = Path(f"{path}-journal")
+    wal = Path(f"{path}-wal")
     if wal.exists():
         _set_aside(path, wal)
         Path(f"{path}-shm").unlink(missing_ok=True)
     for _ in range(_MOST_SETTLED):
         if not (journal.exists() and _must_roll_back(path)):
             return
-        of_file, in_journal = _states_of_file(path), _state_in_journal(journal)
+        of_file = _states_of_file(path)
+        in_journal = _state_in_journal(journal)
         if not _must_roll_back(path) or in_journal != _state_in_journal(journal):
             continue  # another process has rolled it back
         if in_journal in of_file:

@@ -39,8 +39,12 @@ from omniscv.storage.local import folder_beside, refusal
 T = TypeVar("T")
 J = TypeVar("J", dict[str, Any], list[Any])
 
-INDEX, OBJECTS, MASKS, SCENE = "captures.json", "objects.json", "masks.json", "scene.json"
-GEOMETRY, STATES = "geometry.json", "states.json"
+INDEX = "captures.json"
+OBJECTS = "objects.json"
+MASKS = "masks.json"
+SCENE = "scene.json"
+GEOMETRY = "geometry.json"
+STATES = "states.json"
 
 
 def export(path: Path | str, folder: Path | str) -> int:
@@ -121,7 +125,8 @@ def add_captures(
             of the recording before, which is called when all captures have been checked.
         scene: None: as the captures say; ArgumentError for several.
     """
-    modes, scenes = set(), set[str]()
+    modes = set()
+    scenes = set[str]()
     for capture in captures():
         Row.of(capture)
         modes.add(capture.mode)
@@ -249,7 +254,8 @@ class _Masks:
 def _capture(folder: Path, where: str, entry: _Entry) -> Capture:
     """Return the capture of an entry, checked."""
     with within(where):
-        request, encoding = entry.request(), entry.encoding or entry.default_encoding()
+        request = entry.request()
+        encoding = entry.encoding or entry.default_encoding()
     try:
         payload = read_bytes(named_file(folder, entry.file), MOST_PICTURE_BYTES)
     except ArgumentError as cause:

@@ -163,14 +163,18 @@ class _Masks:
     """Counts what masks show, and names it; with an empty table each id and colour becomes an object."""
 
     def __init__(self, table: ObjectTable) -> None:
-        self._table, self._pixels, self._ids = table, Counter[int](), False
-        self.lines, self.captures = list[str](), 0
+        self._table = table
+        self._pixels = Counter[int]()
+        self._ids = False
+        self.lines = list[str]()
+        self.captures = 0
 
     def count(self, capture: Capture) -> Capture:
         """Count the ids or colours of a mask, and return the capture."""
         self.captures += 1
         if capture.mode == "object_mask":
-            self._ids, pixels = capture.pixels.ndim == 2, capture.pixels
+            self._ids = capture.pixels.ndim == 2
+            pixels = capture.pixels
             codes = pixels if self._ids else pixels @ np.array([65536, 256, 1], np.uint32)
             values, counts = np.unique(codes, return_counts=True)
             self._pixels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
@@ -185,7 +189,8 @@ class _Masks:
         """Return the objects of a recording, given those that it has, and note what masks lack."""
         if not self._pixels:
             return before
-        table, what = self._table, "ids" if self._ids else "colours"
+        table = self._table
+        what = "ids" if self._ids else "colours"
         codes = self._pixels.keys() - {0, *([NO_ID] if self._ids else [])}
         if not table.colors:
             new = codes - self._codes(before)
@@ -194,7 +199,8 @@ class _Masks:
             tolerance = before.tolerance if before.colors else 0
             table = ObjectTable({} if self._ids else before.colors | colors, tolerance, ids)
             self.lines.append(f"masks: {len(new)} objects named after their {what}, no list names them")
-        total, held = self._pixels.total(), self._codes(table)
+        total = self._pixels.total()
+        held = self._codes(table)
         if strange := sum(self._pixels[code] for code in codes - held):
             several = f"{len(codes - held)} {what}"
             self.lines.append(f"masks: {strange} of {total} pixels show {several} that no object has")
@@ -215,7 +221,9 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
     for kind in set[str]().union(*(parts.kinds for parts in layers)):
         if not files[kind]:
             files[kind] = [file for file, parts in zip(lit, layers, strict=True) if kind in parts.kinds]
-    faces, lines, choice = list[Any](), list[str](), None
+    faces = list[Any]()
+    lines = list[str]()
+    choice = None
     for mode in sorted(files, key=lambda mode: mode != "lit"):  # colours show best which faces fit
         stems = [file.stem for file in files[mode]]
         orders = named(stems, _tried(name) if choice is None else [choice.layout])
@@ -223,7 +231,8 @@ def _faces_in_folder(folder: Path, name: str, options: Options) -> tuple[Faces, 
             got = f"{len(stems)} of {mode}: {', '.join(sorted(stems)[:8])}"
             expected = f"six pictures of one place, named as in {_names(name, cells=False)}"
             if name == "auto" and len(stems) != 6:
-                expected, got = "six faces, panoramas or a layout that is known", _found(folder, files)
+                expected = "six faces, panoramas or a layout that is known"
+                got = _found(folder, files)
             raise ArgumentError(f"expected {expected}; got {got}")
         read = [_read_face(file, mode, options) for file in files[mode]]
         edges = {picture.pixels.shape[:2] for picture in read}

@@ -25,10 +25,12 @@ from omniscv.sources.recording.world_rows import listed_scenes, object_from_json
 T = TypeVar("T")
 
 _MODES = ("depth", "object_mask")
-_PX, _LEAST_EDGES = 64, 30
+_PX = 64
+_LEAST_EDGES = 30
 """About how many pixels of a side are compared; the fewest pixels at edges of a mask for a verdict."""
 _BEND = 0.01  # relative second difference of inverse depth: half floats stay below 0.002
-_FITS, _CONTRADICTS = 0.9, 0.75
+_FITS = 0.9
+_CONTRADICTS = 0.75
 """Shares of a mask's edges that depth has too: 0.84 to 1 in one view, mostly less than 0.6 in two views."""
 
 
@@ -163,7 +165,8 @@ def verify(path: Path | str) -> Verification:
             faults.append(str(cause.at(name)))
             return None
 
-    captures, scenes = 0, set[str]()
+    captures = 0
+    scenes = set[str]()
     with closing(Store(storage.fetch_file(path))) as store:
         faults += [f"{name}: {fault}" for fault in store.structural_faults()]
         for read in (store.objects, store.geometry, store.states, store.listing):
@@ -274,7 +277,9 @@ def _bends(depth: NDArray[np.generic]) -> NDArray[np.bool_]:
     inverse = 1 / np.maximum(_sampled(depth).astype(np.float64), 1e-3)
     bends = np.zeros(inverse.shape, np.bool_)
     for values, out in ((inverse, bends), (inverse.T, bends.T)):
-        before, here, after = values[:-2], values[1:-1], values[2:]
+        before = values[:-2]
+        here = values[1:-1]
+        after = values[2:]
         out[1:-1] |= abs(before - 2 * here + after) > _BEND * np.minimum(np.minimum(before, here), after)
     return bends
 

@@ -70,7 +70,8 @@ class Layout:
         return tuple(map(Face.parse, self.faces.split()))
 
 
-_OWN, _NUMBERS = "front right back left up down", "0 1 2 3 4 5"
+_OWN = "front right back left up down"
+_NUMBERS = "0 1 2 3 4 5"
 _AXES = ("posx negx posy negy posz negz", "px nx py ny pz nz", "+x -x +y -y +z -z")
 LAYOUTS = {
     layout.name: layout
@@ -133,7 +134,8 @@ class Seams:
         of_row = {face.row: (i, face.quarters) for i, face in enumerate(arrangement)}
         total = 0.0
         for (a, i), (b, j) in _edges():
-            (p, k), (q, m) = of_row[a], of_row[b]
+            (p, k) = of_row[a]
+            (q, m) = of_row[b]
             total += self._steps[4 * p + (i + k) % 4, 4 * q + (j + m) % 4]
         return float(total / 12)
 

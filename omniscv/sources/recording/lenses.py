@@ -26,7 +26,10 @@ _WIDEST = np.tan(np.radians(60))  # half a flat picture: beyond, four pixels sho
 _NARROWEST = 0.01  # half a flat picture that is one
 _ROWS = 64  # of a face that are looked up at a time
 _PLACES = 32  # of a pixel, that OpenCV tells apart
-_SIDE, _HALVINGS, _NEAR = 33, 40, 1e-4  # points of a side; steps of a search; tangent near the axis
+# points of a side; steps of a search; tangent near the axis
+_SIDE = 33
+_HALVINGS = 40
+_NEAR = 1e-4
 
 
 Maps = tuple[Pixels, Pixels]
@@ -51,7 +54,8 @@ class Pinhole(NamedTuple):
 
     def scaled(self, width: int, height: int) -> Pinhole:
         """Return the lens of pictures of another size; ArgumentError for another shape."""
-        across, down = width / self.width, height / self.height
+        across = width / self.width
+        down = height / self.height
         if abs(across / down - 1) > _SAME_SHAPE:
             expected = f"expected the shape of {self.width:g} x {self.height:g}, as its lens"
             raise ArgumentError(f"{expected}, got {width} x {height}")
@@ -71,7 +75,8 @@ class Pinhole(NamedTuple):
         import cv2
 
         K = np.array([[self.fx, 0, self.cx - 0.5], [0, self.fy, self.cy - 0.5], [0, 0, 1]])
-        size, bent = (int(self.width), int(self.height)), np.array(self.distortion)
+        size = (int(self.width), int(self.height))
+        bent = np.array(self.distortion)
         K_new, _ = cv2.getOptimalNewCameraMatrix(K, bent, size, 0)
         maps = cv2.initUndistortRectifyMap(K, bent, None, K_new, size, cv2.CV_32FC1)
         (fx, _, cx), (_, fy, cy) = K_new[:2].tolist()
@@ -167,7 +172,8 @@ def of_layout(value: Any, folder: Path, size: tuple[int, int]) -> tuple[Pinhole 
     values = mapping("intrinsics", value)
     if (name := values.pop("file", "")) == "":
         return of_keys("intrinsics", values, size), np.zeros(3)
-    row, center = values.pop("row", ""), values.pop("centers", 0.5)
+    row = values.pop("row", "")
+    center = values.pop("centers", 0.5)
     places = [at / name for at in (folder, folder.absolute().parent)]
     file = next((place for place in places if place.exists()), places[0])
     with within(file.name):
@@ -234,7 +240,8 @@ def to_faces(
     """
 
     height, width = picture.shape[:2]
-    edge, layers = width // 2, _layers(picture, mode, step_m, 2 * np.pi / width, _around)
+    edge = width // 2
+    layers = _layers(picture, mode, step_m, 2 * np.pi / width, _around)
     for _, R_w_c in cube_rotations():
         faces = [np.empty((edge, edge, *each.shape[2:]), each.dtype) for each, _ in layers]
         for first in range(0, edge, _ROWS):
@@ -266,7 +273,8 @@ def _layers(
     depth distances, their error and that between pixels, their inverses, and where these are not known."""
     import cv2
 
-    linear, nearest = cv2.INTER_LINEAR, cv2.INTER_NEAREST
+    linear = cv2.INTER_LINEAR
+    nearest = cv2.INTER_NEAREST
     layers = [(picture, linear if mode == "lit" else nearest)]
     if mode == "depth":
         inverse, change, bends, known = _inverse(picture, step_m, pixel_rad, around)
@@ -317,7 +325,9 @@ def _inverse(
     with np.errstate(divide="ignore"):
         inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
     rows = around(inverse)
-    here, change, bends = rows[1:-1, 1:-1], np.zeros_like(inverse), np.zeros_like(inverse)
+    here = rows[1:-1, 1:-1]
+    change = np.zeros_like(inverse)
+    bends = np.zeros_like(inverse)
     curved = 2 - 2 * np.cos(pixel_rad)  # of a plane, between pixels of one angle
     known = np.ones(inverse.shape, np.bool_)
     for before, after in ((rows[1:-1, :-2], rows[1:-1, 2:]), (rows[:-2, 1:-1], rows[2:, 1:-1])):

@@ -242,7 +242,8 @@ def _isaac_files(folder: Path, number: str) -> tuple[dict[str, Path], str, Path 
     kind = "planar"
     for word, own_kind in _ISAAC_DEPTH:
         if (depth := folder / f"{word}_{number}.npy").exists():
-            paths["depth"], kind = depth, own_kind
+            paths["depth"] = depth
+            kind = own_kind
             break
     for word, list_word in _ISAAC_MASKS:
         mask = folder / f"{word}_{number}.png"

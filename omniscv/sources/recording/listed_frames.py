@@ -161,7 +161,8 @@ def nerfstudio(folder: Path, options: Options) -> Sequence:
         raise ArgumentError("transforms.json: expected frames, got an empty list, or no file")
     matrices = [{"transform_matrix": entry.get("transform_matrix")} for _, entry in entries]
     keys = [(f"frames[{i}]", matrix) for i, matrix in enumerate(matrices)]
-    poses, frames = Rows.of_entries(keys).poses("opengl"), list[Frame]()
+    poses = Rows.of_entries(keys).poses("opengl")
+    frames = list[Frame]()
     lenses = dict[str, Pinhole | Wide | None]()
     layers = list[foreign.Parts]()
     for (where, _), (data, entry), *pose in zip(keys, entries, *poses, strict=True):
@@ -199,7 +200,8 @@ def _depth_unit(values: Mapping[str, Any]) -> str:
 def tum(folder: Path, options: Options) -> Sequence:
     """Return the frames of a sequence of the TUM RGB-D benchmark: those with a pose, by their stamps."""
     truth = read_trajectory(folder / "groundtruth.txt")
-    poses, (depth_times, depths) = np.array(truth.seconds), _stamped(folder / "depth.txt")
+    poses = np.array(truth.seconds)
+    (depth_times, depths) = _stamped(folder / "depth.txt")
     times, colors = _stamped(folder / "rgb.txt")
     start = decode_text(read_bytes(folder / "rgb.txt", MOST_JSON_BYTES), "replace")[:1000]
     word = next((word for word in _TUM if word in folder.absolute().name or word in start), "")
@@ -214,7 +216,8 @@ def tum(folder: Path, options: Options) -> Sequence:
         raise ArgumentError(f"{expected}, whose lens is known; got {shown(folder.name)}")
     frames = []
     for time, name in zip(times, colors, strict=True):
-        i, j = np.abs(poses - time).argmin(), np.abs(depth_times - time).argmin()
+        i = np.abs(poses - time).argmin()
+        j = np.abs(depth_times - time).argmin()
         if abs(poses[i] - time) <= _LATEST_S:
             paths = {"lit": inside(folder, name)}
             if abs(depth_times[j] - time) <= _LATEST_S:

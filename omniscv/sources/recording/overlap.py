@@ -20,11 +20,15 @@ Indices = NDArray[np.int64]
 _BINS = 96  # of log depth, for the agreement that chance gives
 _FEW = 6  # pairs that are looked at both ways
 _GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24)  # frames between those of a pair
-_OVERLAPS, _TURNED = 0.45, 0.25  # shares of the field of view: the most that a pair turns, and enough
+# shares of the field of view: the most that a pair turns, and enough
+_OVERLAPS = 0.45
+_TURNED = 0.25
 _MOST_FOV = 2.0  # radians; of a wider picture, no more counts
 _BESIDE = 24  # pairs of a gap that are looked at
 _LEAST_AGREE = 9  # points whose grey is compared
-_LEAST_SD, _MIDDLE = 6.0, 100.0  # grey levels that are noise, of pictures whose median is the other
+# grey levels that are noise, of pictures whose median is the other
+_LEAST_SD = 6.0
+_MIDDLE = 100.0
 
 
 @dataclass(frozen=True)
@@ -77,13 +81,15 @@ class PosedPictures:
         count, *flags = how
         if count not in self._points:
             height, width = self.depth.shape[1:]
-            first, random = self.pairs[:, :1], np.random.default_rng(count)
+            first = self.pairs[:, :1]
+            random = np.random.default_rng(count)
             shape = len(first), count
             v, u = random.integers(2, height - 2, shape), random.integers(2, width - 2, shape)
             values = np.stack([self.depth[first, v, u], u + 0.5, v + 0.5], axis=-1)
             self._points[count] = np.concatenate([self.rays(first[:, 0], u + 0.5, v + 0.5), values], axis=-1)
         grey = self.depth if self.grey is None else self.grey
-        pictures, motion = (self.lenses, self.depth, grey), np.concatenate([R, t[..., None]], axis=-1)
+        pictures = (self.lenses, self.depth, grey)
+        motion = np.concatenate([R, t[..., None]], axis=-1)
         told = self.panorama, *map(float, (*flags, *warp))
         result = np.zeros((len(self.pairs), 2))
         agreement(self._points[count], motion, self.pairs, *pictures, told, result)
@@ -93,9 +99,11 @@ class PosedPictures:
         """Return unit rays of pixels (P, n) of pictures (P,), camera frame."""
         if self.panorama:
             height, width = self.depth.shape[1:]
-            theta, phi = (2 * u / width - 1) * np.pi, (0.5 - v / height) * np.pi
+            theta = (2 * u / width - 1) * np.pi
+            phi = (0.5 - v / height) * np.pi
             return np.stack([np.cos(phi) * np.sin(theta), -np.sin(phi), np.cos(phi) * np.cos(theta)], axis=-1)
-        pixels, lenses = np.stack([u, v], axis=-1), self.lenses[pictures].tolist()
+        pixels = np.stack([u, v], axis=-1)
+        lenses = self.lenses[pictures].tolist()
         of = [pinhole.rays(px, pinhole.Projection(*lens)) for px, lens in zip(pixels, lenses, strict=True)]
         rays = np.stack(of)
         return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
@@ -144,7 +152,8 @@ def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
     Said are rotations and positions, whose convention may be wrong, which leaves angles between rotations;
     and the field of view in radians.
     """
-    count, rows = len(R), list[Indices]()
+    count = len(R)
+    rows = list[Indices]()
     for gap in range(1, count) if count <= _BESIDE else _GAPS:
         first = np.arange(0, count - gap, max(1, (count - gap) // _BESIDE))
         rows.append(np.stack([first, first + gap], axis=1))
@@ -153,7 +162,8 @@ def choose_pairs(R: Array, t: Array, fov: float, most: int) -> Indices:
     pairs = np.concatenate(rows)
     a, b = pairs.T
     trace = np.einsum("nij,nij->n", R[a], R[b])
-    angle, far = np.arccos(np.clip((trace - 1) / 2, -1, 1)), np.linalg.norm(t[a] - t[b], axis=1)
+    angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
+    far = np.linalg.norm(t[a] - t[b], axis=1)
     wide = min(fov, _MOST_FOV)
     fit = angle < _OVERLAPS * wide
     if fit.sum() < min(4, len(pairs)):

@@ -193,7 +193,8 @@ class Sequence:
 
     def picture(self, frame: Frame, mode: str) -> Picture:
         """Return a picture of a frame as it is said to be; ArgumentError if it cannot be read."""
-        file, holds = frame.files[mode], frame.holds.get(mode, Files())
+        file = frame.files[mode]
+        holds = frame.holds.get(mode, Files())
         if not file.exists():
             raise ArgumentError(f"{file.name}: expected a picture, got no file")
         picture = read_as(file, mode, self.options, self.form(frame))
@@ -329,12 +330,14 @@ def capture_of(
     """
     if mode == "lit" and picture.pixels.dtype.kind == "u":
         provenance = {**provenance, "transfer": transfer or "srgb"}
-    pixels, request = picture.pixels, Request(view, mode)
+    pixels = picture.pixels
+    request = Request(view, mode)
     encoding_of_depth = codecs.BOUNDED if pixels.ndim == 2 else codecs.RESAMPLED
     if picture.encoding:
         return Capture(request, view, pixels, provenance, picture.payload, picture.encoding)
     if mode == "depth" and pixels.ndim == 2:
-        lengths, error = view.ray_lengths(), picture.error
+        lengths = view.ray_lengths()
+        error = picture.error
         if error is None and picture.half_m and view.lens is None:
             provenance = {**provenance, "half_floats": [picture.half_m, int(ray)]}
         elif error is None and (picture.step_m or picture.half_m):

@@ -79,7 +79,8 @@ class Recording(SourceWrapper):
         requested: set[Request] = set()
 
         def find(request: Request) -> Held | None:
-            anew, once = self._captured_anew, replace(request, again=False)
+            anew = self._captured_anew
+            once = replace(request, again=False)
             is_held = self._store.holds(once) if anew is None else once in anew
             if request.again and is_held and not self._new and once not in self._made:
                 return partial(self._read, request)
@@ -110,7 +111,8 @@ class Recording(SourceWrapper):
     def geometry(self) -> SceneGeometry:
         """What is known of shapes, as written to the file."""
         self.objects()
-        still, state = self._store.geometry(), self._source.state
+        still = self._store.geometry()
+        state = self._source.state
         if not state:
             return still
         self._write_state(state)
@@ -137,7 +139,9 @@ class Recording(SourceWrapper):
             try:
                 yield
             except BaseException:
-                self._captured_anew, self._objects, self._described_state = renewed, None, ""
+                self._captured_anew = renewed
+                self._objects = None
+                self._described_state = ""
                 raise
 
     def share_exposure(self, shared: SharedExposure) -> None:

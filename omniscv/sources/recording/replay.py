@@ -112,7 +112,8 @@ def states_in_words(states: Collection[str]) -> str:
 
 def differences(recorded: View, requested: View) -> str:
     """Return in what two views differ and by how much, with both values."""
-    a, b = recorded.key(), requested.key()
+    a = recorded.key()
+    b = requested.key()
     metres, *radians, _ = _distances(recorded, requested)
     turn_deg, opening_deg = np.degrees(radians)
     positions = _both(recorded.pose.position, requested.pose.position)
@@ -177,7 +178,8 @@ class RecordedSource(Source):
         # The URL, not its local copy, so that the source can be pickled for another machine:
         self._address = path if storage.is_url(path) else Path(path).absolute()
         self._name = storage.without_secrets(path)
-        self._store, self._owns_store = Store(storage.fetch_file(path)), True
+        self._store = Store(storage.fetch_file(path))
+        self._owns_store = True
         try:
             rows = self._store.listing()
             of_state: dict[str, list[Row]] = defaultdict(list)

@@ -140,7 +140,8 @@ class Head(NamedTuple):
     @classmethod
     def new(cls) -> Self:
         """Return the row of a new recording."""
-        token, scene = secrets.token_hex(16), scene_to_json(SceneIdentity())
+        token = secrets.token_hex(16)
+        scene = scene_to_json(SceneIdentity())
         head = cls(secrets.token_hex(16), token, token, scene, DEFAULT_TOLERANCE, 0, 0, checksum(()), 0)
         return head.sealed()
 
@@ -159,7 +160,8 @@ class Head(NamedTuple):
 
     def with_rows(self, added: Iterable[Row], removed: Iterable[int] = ()) -> Self:
         """Return the row after some captures were added, and those with some checksums removed."""
-        more, fewer = [row.checksum for row in added], list(removed)
+        more = [row.checksum for row in added]
+        fewer = list(removed)
         total = (self.capture_sum + sum(more) - sum(fewer)) % (1 << 32)
         return self._replace(captures=self.captures + len(more) - len(fewer), capture_sum=total)
 
@@ -205,7 +207,8 @@ def view_from_json(text: Any) -> View:
 def view_from_dict(data: dict[str, Any]) -> View:
     """Return the view that :func:`view_to_json` describes; ArgumentError for anything else."""
     try:
-        fov_deg, size = data["fov_deg"], (data["width"], data["height"])
+        fov_deg = data["fov_deg"]
+        size = (data["width"], data["height"])
         if not all(type(edge) is int for edge in size):
             raise ArgumentError(f"size: expected whole numbers, got {shown(size)}")
         lens = data.get("lens")

@@ -61,7 +61,8 @@ PANORAMAS = {"latlong": 0, "openexr-latlong": 1, "pinhole": 0}
 """Layouts of one picture. Of 1, the first and the last column show one meridian, of OpenEXR's axes."""
 _FRONT = cube_rotations()[0][1]
 _SAME = 2e-3  # of a rotation's entries: poses have six digits or fewer
-_SAME_PLACE_M, _CLOSE_M = 1e-3, 1e-2
+_SAME_PLACE_M = 1e-3
+_CLOSE_M = 1e-2
 
 _MOST_S = 10.0
 _TRY = """
@@ -216,7 +217,9 @@ def _of_layout(folder: Path, options: Options, layout: Layout, strict: bool = Fa
     center = np.zeros(3)
     files = {"lit": layout.lit, "depth": layout.depth, "object_mask": layout.object_mask}
     holds = {mode: form for mode, form in files.items() if form}
-    pattern, frames, unposed = f"(?:.*/)??(?:{layout.place})", dict[tuple[str, ...], Frame](), 0
+    pattern = f"(?:.*/)??(?:{layout.place})"
+    frames = dict[tuple[str, ...], Frame]()
+    unposed = 0
     table_name = layout.object_mask.names if layout.object_mask else ""
     names = [file.relative_to(folder).as_posix() for file in files_in(folder, options)]
     if strict:
@@ -275,7 +278,8 @@ def _all_objects(frames: Iterable[Frame]) -> ObjectTable:
 
 def _words(folder: Path, layout: Layout, pattern: str, names: list[str]) -> Words:
     """Return what a layout says of its poses."""
-    poses, columns = layout.poses, {"m0"}
+    poses = layout.poses
+    columns = {"m0"}
     if poses is None or layout.pictures == "faces":
         return Words(fixed=True)
     if not poses.position:
@@ -320,7 +324,8 @@ def _pose_in_file(file: Path, poses: _Poses, match: re.Match[str]) -> Pose | Non
             paths = {"position": poses.position, "rotation": poses.rotation}
             entry = {key: _at(data, path) for key, path in paths.items() if path}
             if is_matrix := bool(poses.matrix and poses.matrix in data):
-                at, entry = entry["position"], {"transform_matrix": data[poses.matrix]}
+                at = entry["position"]
+                entry = {"transform_matrix": data[poses.matrix]}
             options["inverse"] = poses.inverse and (is_matrix or not poses.matrix)
             pose = Rows.of_entries([("pose", entry)]).listed(**options)["0"]
             if is_matrix and (pose is None or not np.allclose(pose.position, at, rtol=0, atol=_CLOSE_M)):

@@ -56,7 +56,8 @@ class Store(files.Forkable):
 
     def __init__(self, path: Path | str, *, write: bool = False) -> None:
         self.path = Path(path)
-        self._write, self._closed = write, False
+        self._write = write
+        self._closed = False
         self._head: Head | None = None  # of the transaction under way
         self._id = ""  # read when it is needed first
         self._file = files.target_of(path) if write else files.followed(path)
@@ -208,13 +209,15 @@ class Store(files.Forkable):
     def set_objects(self, table: ObjectTable) -> None:
         """Add objects; replace a table that they contradict and no mask needs; else OtherSceneError."""
         with self._changing() as database:
-            head, before = self.head(), self.objects()
+            head = self.head()
+            before = self.objects()
             conflict = table_conflict(before, table)
             if conflict and self.has_masks():
                 self._refuse(f"the mask colours of its object masks, but {conflict}")
             after = table
             if not conflict:
-                colors, ids = {**before.colors, **table.colors}, {**before.ids, **table.ids}
+                colors = {**before.colors, **table.colors}
+                ids = {**before.ids, **table.ids}
                 after = ObjectTable(colors, table.tolerance, ids)
             strange = before.colors and table.colors and not before.colors.keys() & table.colors.keys()
             if head.captures and strange:

@@ -36,7 +36,9 @@ from omniscv.sources.unreal.protocol import VERSION, Plugin, Reply, identify, is
 T = TypeVar("T")
 Endpoint = tuple[str, int] | str  # (host, port), or the path of a Unix socket
 
-TIMEOUT_S, PATIENCE_S, RETRIES = 15.0, 10.0, 5
+TIMEOUT_S = 15.0
+PATIENCE_S = 10.0
+RETRIES = 5
 """Defaults of :class:`Connection`. A silent server is given up after at most the sum of both times, 25 s."""
 RETRIED = (ServerConnectionError, DeadlineError, BadReplyError)
 """Faults after which a request is sent again over a new connection."""
@@ -96,7 +98,9 @@ class Client(unrealcv.Client):  # type: ignore[name-defined, misc]
         self, endpoint: Endpoint, timeout_s: float, until: Callable[[], float] = lambda: math.inf
     ) -> None:
         super().__init__(endpoint, "unix" if isinstance(endpoint, str) else "inet")
-        self._timeout_s, self._until, self.broken = timeout_s, until, False
+        self._timeout_s = timeout_s
+        self._until = until
+        self.broken = False
         self._allowed_s = timeout_s  # of the wait under way: the timeout, or what is left until the deadline
         self.send_message_id = self.recv_message_id = secrets.randbelow(_FIRST_IDS)
         try:
@@ -223,7 +227,8 @@ class Connection:
         patience_s: float = PATIENCE_S,
         retries: int = RETRIES,
     ) -> None:
-        self.endpoint, self.address = endpoint, address_of(endpoint)
+        self.endpoint = endpoint
+        self.address = address_of(endpoint)
         self._timeout_s = arguments.number("timeout_s", timeout_s, above=0)
         self._patience_s = arguments.number("patience_s", patience_s, above=0)
         self._retries = arguments.whole_number("retries", retries, least=0)
@@ -254,7 +259,8 @@ class Connection:
 
     def compare_scene(self, replies: Iterable[Reply]) -> None:
         """Raise SceneChangedError if these replies name another scene than before."""
-        known, actual = list(self.scene.values()), list(replies)
+        known = list(self.scene.values())
+        actual = list(replies)
         if actual != known:
             self.close()  # so that it is compared again before anything else is sent
             before, now = (" with ".join(map(shown, names)) for names in (known, actual))
@@ -268,17 +274,20 @@ class Connection:
         After a fault of ``RETRIED`` it disconnects and pauses; after too many, or if no server has ever been
         reached, it raises the fault.
         """
-        outer, failures = self._until, 0
+        outer = self._until
+        failures = 0
 
         def attempted(fault: SourceError | None) -> None:
             nonlocal failures
             if fault is None:
-                self._until, failures = outer, 0
+                self._until = outer
+                failures = 0
                 return
             if self.client is None and isinstance(fault.__cause__, _UNREACHABLE):
                 raise fault
             self.close()
-            now, failures = time.monotonic(), failures + 1
+            now = time.monotonic()
+            failures = failures + 1
             if failures == 1:
                 self._until = min(outer, now + self._patience_s)
             pause = min(2.0, 0.1 * 2 ** (failures - 1))

@@ -127,7 +127,8 @@ class CameraDriver(ABC):
     table: CameraTable
 
     def __init__(self, connection: Connection, options: CameraOptions = SPAWNED) -> None:
-        self.connection, self._options = connection, options
+        self.connection = connection
+        self._options = options
         known = self.table.capabilities(connection.plugin.dialect)
         self.capabilities = replace(known, can_set_exposure=connection.supports(EXPOSURE_METHOD))
         self.stale_frames = StaleFrames()
@@ -138,7 +139,8 @@ class CameraDriver(ABC):
         self.color_settings: dict[str, str] = {}  # which the provenance of colours has
         self.shared_exposure = SharedExposure()  # of the cameras that record together
         self._has_normals = False  # whether a picture of them was seen to be one
-        self.spawned, self._prepared = 0, False
+        self.spawned = 0
+        self._prepared = False
         self._restore: list[str] = []  # the commands that leave the game as it was
         self.one_tick = False  # whether requests that are sent together are answered in one tick
         self._aimed: View | None = None
@@ -171,7 +173,8 @@ class CameraDriver(ABC):
 
     def check(self, request: Request) -> None:
         """Raise ArgumentError for a view higher than wide, ServerRefusedError for a mode without pictures."""
-        view, modes = request.view, sorted(self.capabilities.modes)
+        view = request.view
+        modes = sorted(self.capabilities.modes)
         if request.stops is not None and not self.capabilities.can_set_exposure:
             raise self._refused(f"a plugin that sets exposure, N2 or later, for {request.stops:g} stops")
         if view.lens is not None:
@@ -227,7 +230,8 @@ class CameraDriver(ABC):
 
     def _capture(self, request: Request, view: View, reply: Reply) -> Capture:
         """Return the capture in a reply; BadReplyError if it is no picture of the view."""
-        command, (_, encoding) = self.table.image(self.camera, request.mode), self.table.images[request.mode]
+        command = self.table.image(self.camera, request.mode)
+        (_, encoding) = self.table.images[request.mode]
         if isinstance(reply, str):
             raise self._bad_reply(f"a picture from {command!r}, got {shown(reply[:100])}")
         provenance = {
@@ -260,7 +264,10 @@ class CameraDriver(ABC):
 _YAWS_DEG = (0, 90, 180, 270)
 _EDGE_PX = 64  # of the pictures
 _MOST = 8  # pictures in one direction, in which automatic exposure settles
-_SETTLED, _EQUAL, _NEAR = 0.5, 1.0, 8.0  # grey levels, of mean brightness
+# grey levels, of mean brightness
+_SETTLED = 0.5
+_EQUAL = 1.0
+_NEAR = 8.0
 _PRECISION = 2  # decimals of a bias
 
 
@@ -312,7 +319,9 @@ class _Looks:
     """Small pictures from one place. After a turn, one that equals the last one to the byte is stale."""
 
     def __init__(self, connection: Connection, camera: str | int, location_cm: Sequence[float]) -> None:
-        self._connection, self._at, self._last = connection, f"/camera/{camera}", b""
+        self._connection = connection
+        self._at = f"/camera/{camera}"
+        self._last = b""
         location = "{:.6f} {:.6f} {:.6f}".format(*location_cm)
         settings = f"size {_EDGE_PX} {_EDGE_PX}", "fov 90.0", f"location {location}"
         connection.set([f"vset {self._at}/{setting}" for setting in settings])
@@ -332,7 +341,8 @@ class _Looks:
 
     def after_turn(self, yaw_deg: int) -> float:
         """Return the brightness in a direction, of the first picture that shows it."""
-        before, mean = self._last, self.read([f"vset {self._at}/rotation 0.0 {yaw_deg}.0 0.0"])
+        before = self._last
+        mean = self.read([f"vset {self._at}/rotation 0.0 {yaw_deg}.0 0.0"])
         for _ in range(SETTLED):
             if self._last != before:
                 break

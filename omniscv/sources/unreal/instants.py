@@ -49,7 +49,9 @@ class Journal:
     """
 
     def __init__(self, address: str) -> None:
-        self._address, self.lock, self.closed = address, threading.RLock(), False
+        self._address = address
+        self.lock = threading.RLock()
+        self.closed = False
         self.layers: list[Layer] = []
         self._values: dict[Key, Any] = {}
         self._changes = 0
@@ -66,7 +68,8 @@ class Journal:
     @property
     def instant(self) -> Instant:
         """The known state of the world now; changes that an instant does not describe are in its name."""
-        changes, (described, instant) = self._changes, self._described
+        changes = self._changes
+        (described, instant) = self._described
         if described != changes:
             instant = self._describe()
             self._described = changes, instant
@@ -115,7 +118,8 @@ class Journal:
     @contextmanager
     def unless_refused(self) -> Iterator[None]:
         """A context in which changes are noted and made; forget them if the server refuses them."""
-        values, layers = self._values.copy(), [layer.copy() for layer in self.layers]
+        values = self._values.copy()
+        layers = [layer.copy() for layer in self.layers]
         try:
             yield
         except ServerRefusedError:
@@ -144,7 +148,9 @@ class Journal:
 
 
 _CAMERAS = "FusionCameraActor"  # how the plugin names the actors of cameras
-_PRINTED_M, _PRINTED = 1.1e-4, 4e-4  # of positions, and entries of a rotation: 0.3.10 prints two decimals
+# of positions, and entries of a rotation: 0.3.10 prints two decimals
+_PRINTED_M = 1.1e-4
+_PRINTED = 4e-4
 
 
 def object_names(connection: Connection) -> list[str]:
@@ -188,7 +194,8 @@ def pose_commands(poses: Mapping[str, Pose]) -> list[str]:
 
 def same_pose(a: Pose, b: Pose) -> bool:
     """Return whether poses are equal as far as servers print them."""
-    moved, turned = np.abs(a.position - b.position).max(), np.abs(a.rotation - b.rotation).max()
+    moved = np.abs(a.position - b.position).max()
+    turned = np.abs(a.rotation - b.rotation).max()
     return bool(moved <= _PRINTED_M and turned <= _PRINTED)
 
 
@@ -201,7 +208,8 @@ class Clock:
     """The clock of plugin 1.x."""
 
     def __init__(self, driver: CameraDriver) -> None:
-        self._driver, self._connection = driver, driver.connection
+        self._driver = driver
+        self._connection = driver.connection
 
     @property
     def paused(self) -> bool:
@@ -240,7 +248,8 @@ class TogglingClock(Clock):
             return
         self._connection.reply(PAUSE)  # sent once: repeated, it would do the contrary
         if self.paused != paused:
-            address, what = self._connection.address, "stands still" if paused else "goes on"
+            address = self._connection.address
+            what = "stands still" if paused else "goes on"
             expected = f"expected a game that {what} after {PAUSE!r}"
             raise ServerRefusedError(f"{address}: {expected}, but it does not")
 

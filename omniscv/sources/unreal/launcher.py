@@ -93,7 +93,8 @@ def temporary_settings(folder: Path, text: str, timeout_s: float) -> Iterator[No
     Raises DeadlineError if another launch holds the folder for too long, SourceError if it cannot be written,
     or the user has changed what a killed launch has left.
     """
-    file, backup = folder / SETTINGS, folder / BACKUP
+    file = folder / SETTINGS
+    backup = folder / BACKUP
     with ExitStack() as lock:
         try:
             lock.enter_context(locked(folder, timeout_s))

@@ -52,7 +52,8 @@ class LegacyDriver(CameraDriver):
         self.mask_fov_deg = protocol.fov(settings[1])
         *_, pose = [self.connection.text(_POSE) for _ in range(_POLLS)]
         fov = self.connection.text(_FOV)
-        player, fov_deg = protocol.numbers(pose, 6), protocol.fov(fov)
+        player = protocol.numbers(pose, 6)
+        fov_deg = protocol.fov(fov)
         if not self._restore:
             self._restore = [
                 f"vset /camera/0/{LEGACY.fov} {fov_deg:.3f}",
@@ -160,7 +161,8 @@ class LegacyDriver(CameraDriver):
     def _actual_pose(self, view: View, reading: Reply) -> Pose:
         """Return the pose that was set where it reads back, else the reading; refuse a pose far away."""
         location_cm, rotation_deg = view.pose.to_unreal()
-        target, read = np.array([*location_cm, *rotation_deg]), np.array(protocol.numbers(reading, 6))
+        target = np.array([*location_cm, *rotation_deg])
+        read = np.array(protocol.numbers(reading, 6))
         read[3:] = [a + math.remainder(b - a, 360) for a, b in zip(target[3:], read[3:], strict=True)]
         off = np.abs(target - read)
         if off[:3].max() > _STRAY_CM:

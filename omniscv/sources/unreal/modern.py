@@ -20,7 +20,9 @@ from omniscv.sources.world import Exposure, SharedExposure, exposure_to_text
 _log = logging.getLogger("omniscv")
 
 _LIMITS_DEG = (1.0, 179.0)  # fields of view that engines do not clamp in silence
-_TRIED_PX, _TRIED_DEG = (64, 48), 100.0  # are set once, to be read back
+# are set once, to be read back
+_TRIED_PX = (64, 48)
+_TRIED_DEG = 100.0
 _TRIED = {"fov": "a field of view, degrees, of", "size": "a size, px, of"}
 _SAME_DEG = 1e-3  # servers print six decimals, of single precision
 
@@ -77,7 +79,9 @@ class ModernDriver(CameraDriver):
 
     def _spawn(self, number: int) -> None:
         self.spawned += 1
-        self._changed_by_hand, self._stops, self._exposed_for = False, 0.0, None
+        self._changed_by_hand = False
+        self._stops = 0.0
+        self._exposed_for = None
         self._restore = [f"vset /object/{name(self.connection.text('vset /cameras/spawn'))}/destroy"]
         self.camera = number
 
@@ -92,7 +96,8 @@ class ModernDriver(CameraDriver):
 
     def verify(self) -> None:
         for what, values in {"fov": (_TRIED_DEG,), "size": _TRIED_PX}.items():
-            at, text = f"/camera/{self.camera}/{what}", " ".join(map(str, values))
+            at = f"/camera/{self.camera}/{what}"
+            text = " ".join(map(str, values))
             done, read = self.connection.texts([f"vset {at} {text}", f"vget {at}"])
             if done != "ok" or read.startswith("error"):
                 return  # M reads no size; a game that has started again lacks the camera: captures find that
@@ -101,7 +106,8 @@ class ModernDriver(CameraDriver):
 
     def expose(self, requests: Requests) -> None:
         colors = [request for request in requests if request.mode == "lit"]
-        shared, chosen = self.shared_exposure, self._options.exposure
+        shared = self.shared_exposure
+        chosen = self._options.exposure
         if not colors or self._exposed_for is shared:
             return
         if chosen is None and not self.connection.supports(EXPOSURE_METHOD):
@@ -126,13 +132,15 @@ class ModernDriver(CameraDriver):
             return self._matched[1]
         if self._changed_by_hand:  # an earlier attempt was cut short
             self._spawn_another()
-        self._changed_by_hand, why = True, "no manual exposure matches it"
+        self._changed_by_hand = True
+        why = "no manual exposure matches it"
         try:
             bias = matching_bias(self.connection, self.camera, location_cm)
         except ServerRefusedError as refused:
             if self._options.exposure is not None or self._is_gone():
                 raise
-            bias, why = None, str(refused)
+            bias = None
+            why = str(refused)
         if bias is None:
             _log.warning("%s: colours keep the game's own exposure: %s", self.connection.address, why)
         matched: Exposure = "game" if bias is None else bias
@@ -149,7 +157,8 @@ class ModernDriver(CameraDriver):
             self.color_settings = {}
         else:
             return
-        self._exposure, self._changed_by_hand = chosen, chosen != "game"
+        self._exposure = chosen
+        self._changed_by_hand = chosen != "game"
         self.stale_frames.reset()  # the last pictures were others than captures
         self.forget()
 
@@ -182,7 +191,8 @@ class ModernDriver(CameraDriver):
         replies = client.stream([f"vbatch {len(commands)}"] * self.one_tick + commands)
         if self.one_tick:
             self._expect("ok", "vbatch", next(replies))
-        fresh, complete = True, None
+        fresh = True
+        complete = None
         for step, reply in zip(steps, replies, strict=False):
             if complete is not None:
                 yield complete
@@ -212,8 +222,11 @@ class ModernDriver(CameraDriver):
     def _steps(self, requests: Requests) -> list[Step]:
         """Return the commands for captures; before a move is a frame of its mode and size to compare."""
         steps: list[Step] = []
-        aimed, stops, in_doubt = self._aimed, self._stops, self.stale_frames.in_doubt
-        states, skips = dict(self.stale_frames.states), self.stale_frames.skips()
+        aimed = self._aimed
+        stops = self._stops
+        in_doubt = self.stale_frames.in_doubt
+        states = dict(self.stale_frames.states)
+        skips = self.stale_frames.skips()
 
         def picture(use: Literal["skip", "reference", "keep"], request: Request, count: int = 1) -> None:
             steps.extend([Step(self.table.image(self.camera, request.mode), use, request)] * count)
@@ -223,10 +236,12 @@ class ModernDriver(CameraDriver):
             next_stops = _stops_of(request, stops)
             commands = self.aim(aimed, request.view) + self._change_stops(stops, next_stops)
             steps.extend(Step(command, "check") for command in commands)
-            aimed, stops = request.view, next_stops
+            aimed = request.view
+            stops = next_stops
 
         for number, request in enumerate(requests):
-            view, mode = request.view, request.mode
+            view = request.view
+            mode = request.mode
             if in_doubt or aimed != view or stops != _stops_of(request, stops):
                 before = request
                 if aimed is not None:

@@ -13,7 +13,8 @@ from omniscv.geometry.unreal_frame import position_from_unreal
 from omniscv.sources.base import Capture, View
 from omniscv.sources.unreal.protocol import numbers
 
-_OFF_CM, _SINGLE = 1.0, 2.0**-22
+_OFF_CM = 1.0
+_SINGLE = 2.0**-22
 """How far a camera may be from where it was set: cm, and a share of its coordinates, of single precision."""
 _DIRECTIONS = 4
 """Directions of views that stand alone at their places, from which on equal pictures are evidence: two may
@@ -28,7 +29,8 @@ def check_location(address: str, view: View, reply: str) -> None:
     found_cm = np.array(numbers(reply, 3))
     if np.abs(found_cm - expected_cm).max() <= _OFF_CM + _SINGLE * np.abs(expected_cm).max():
         return
-    wanted, got = _metres(view.pose.position), _metres(position_from_unreal(found_cm))
+    wanted = _metres(view.pose.position)
+    got = _metres(position_from_unreal(found_cm))
     away = np.linalg.norm(found_cm - expected_cm) / 100
     why = "a collision, or the game itself, moves it, or keeps it where it was"
     raise MisplacedCameraError(

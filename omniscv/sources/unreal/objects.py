@@ -132,7 +132,8 @@ def boxes(
             row = {what: next(answers) for what in known}
             points = row.get("vertex_location")
             vertices += 0 if points is None else len(points)
-            bounds, rotation = row.get("bounds"), row.get("rotation")
+            bounds = row.get("bounds")
+            rotation = row.get("rotation")
             if points is not None:
                 result[name] = _around(points, np.zeros(3) if rotation is None else rotation)
             elif bounds is not None and (box := upright_box(bounds)):
@@ -173,8 +174,10 @@ def _vertices(command: str, reply: Reply) -> Array:
 
 def _around(vertices_cm: Array, rotator_deg: Array) -> ObjectBox:
     """Return the box of vertices along the axes of their object, or along turned ones if it is tighter."""
-    points, own = position_from_unreal(vertices_cm.T).T, rotation_from_unreal(rotator_deg).T
-    aligned, turned = _box(points, own), _box(points, _upright_axes(points @ own.T) @ own)
+    points = position_from_unreal(vertices_cm.T).T
+    own = rotation_from_unreal(rotator_deg).T
+    aligned = _box(points, own)
+    turned = _box(points, _upright_axes(points @ own.T) @ own)
     return turned if np.prod(turned.size) < _TIGHTER * np.prod(aligned.size) else aligned
 
 

@@ -38,13 +38,16 @@ OBJECTS = "vget /objects"
 CAMERAS = "vget /cameras"
 LIT_VIEW_MODE = "vset /viewmode lit"
 IS_PAUSED = "vget /action/game/is_paused"
-BOUNDS, VERTICES = "vget /object/[str]/bounds", "vget /object/[str]/vertex_location"
+BOUNDS = "vget /object/[str]/bounds"
+VERTICES = "vget /object/[str]/vertex_location"
 EXPOSURE_METHOD = "vset /camera/[uint]/exposure_method [str]"
-PAUSE, RESUME = "vset /action/game/pause", "vset /action/game/resume"
+PAUSE = "vset /action/game/pause"
+RESUME = "vset /action/game/resume"
 FIX_EXPOSURE = ("vrun r.Tonemapper.Quality 1", "vrun r.EyeAdaptationQuality 0")
 """Switch vignette and auto exposure off (protocol reference, section 7.1)."""
 
-_LIST, _HELP = "vget /unrealcv/commands", "vget /unrealcv/help"
+_LIST = "vget /unrealcv/commands"
+_HELP = "vget /unrealcv/help"
 _MOST_TEXT = 1 << 20  # characters of a list, or help, that are read
 
 # The starts of replies to commands that a dialect does not know.
@@ -78,7 +81,8 @@ class CameraTable:
     def capabilities(self, dialect: str) -> Capabilities:
         """Return what servers of a dialect can do, as far as it is known before one is connected."""
         exposes = EXPOSURE_METHOD in DIALECTS[dialect].commands
-        modes, sized = frozenset(self.images), self.can_set_size
+        modes = frozenset(self.images)
+        sized = self.can_set_size
         varies = frozenset(("objects", "commands"))
         return Capabilities(
             modes, sized, can_set_tall=False, can_set_exposure=exposes, dialect=dialect, varies=varies

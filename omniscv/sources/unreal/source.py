@@ -72,7 +72,8 @@ class UnrealSource(Source):
         freeze: Freeze | None = None,
         scene: Scene | None = None,
     ) -> None:
-        self._connection, self._driver = connection, driver
+        self._connection = connection
+        self._driver = driver
         self._room = None if scene is None else room_of(scene)
         self._digest = "" if scene is None else scene.digest()
         self._journal = Journal(connection.address)
@@ -265,12 +266,14 @@ def turns(
             check(request)
             if turn and not alone and pixels + _pixels(request) > _TURN_PX:
                 yield turn
-                turn, pixels = [], 0
+                turn = []
+                pixels = 0
             turn.append(request)
             pixels += _pixels(request)
         if alone or len(turn) >= _TURN_REQUESTS or pixels >= _IN_FLIGHT_PX:
             yield turn
-            turn, pixels = [], 0
+            turn = []
+            pixels = 0
     if turn:
         yield turn
 

@@ -17,7 +17,8 @@ _POLL_S = 0.05
 
 def main() -> int:
     """Return the game's exit code, negative for a signal."""
-    grace_s, path = float(sys.argv[1]), sys.argv[2]
+    grace_s = float(sys.argv[1])
+    path = sys.argv[2]
     for number in {signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}:
         signal.signal(number, lambda *_: None)  # not SIG_IGN, which the game would inherit
     try:

@@ -43,7 +43,9 @@ class UnrealWorld(World):
     """
 
     def __init__(self, driver: CameraDriver, journal: Journal, freeze: Freeze) -> None:
-        self._driver, self._connection, self._journal = driver, driver.connection, journal
+        self._driver = driver
+        self._connection = driver.connection
+        self._journal = journal
         self._clock = clock_of(driver)
         self._stands = False  # whether it was paused here
         self.freeze = "puppet" if freeze == "auto" else freeze

@@ -28,8 +28,12 @@ from omniscv.viewing.look.layers import pack
 Project = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
 
 _FAR_M = 1e6
-_CELL_PX, _LEAST_CELLS, _MOST_CELLS = 6.0, 48, 384
-_FINE_PX, _LEAST_FINE, _MOST_FINE = 0.375, 4, 16
+_CELL_PX = 6.0
+_LEAST_CELLS = 48
+_MOST_CELLS = 384
+_FINE_PX = 0.375
+_LEAST_FINE = 4
+_MOST_FINE = 16
 _SMOOTH_PX = 0.05
 _NODES = 384  # across the image, from pixels to directions
 _PER_PX = 1024  # fixed point: pixels in the tables are multiples of 1/1024
@@ -135,7 +139,8 @@ def _projector(camera: Camera, density: float) -> Project:
     from scipy.spatial import cKDTree
 
     rays = camera.unproject()
-    pixels, tree = camera.pixels()[rays.valid], cKDTree(rays.directions[rays.valid])
+    pixels = camera.pixels()[rays.valid]
+    tree = cKDTree(rays.directions[rays.valid])
 
     def nearest(directions: Array) -> tuple[Array, NDArray[np.bool_]]:
         far, index = tree.query(directions, distance_upper_bound=1 / density)

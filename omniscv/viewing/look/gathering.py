@@ -98,14 +98,17 @@ def _of_images(folder: Path, descriptions: Iterable[Path]) -> Gathered:
 
 def _image_frame(path: Path, labels: Mapping[str, int]) -> Frame:
     """The frame of a ``STEM.json``."""
-    data, files = _json(path), _files(path)
+    data = _json(path)
+    files = _files(path)
     if not isinstance(data, dict) or not {"camera", "pose"} <= data.keys() or not files:
         raise ArgumentError(f"{path}: expected the STEM.json of an image with its layers, got another file")
     try:
         with within(path):
-            camera, pose = from_dict(data["camera"]), Pose.from_dict(data["pose"])
+            camera = from_dict(data["camera"])
+            pose = Pose.from_dict(data["pose"])
         frame = data.get("frame") or {}
-        name, time = frame.get("camera", camera.name), frame.get("time_ns")
+        name = frame.get("camera", camera.name)
+        time = frame.get("time_ns")
     except (TypeError, KeyError, AttributeError) as cause:
         raise ArgumentError(f"{path}: expected a camera and a pose, got: {cause}") from cause
     layers = ImageFiles(files, (camera.width, camera.height))
@@ -171,7 +174,8 @@ def _compose(path: Path, out: Path, size: tuple[int, int], progress: Steps | Non
         views = Counter(tuple(view.pose.position.tolist()) for view in source.recorded_views() or ())
         centers = [center for center, count in views.items() if count >= _CUBE_FACES]
         modes = [mode for mode in modalities.names() if mode in source.capabilities.modes]
-        renderer, left_out = Renderer(source), 0
+        renderer = Renderer(source)
+        left_out = 0
         for i, center in enumerate(counted(centers, progress)):
             image = _recorded_image(renderer, camera, Pose.from_angles(center), modes)
             if image is None:

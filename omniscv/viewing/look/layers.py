@@ -68,7 +68,8 @@ def packed_layers(frame: Frame) -> dict[str, dict[str, Any]]:
 
 
 def _packed_layer(frame: Frame, name: str) -> dict[str, Any]:
-    kind, path = form(name), frame.files[name]
+    kind = form(name)
+    path = frame.files[name]
     if kind == "picture":
         if media_type := _PICTURE_TYPES.get(path.suffix.lower()):
             return {"form": kind, "type": media_type, "data": text(path.read_bytes())}

@@ -101,7 +101,8 @@ def test_names_and_boxes_are_those_of_the_exact_scene(room):
 
 def test_instances_are_objects_of_their_own_and_what_is_not_rendered_is_none(scenes):
     with omniscv.open_source(scenes("sets")) as source:
-        table, boxes = source.objects(), source.geometry().boxes
+        table = source.objects()
+        boxes = source.geometry().boxes
         assert table.names() == ["East/Seat", "North", "South", "West/Seat"]
         assert set(boxes) == set(table.names())
         assert boxes["East/Seat"].center_w == pytest.approx([5, 0, 0], abs=1e-6)
@@ -125,7 +126,8 @@ def test_instances_are_objects_of_their_own_and_what_is_not_rendered_is_none(sce
 def test_objects_of_other_files_have_names_and_count_for_the_identity(scenes, tmp_path):
     address = scenes("linking")
     with omniscv.open_source(address) as source:
-        table, identity = source.objects(), source.scene_identity
+        table = source.objects()
+        identity = source.scene_identity
         names = table.names()
         assert names == ["Chair", "Chair [linking-library.blend]"]
         assert [captured(source, ahead(yaw), "object_mask")[0][8, 8] for yaw in (180, 0)] == [1, 2]
@@ -167,7 +169,8 @@ def test_linear_floats_are_the_colours_before_the_view_transform(scenes):
         omniscv.open_source(scenes("lit")) as source,
         omniscv.open_source(scenes("lit", "samples=4&lit=float32")) as linear,
     ):
-        shown, light = captured(source, view, "lit")[0], captured(linear, view, "lit")[0]
+        shown = captured(source, view, "lit")[0]
+        light = captured(linear, view, "lit")[0]
         assert (source.capabilities.transfer, linear.capabilities.transfer) == ("srgb", "linear")
     with omniscv.open_source(scenes("sets")) as source:
         assert source.capabilities.transfer == "unknown"  # AgX, which mixes channels

@@ -116,8 +116,10 @@ def test_at_the_centres_of_its_pixels_an_image_is_the_capture(number, source):
 @pytest.mark.parametrize("image", [SLOW], indirect=True)
 def test_a_point_has_the_same_object_and_colour_from_a_circle_as_from_its_middle(source, image):
     """But where it is hidden from the middle, or shines."""
-    points, kept = points_w(image), image.valid & np.isfinite(image.depth)
-    same, apart = [], []
+    points = points_w(image)
+    kept = image.valid & np.isfinite(image.depth)
+    same = []
+    apart = []
     for view in VIEWS:
         lit, ids, depth = (each.pixels for each in source.capture(Request(view, mode) for mode in MODES[:3]))
         u, v, z = np.moveaxis(view.project(np.where(kept[..., None], points, 0)), -1, 0)

@@ -77,8 +77,10 @@ def test_what_is_drawn_has_a_label_and_a_depth_and_nothing_else_is_drawn(name, d
     for kind in ("tendon", "flex"):
         getattr(made, f"{kind}_rgba")[:, :3] = 1
     with from_model(made, data=data, headlight="ambient") as source:
-        table, seen = source.objects(), pictures(source)
-    mask, depth = seen["object_mask"].pixels, seen["depth"].pixels
+        table = source.objects()
+        seen = pictures(source)
+    mask = seen["object_mask"].pixels
+    depth = seen["depth"].pixels
     bright = seen["lit"].pixels.max(axis=-1) > 60
     labels = [table.label(each) for each in soft & set(table.names())]
     assert bright.any() == bool(labels) == bool(soft and data == "raster")
@@ -138,7 +140,8 @@ def test_a_plane_ends_where_it_is_drawn_to_end_in_colours_labels_and_depth(plane
     made = model(f"<geom name='floor' type='plane' {size} material='m'/>{ball}", assets)
     view = View(Pose.from_angles(eye, 40, -10), 90, 60, 240)
     with from_model(made, data="rays") as rays, from_model(made, data="raster") as raster:
-        exact, drawn = pictures(rays, view), pictures(raster, view)
+        exact = pictures(rays, view)
+        drawn = pictures(raster, view)
         label = rays.objects().label("floor")
     mask = exact["object_mask"].pixels
     assert (mask == drawn["object_mask"].pixels).mean() > 0.9995

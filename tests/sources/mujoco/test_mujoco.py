@@ -57,7 +57,8 @@ def label(source, name):
 def test_a_sphere_and_a_floor_are_where_they_stand(room):
     """The nearer root of the ray's quadratic, and the plane z = 0, in float64."""
     view = VIEWS[0]
-    seen, d = pictures(room, modes=DATA), view.directions_w()
+    seen = pictures(room, modes=DATA)
+    d = view.directions_w()
     to_ball = np.array((1.2, 0.5, 0.8)) - CENTER
     along = d @ to_ball
     behind = along**2 - to_ball @ to_ball + 0.3**2
@@ -149,7 +150,8 @@ MOVES = {"north": (-1.5, 0, 0), "ball": (0, 0.3, 0.4), "post": (3, -1, 0), "arm"
 
 @pytest.mark.parametrize("name", MOVES)
 def test_what_is_placed_is_there_with_what_hangs_on_it_and_put_back_to_the_bit(room, name):
-    before, rest = pictures(room), room.poses(["arm", name])
+    before = pictures(room)
+    rest = room.poses(["arm", name])
     turn = Pose.from_angles((0, 0, 0), 30).rotation @ Pose.from_angles((0, 0, 0)).rotation.T
     pose = Pose(rest[name].position + MOVES[name], turn @ rest[name].rotation)
     with room.at(Instant({name: pose})) as moved:

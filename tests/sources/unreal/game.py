@@ -27,6 +27,7 @@ if __name__ == "__main__":
     core = settings["UnrealCV.Core"]
     (HERE / "settings.json").write_text(json.dumps(dict(core)))
     threading.Event().wait(behaviour["wait_s"])
-    size, fov_deg = (int(core["Width"]), int(core["Height"])), float(core["FOV"])
+    size = (int(core["Width"]), int(core["Height"]))
+    fov_deg = float(core["FOV"])
     with mock_server.serve("four-wall", int(core["Port"]), size=size, fov_deg=fov_deg):
         threading.Event().wait()

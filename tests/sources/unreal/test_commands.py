@@ -34,7 +34,8 @@ def composed(path, uri, *options):
 
 def test_a_recording_with_overscan_has_a_tenth_of_the_error_of_a_vignette(tmp_path):
     """160 px beyond faces of 64: an edge's middle is where (32 / 192)^2 of the corners' loss is."""
-    uri, true = "mock://four-wall?fault=vignette", composed(tmp_path / "true.sqlite", "mock://four-wall")
+    uri = "mock://four-wall?fault=vignette"
+    true = composed(tmp_path / "true.sqlite", "mock://four-wall")
     before = np.abs(composed(tmp_path / "before.sqlite", uri) - true).mean()
     after = np.abs(composed(tmp_path / "after.sqlite", uri, "--overscan", "160") - true).mean()
     assert before > 5

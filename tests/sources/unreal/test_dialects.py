@@ -66,7 +66,8 @@ def test_captures_are_what_the_view_they_carry_sees_which_is_the_one_requested_i
 ):
     assert [capture.request for capture in captures] == FACES
     for capture in captures:
-        requested, came = capture.request.view, capture.view
+        requested = capture.request.view
+        came = capture.view
         assert agrees(capture, source, ROOM), (capture.mode, came.pose.angles())
         if server.dialect == "0.3.10" and abs(requested.pose.angles()[1]) > 89:
             assert rotation_between(requested, came) == pytest.approx(0.1, abs=1e-6)
@@ -251,8 +252,10 @@ def test_lit_images_in_place_of_normals_are_refused():
             list(source.capture([Request(view, "normals")]))
 
 
-LEVEL, BOUNDS = "vget /level/name", "vget /object/[str]/bounds"
-METHOD, CINE = "vset /camera/[uint]/exposure_method [str]", "vget /camera/[uint]/cine/enabled"
+LEVEL = "vget /level/name"
+BOUNDS = "vget /object/[str]/bounds"
+METHOD = "vset /camera/[uint]/exposure_method [str]"
+CINE = "vget /camera/[uint]/cine/enabled"
 HAVE = {
     "0.3.10": set(), "M": {LEVEL, BOUNDS}, "N1": {BOUNDS, LEVEL}, "N2": {BOUNDS, LEVEL, METHOD},
     "N3": {BOUNDS, LEVEL, METHOD, CINE},

@@ -182,7 +182,8 @@ HARMLESS_NAMES = " ".join(HARMLESS.values()).split()
 
 @contextmanager
 def findings(part, *faults):
-    scene, options = SCENES.get(part, "four-wall"), {}
+    scene = SCENES.get(part, "four-wall")
+    options = {}
     if not part.startswith("agree"):
         options["depth"] = "float32"
     options |= {"motion": MOVING, "ticks": TICKS}.get(part, {})

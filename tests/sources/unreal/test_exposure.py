@@ -41,7 +41,8 @@ def test_exposure_is_set_where_colours_need_another_one(server):
 
 
 def test_exposures_are_captures_of_their_own(server, tmp_path):
-    made, path = requests(("lit", -2), ("depth", None), ("lit", 0.5)), tmp_path / "room.sqlite"
+    made = requests(("lit", -2), ("depth", None), ("lit", 0.5))
+    path = tmp_path / "room.sqlite"
     with omniscv.open_source(server.uri) as live, omniscv.record(live, path) as source:
         payloads = [capture.payload for capture in source.capture(made)]
     again = tmp_path / "again.sqlite"
@@ -178,7 +179,8 @@ def test_recordings_of_one_source_measure_its_exposure_once(tmp_path):
 @pytest.mark.parametrize("begun", ["auto", "game"])
 def test_a_recording_goes_on_with_its_exposure(begun, tmp_path):
     """Of the game that goes on, manual exposure is three stops darker."""
-    path, held = tmp_path / "room.sqlite", {"auto": "manual, bias 1", "game": None}[begun]
+    path = tmp_path / "room.sqlite"
+    held = {"auto": "manual, bias 1", "game": None}[begun]
     exposures = []
     for dark, options in ((1, {"exposure": begun}), (4, {})):
         address = f"mock://four-wall?fault=dark-manual={dark}"

@@ -247,7 +247,8 @@ def test_another_servers_greeting_is_refused():
 
 def test_a_greeting_that_trickles_for_ever_is_given_up():
     """A deadline for every byte would never pass; this one is for the whole frame."""
-    listener, done = socket.create_server(("127.0.0.1", 0)), threading.Event()
+    listener = socket.create_server(("127.0.0.1", 0))
+    done = threading.Event()
 
     def trickle():
         with listener, listener.accept()[0] as connection, suppress(OSError):

@@ -86,7 +86,8 @@ wait
 
 
 def test_a_game_that_will_not_stop_is_killed_with_its_children(tmp_path):
-    script, child = tmp_path / "Game.sh", tmp_path / "child"
+    script = tmp_path / "Game.sh"
+    child = tmp_path / "child"
     script.write_text(STUBBORN)
     script.chmod(0o755)
     with subprocess.Popen([sys.executable, watcher.__file__, "0.3", script], stdin=-1, stdout=-1) as watching:
@@ -100,7 +101,8 @@ def test_a_game_that_will_not_stop_is_killed_with_its_children(tmp_path):
 
 
 def test_a_game_is_stopped_whose_starter_is_gone_before_it_knows_its_process(tmp_path):
-    script, child = tmp_path / "Game.sh", tmp_path / "child"
+    script = tmp_path / "Game.sh"
+    child = tmp_path / "child"
     script.write_text("#!/bin/sh\necho $$ > child\nsleep 600\n")
     script.chmod(0o755)
     reading, writing = os.pipe()

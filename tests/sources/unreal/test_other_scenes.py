@@ -76,7 +76,8 @@ def test_a_restart_while_colours_are_read_leaves_no_objects_out(step, game, monk
     name = f"omniscv.sources.unreal.{step}"
     with omniscv.open_source(game.server.uri) as source:
         table = source.objects()
-    original, restarts = pkgutil.resolve_name(name), [True]
+    original = pkgutil.resolve_name(name)
+    restarts = [True]
 
     def restarted(*arguments):
         if step == "driver.paint":

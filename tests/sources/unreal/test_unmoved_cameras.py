@@ -17,7 +17,8 @@ from omniscv.make import capture
 from omniscv.sources.recording.inspection import info, verify
 
 MODES = ("lit", "object_mask", "depth")
-START, ELSEWHERE = (0.0, 0.0, 1.5), (0.3, -0.2, 1.4)
+START = (0.0, 0.0, 1.5)
+ELSEWHERE = (0.3, -0.2, 1.4)
 MODERN = pytest.mark.parametrize("dialect", ["M", "N3"])
 
 
@@ -56,7 +57,8 @@ def test_a_game_that_ignores_poses_is_refused_and_nothing_is_recorded(dialect, c
 @pytest.fixture
 def frozen(monkeypatch):
     """Pictures show the first pose of each camera for ever; the pose reads back as it was set."""
-    first, image = {}, DIALECT._image
+    first = {}
+    image = DIALECT._image
 
     def of_first(self, mode, camera, form):
         pose = first.setdefault(id(camera), (camera.location, camera.rotation))
@@ -84,7 +86,8 @@ DIALECT = next(cls for cls in vars(v1).values() if isinstance(cls, type) and "_s
 
 @MODERN
 def test_a_camera_that_a_collision_moves_is_refused_with_how_far(dialect, monkeypatch):
-    away_cm, place = [0.0], DIALECT._set_pose
+    away_cm = [0.0]
+    place = DIALECT._set_pose
 
     def pushed(self, attribute, camera, *values):
         moved = (values[0] + away_cm[0], *values[1:]) if attribute == "location" else values

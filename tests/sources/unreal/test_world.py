@@ -93,7 +93,8 @@ def test_bounds_are_along_the_worlds_axes_or_refused_before_anything_is_sent(ser
             world.bounds("Box")
         assert server.statistics.total("") == sent
     else:
-        box, (low, high) = world.bounds("Pole"), SCENE.bounds("Pole")
+        box = world.bounds("Pole")
+        (low, high) = SCENE.bounds("Pole")
         np.testing.assert_allclose(box.center_w, (low + high) / 2, atol=1e-4)
         np.testing.assert_allclose(box.size, high - low, atol=2e-4)
 

@@ -64,7 +64,8 @@ def test_a_source_without_a_server_has_no_commands_and_no_world():
 
 
 def test_no_command_comes_between_the_requests_of_a_viewpoint():
-    log, threads = [], []
+    log = []
+    threads = []
 
     def change(command, forward):
         log.append(command)
@@ -97,7 +98,8 @@ def test_turns_are_whole_viewpoints():
 
 
 def test_a_command_whose_reply_is_lost_is_sent_again_only_where_that_is_harmless():
-    log, lost = [], []
+    log = []
+    lost = []
 
     def change(text, forward):
         reply = forward(text)

@@ -235,7 +235,8 @@ def test_captures_of_a_running_game_are_never_delivered(dialect):
 
 @pytest.mark.parametrize("freeze", ["puppet", "pause", "batch"])
 def test_every_way_to_freeze_is_proven_and_recorded(freeze, tmp_path):
-    path, instant = tmp_path / "yard.sqlite", at_time(0.8)
+    path = tmp_path / "yard.sqlite"
+    instant = at_time(0.8)
     with (
         serve("N2", time_step_s=0.02) as server,
         omniscv.record(omniscv.open_source(server.uri, freeze=freeze), path) as source,

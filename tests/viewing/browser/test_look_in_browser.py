@@ -51,7 +51,8 @@ def shown(tmp_path_factory):
     name.write_text(json.dumps(objects))
     page_file, *_ = look(folder / "images", folder / "look.html")
     beside, *files = look(folder / "images", folder / "beside.html", most_pixels=0)
-    requested, printed = [], []
+    requested = []
+    printed = []
     with browser.started() as chromium:
         context = chromium.new_context(viewport={"width": 780, "height": 330}, has_touch=True)
         page = context.new_page()
