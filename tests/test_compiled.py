@@ -84,7 +84,7 @@ PLUGIN = """
 import logging
 import numpy as np
 from omniscv.compiled import njit
-from omniscv.geometry.surfaces import nearest_pixel
+from omniscv.depth.surfaces import nearest_pixel
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 
 @njit("int64, out float64[::1]", nogil=True)

@@ -55,7 +55,7 @@ def check(file: Recording) -> None:
 @app.command(epilog="Example: omniscv recording export room.sqlite faces/")
 def export(file: Recording, folder: Annotated[Path, Argument(help="An empty or new folder.")]) -> None:
     """Write a recording as a folder of images and JSON."""
-    from omniscv.sources.recording import folders
+    from omniscv.importing import folders
 
     console.line(f"{folder}: {folders.export(file, folder)} captures")
 
@@ -102,7 +102,7 @@ def import_(
     said: _Said,
 ) -> None:
     """Add pictures that other tools rendered, or an exported folder, to a recording."""
-    from omniscv.sources.recording import folders, importing
+    from omniscv.importing import folders, importing
 
     if (pictures / folders.INDEX).exists():
         if given := said.given():

@@ -13,7 +13,7 @@ import numpy as np
 
 from omniscv.compiled import njit
 from omniscv.compose.atlas import Atlas
-from omniscv.compose.ray_lookup import RayLookup, look_up
+from omniscv.depth.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Pixels, Rows, run
 from omniscv.planning.densities import Footprints

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose.interpolation import LARGEST_PX, sample_bicubic, sample_bilinear
-from omniscv.compose.ray_lookup import RayLookup, look_up
+from omniscv.depth.interpolation import LARGEST_PX, sample_bicubic, sample_bilinear
+from omniscv.depth.ray_lookup import RayLookup, look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, pinhole
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, Rows, run

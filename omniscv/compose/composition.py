@@ -8,19 +8,19 @@ import numpy as np
 
 from omniscv import light, modalities
 from omniscv.compose.cache import Once
-from omniscv.compose.depth import DepthPictures
 from omniscv.compose.image import Effort, OmniImage
 from omniscv.compose.layers import Canvas, derived_layers, mark_beyond_reach, round_depth
 from omniscv.compose.light_checks import BITS, compare
-from omniscv.compose.nearest import boundaries
 from omniscv.compose.samplers import SAMPLE, Blocks, Sampler
 from omniscv.compose.seen_points import SeenPoints
+from omniscv.depth.depth_pictures import DepthPictures
+from omniscv.depth.nearest import boundaries
+from omniscv.depth.relief import depth_relief, planar_errors
 from omniscv.errors import BadReplyError, MissingCaptureError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, reads_few, stacked
 from omniscv.planning import Captures, KnownDepth, Plan, Round, Viewpoint, captured, captured_progress, drive
 from omniscv.planning.plan import Doubted
-from omniscv.planning.relief import depth_relief, planar_errors
 from omniscv.planning.rounds import FINER, pixels_of
 from omniscv.planning.strategies import SAME_M
 from omniscv.progress import Progress, Report

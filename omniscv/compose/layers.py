@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from omniscv import modalities
 from omniscv.compiled import njit
+from omniscv.depth.hits import DOUBTFUL
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints, Mask, run
-from omniscv.planning.hits import DOUBTFUL
 from omniscv.sources.base import Color, ObjectTable
 from omniscv.sources.labels import labels_of, labels_of_ids
 

@@ -14,14 +14,14 @@ import numpy as np
 
 from omniscv.compose.area import AreaSampling
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.depth import DepthPictures, sample_depth
-from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
-from omniscv.compose.nearest import label_edges, normals_from_depth, sample_directions, sample_nearest
-from omniscv.compose.ray_lookup import RayLookup, look_up
+from omniscv.depth.depth_pictures import DepthPictures, sample_depth
+from omniscv.depth.hits import KnownDepth
+from omniscv.depth.interpolation import sample_bicubic, sample_bilinear
+from omniscv.depth.nearest import label_edges, normals_from_depth, sample_directions, sample_nearest
+from omniscv.depth.ray_lookup import RayLookup, look_up
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, stacked
 from omniscv.modalities import Interpolation
-from omniscv.planning.hits import KnownDepth
 from omniscv.planning.rays import RayBlock
 from omniscv.sources.base import View
 
@@ -92,7 +92,7 @@ class Sampler:
         return self._values(lambda block: block.sample(filter, atlas, picture))
 
     def sample_depth(self, filter: str, pictures: DepthPictures, offsets_w: Array | None) -> KnownDepth:
-        """Return depth along the rays; see :func:`omniscv.compose.depth.sample_depth`."""
+        """Return depth along the rays; see :func:`omniscv.depth.depth_pictures.sample_depth`."""
 
         def sample(block: _Block) -> Sequence[Any]:
             offsets = None if offsets_w is None else offsets_w[block.rays.part]
@@ -101,7 +101,7 @@ class Sampler:
         return KnownDepth(*self._sampled(sample))
 
     def label_edges(self, boundaries: Pixels, parallax: Floats | None, relief: Mask | None = None) -> Mask:
-        """Return (N,) marks of label boundaries; see :func:`omniscv.compose.nearest.label_edges`."""
+        """Return (N,) marks of label boundaries; see :func:`omniscv.depth.nearest.label_edges`."""
 
         def sample(block: _Block) -> Mask:
             part = block.rays.part
@@ -113,13 +113,13 @@ class Sampler:
         return self._values(sample)
 
     def sample_directions(self, filter: str, faces: Faces) -> Pixels:
-        """Return (N, 3) unit vectors; see :func:`omniscv.compose.nearest.sample_directions`."""
+        """Return (N, 3) unit vectors; see :func:`omniscv.depth.nearest.sample_directions`."""
         stack = stacked(faces)
         nearest = filter == "nearest"
         return self._values(lambda block: sample_directions(stack, block.lookup, nearest))
 
     def normals_from_depth(self, faces: Faces) -> Pixels:
-        """Return (N, 3) normals; see :func:`omniscv.compose.nearest.normals_from_depth`."""
+        """Return (N, 3) normals; see :func:`omniscv.depth.nearest.normals_from_depth`."""
         stack = stacked(faces)
         return self._values(lambda block: normals_from_depth(stack, block.lookup, self._views))
 

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from omniscv.compose.samplers import Sampler
+from omniscv.depth.depth_shell import depth_shell
+from omniscv.depth.hits import FAR_M, Hits, KnownDepth
+from omniscv.depth.ray_marching import march
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Mask, Pixels
-from omniscv.planning.depth_shell import depth_shell
-from omniscv.planning.hits import FAR_M, Hits, KnownDepth
-from omniscv.planning.ray_marching import march
 from omniscv.sources.base import Capture
 
 _ROUNDED = 2.0**-22

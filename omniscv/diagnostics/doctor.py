@@ -28,9 +28,9 @@ from omniscv.diagnostics.server import (
 )
 from omniscv.errors import ArgumentError, ServerRefusedError
 from omniscv.geometry import Array, Pose
+from omniscv.importing.folders import INDEX, import_folder
 from omniscv.sources.base import Color
 from omniscv.sources.codecs import UNREAL_SKY, show_light
-from omniscv.sources.recording.folders import INDEX, import_folder
 from omniscv.sources.registry import Deadlines, open_source, scheme_of
 from omniscv.sources.unreal import open_connection, protocol
 from omniscv.sources.unreal.client import Connection

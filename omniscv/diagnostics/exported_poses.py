@@ -18,9 +18,9 @@ from omniscv.frame import Frame
 from omniscv.geometry import Pose
 from omniscv.geometry.trajectory_columns import Rows
 from omniscv.geometry.trajectory_files import read_trajectory
-from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, ask
-from omniscv.sources.recording.lenses import Wide, straight
-from omniscv.sources.recording.overlap import PosedPictures, Shot
+from omniscv.importing.conventions import PAIRS, WIDTH, Verdict, Words, ask
+from omniscv.importing.lenses import Wide, straight
+from omniscv.importing.overlap import PosedPictures, Shot
 
 _SUFFIXES = (".json", ".txt", ".keys", ".tum", ".euroc", ".kitti", ".yaml", ".csv")
 """Of files that have poses: the others of a store are not fetched."""

@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from omniscv.geometry import Array
-from omniscv.sources.recording.overlap import PosedPictures, moves
+from omniscv.importing.overlap import PosedPictures, moves
 
 LEAST_FRAMES = 8
 """From fewer frames no fault is named."""

@@ -14,12 +14,12 @@ from omniscv.diagnostics import Finding
 from omniscv.diagnostics.posed_faults import LEAST_FRAMES, PAIRS, WIDTH, Fault, Fit, Found, Parameter
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array
+from omniscv.importing.asking import read_pictures, words_of
+from omniscv.importing.conventions import Words, ask
+from omniscv.importing.overlap import PosedPictures, Shot, moves
+from omniscv.importing.posed_frames import Options
+from omniscv.importing.sequences import find_sequence, sequences
 from omniscv.sources.base import Request, Source
-from omniscv.sources.recording.asking import read_pictures, words_of
-from omniscv.sources.recording.conventions import Words, ask
-from omniscv.sources.recording.overlap import PosedPictures, Shot, moves
-from omniscv.sources.recording.posed_frames import Options
-from omniscv.sources.recording.sequences import find_sequence, sequences
 
 OF_COLORS = (
     Parameter("focal length of colours", 4e-3, 4e-3, 0.14, "%", 100),

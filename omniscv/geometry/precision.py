@@ -11,6 +11,9 @@ FLOAT32 = 2.0**-24  # relative rounding error
 COMPUTED = 1.6  # depth along the ray is rounded again, and so is the pixel that gives its length
 _EXPONENT = 0x7FF << 52  # the bits of a float64 that hold its exponent
 LEAST_M = 1e-9  # a server may send a depth of 0
+STEP = 0.0025
+"""How far neighbours on one surface may lie off the line through the other two, relative to their depth: more
+than half floats jump (0.05 %). All lengths are relative, so that the same holds at every scale."""
 _ONE = np.float32(1)
 _LEAST = np.float32(LEAST_M)
 

@@ -1,6 +1,6 @@
 """From a camera and a pose to the views that its image needs."""
 
-from omniscv.planning.hits import KnownDepth
+from omniscv.depth.hits import KnownDepth
 from omniscv.planning.plan import Plan, Strategy, get, names, register
 from omniscv.planning.rays import ImageRays, RayGroup
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, captured, captured_progress, drive

@@ -1,7 +1,7 @@
 """Rays of several optical centres, and what they meet in depth that was captured at few.
 
 Rays are marched through the depth captured at one centre after the other, the nearest first, until all of the
-way is known to be free (:mod:`omniscv.planning.ray_marching`). A part of the way is in doubt only where no
+way is known to be free (:mod:`omniscv.depth.ray_marching`). A part of the way is in doubt only where no
 centre sees it free (:meth:`Hits.narrow`). The pixel is looked up at the centre that knows most of its ray.
 
 Where it fails: objects thinner than a pixel of a capture, which a ray may pass unnoticed; mirrors, glass
@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from omniscv import modalities
+from omniscv.depth.depth_shell import DepthShell, depth_shell, distances
+from omniscv.depth.hits import DOUBTFUL, FAR_M, Hits, KnownDepth
+from omniscv.depth.ray_marching import march
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
-from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.hits import DOUBTFUL, FAR_M, Hits, KnownDepth
 from omniscv.planning.plan import Plan
-from omniscv.planning.ray_marching import march
 from omniscv.planning.rays import Groups, looking
 from omniscv.planning.rounds import Viewpoint, pixels_of
 from omniscv.planning.views import FACE_BORDER_PX, STEEPEST, CubeFaces, faces_hit, holding_view

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 from omniscv import modalities
+from omniscv.depth.hits import Hits, KnownDepth
 from omniscv.errors import BadReplyError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning.hits import Hits, KnownDepth
 from omniscv.progress import Progress
 from omniscv.render_options import COMPARED
 from omniscv.sources.base import Capture, Request, Source, View

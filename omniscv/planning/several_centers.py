@@ -1,7 +1,7 @@
 """Images with several optical centres and a given accuracy: captures from few centres, finer where it helps.
 
 Depth is captured coarsely at the camera's position. Rays are marched through it
-(:mod:`omniscv.planning.ray_marching`), and centres are added where rays are hidden from there. Where a ray
+(:mod:`omniscv.depth.ray_marching`), and centres are added where rays are hidden from there. Where a ray
 passes another surface within a pixel, or ends at an edge, finer patches of depth replace the coarse one, and
 the ray is marched again. So no centre is captured finer as a whole.
 """

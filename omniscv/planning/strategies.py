@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from omniscv import modalities
+from omniscv.depth.depth_shell import DepthShell, depth_shell, distances
+from omniscv.depth.hits import Hits
+from omniscv.depth.ray_marching import march
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.arrays import Ints, Mask
-from omniscv.planning.depth_shell import DepthShell, depth_shell, distances
-from omniscv.planning.hits import Hits
 from omniscv.planning.plan import Plan, Strategy
-from omniscv.planning.ray_marching import march
 from omniscv.planning.rays import Groups, RayGroup
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint
 from omniscv.planning.views import (

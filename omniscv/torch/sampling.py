@@ -16,8 +16,8 @@ from torch import Tensor
 from omniscv.arguments import shown
 from omniscv.cameras import Camera
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.depth import DepthPictures
 from omniscv.compose.samplers import SAMPLE, Sampler
+from omniscv.depth.depth_pictures import DepthPictures
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.precision import Precision

@@ -6,7 +6,7 @@ import numpy as np
 
 from omniscv import RenderOptions
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Atlas
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.geometry import Pose
 from omniscv.planning import ImageRays, Plan
 from omniscv.sources import Capabilities, Capture, ObjectTable, Request, Source, View

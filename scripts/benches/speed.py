@@ -23,7 +23,7 @@ from omniscv import Renderer, RenderOptions, cameras
 from omniscv.cameras import Camera
 from omniscv.chart.central import PAPER, peers
 from omniscv.compose.atlas import OUTSIDE
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.job import Job
 from omniscv.make import capture as capture_job

@@ -13,7 +13,7 @@ import omniscv
 from mock_server.scene import Scene
 from omniscv.cameras import create
 from omniscv.compose.atlas import FILTER_SUPPORT_PX, Gutter
-from omniscv.compose.interpolation import sample_bicubic, sample_bilinear
+from omniscv.depth.interpolation import sample_bicubic, sample_bilinear
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources import View
 

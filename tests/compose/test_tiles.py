@@ -11,7 +11,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv import cameras
 from omniscv.compose.atlas import Atlas
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.planning import FILTERS

@@ -16,11 +16,11 @@ from omniscv.dataset import exporting, manifest
 from omniscv.dataset.origin import Origin
 from omniscv.errors import ArgumentError, DatasetError, RecordingError, SourceError
 from omniscv.frame import FileEntry
+from omniscv.importing.folders import import_folder
 from omniscv.job import load
 from omniscv.make import Part, finish, make, run_part
 from omniscv.make.frames import FrameMaker
 from omniscv.sources import Request, View
-from omniscv.sources.recording.folders import import_folder
 
 JOB = """
 source: {source}

@@ -13,7 +13,7 @@ import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create, names
 from omniscv.chart import traced
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.geometry import Pose
 from omniscv.planning import densities
 from omniscv.sources.scene import SceneSource

@@ -14,7 +14,7 @@ from mock_server import load_scene
 from omniscv import modalities
 from omniscv.cameras import create
 from omniscv.chart import traced
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Pose
 from omniscv.sources.base import Capabilities

@@ -7,10 +7,10 @@ from support.exact import float_source
 import omniscv
 from mock_server import load_scene
 from omniscv.chart import traced
+from omniscv.depth.depth_shell import depth_shell
+from omniscv.depth.ray_marching import march
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
-from omniscv.planning.depth_shell import depth_shell
-from omniscv.planning.ray_marching import march
 from omniscv.sources.base import Request, View
 
 POSE = omniscv.Pose.from_angles((0.13, -0.21, 1.47), 20, -5, 3)

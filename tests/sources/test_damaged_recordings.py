@@ -25,9 +25,9 @@ from omniscv.errors import (
 )
 from omniscv.geometry import Pose
 from omniscv.geometry.scene_geometry import ObjectBox, SceneGeometry
+from omniscv.importing.importing import import_pictures
 from omniscv.sources import Capabilities, Capture, ObjectTable, Request, SceneIdentity, Source, View
 from omniscv.sources.recording import world_rows
-from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
 

@@ -23,10 +23,10 @@ from omniscv.errors import (
     RecordingNotWritableError,
 )
 from omniscv.geometry import R_LEVEL
+from omniscv.importing.folders import export, import_folder
 from omniscv.pictures import png
 from omniscv.sources.base import Request
 from omniscv.sources.recording import merge, part_file, split
-from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 

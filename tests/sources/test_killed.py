@@ -15,8 +15,8 @@ from support.recordings import CountingSource, contents, filled
 import mock_server
 import omniscv
 from omniscv.errors import NotARecordingError, RecordingError
+from omniscv.importing.folders import export, import_folder
 from omniscv.sources.recording.files import written_for
-from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.recording.store import Store
 

@@ -13,8 +13,8 @@ from omniscv import cli
 from omniscv.diagnostics.posed_faults import PAIRS, WIDTH
 from omniscv.diagnostics.posed_pictures import examine_pictures, find
 from omniscv.geometry import Pose
-from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.overlap import PosedPictures, Shot
+from omniscv.importing.conventions import Words
+from omniscv.importing.overlap import PosedPictures, Shot
 
 SIZE = {"count": 16, "width": 112, "height": 84, "step_deg": 7.0}
 

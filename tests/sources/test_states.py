@@ -19,8 +19,8 @@ import omniscv
 from omniscv.errors import ArgumentError, MissingCaptureError, RecordingNotWritableError
 from omniscv.geometry import Pose
 from omniscv.geometry.instant import Instant
+from omniscv.importing.folders import export, import_folder
 from omniscv.sources import ObjectTable, SceneIdentity, SourceWrapper
-from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import info, verify
 from omniscv.sources.recording.store import Store
 from omniscv.sources.recording.world_rows import WorldState

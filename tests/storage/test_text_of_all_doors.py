@@ -8,10 +8,10 @@ from PIL import Image
 
 from omniscv import calibration
 from omniscv.geometry.trajectory_files import read_trajectory
+from omniscv.importing.folders import import_folder
+from omniscv.importing.posed_frames import Options, objects_of
+from omniscv.importing.sequences import find_sequence
 from omniscv.job import load
-from omniscv.sources.recording.folders import import_folder
-from omniscv.sources.recording.posed_frames import Options, objects_of
-from omniscv.sources.recording.sequences import find_sequence
 
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-be with a mark"]
 VIEW = {"position": [1, 2, 3], "fov_deg": 90, "width": 4, "height": 4}

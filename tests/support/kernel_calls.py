@@ -11,15 +11,15 @@ import numpy as np
 import omniscv
 from mock_server.compiled import Kernel
 from omniscv import light
-from omniscv.compose.depth import DepthPictures, sample_depth
 from omniscv.compose.layers import as_halves
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.depth_pictures import DepthPictures, sample_depth
+from omniscv.depth.ray_lookup import look_up
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.precision import Precision
+from omniscv.importing import overlap
 from omniscv.planning import ImageRays
 from omniscv.sensor import Sensor
 from omniscv.sources.base import Request, View
-from omniscv.sources.recording import overlap
 from omniscv.truth.spherical_fit import bfov
 
 MODES = ("lit", "object_mask", "depth", "normals")

@@ -13,8 +13,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from omniscv.geometry.pinhole import Projection
-from omniscv.sources.recording.conventions import PAIRS, WIDTH, Convention, ask
-from omniscv.sources.recording.overlap import PosedPictures, Shot
+from omniscv.importing.conventions import PAIRS, WIDTH, Convention, ask
+from omniscv.importing.overlap import PosedPictures, Shot
 
 AXES = {
     "camera": np.eye(3),

@@ -20,10 +20,10 @@ import omniscv.sources.unreal.source  # what opening a source imports  # noqa: F
 from omniscv import dataset
 from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import Instant
+from omniscv.importing import folders
 from omniscv.job import load
 from omniscv.make import make, run
 from omniscv.sources import Request, View
-from omniscv.sources.recording import folders
 from omniscv.sources.recording.files import publish, target_of, written_for
 from omniscv.sources.recording.store import Store
 

@@ -11,9 +11,9 @@ from support.published import views
 import omniscv
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
-from omniscv.sources.recording.folders import import_folder
-from omniscv.sources.recording.posed_frames import Options
-from omniscv.sources.recording.sequences import find_sequence
+from omniscv.importing.folders import import_folder
+from omniscv.importing.posed_frames import Options
+from omniscv.importing.sequences import find_sequence
 
 FRAME = {"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}
 SHARED = {"fl_x": 4, "w": 8, "h": 8}

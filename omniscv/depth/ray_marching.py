@@ -15,10 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.geometry import Array
-from omniscv.geometry.arrays import run
-from omniscv.geometry.surfaces import plane_of
-from omniscv.planning.depth_shell import (
+from omniscv.depth.depth_shell import (
     CAPTURED,
     CELL_PX,
     NEAREST,
@@ -29,7 +26,10 @@ from omniscv.planning.depth_shell import (
     planar_depth,
     surface_at,
 )
-from omniscv.planning.hits import HIT, Hits  # noqa: F401  # HIT stands in a signature
+from omniscv.depth.hits import HIT, Hits  # noqa: F401  # HIT stands in a signature
+from omniscv.depth.surfaces import plane_of
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import run
 
 # Tuned by measurement:
 _STEP_PX = 1.0  # step of a ray along its arc, px of the capture

@@ -23,13 +23,11 @@ from omniscv.geometry import R_LEVEL, Pose, cube_rotations
 from omniscv.geometry.instant import turn_about_z
 from omniscv.geometry.trajectory_columns import FRAMES, Rows, axes_of, length_unit
 from omniscv.geometry.trajectory_files import read_rows
-from omniscv.records import checked, mapping, nested, optional, read, record
-from omniscv.sources.base import ObjectTable
-from omniscv.sources.recording import lenses, listed_cameras
-from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.layouts import LAYOUTS
-from omniscv.sources.recording.lenses import Pinhole, Wide
-from omniscv.sources.recording.listed_frames import (
+from omniscv.importing import lenses, listed_cameras
+from omniscv.importing.conventions import Words
+from omniscv.importing.layouts import LAYOUTS
+from omniscv.importing.lenses import Pinhole, Wide
+from omniscv.importing.listed_frames import (
     inside,
     is_panoramas,
     named_pose,
@@ -40,7 +38,7 @@ from omniscv.sources.recording.listed_frames import (
     tum,
     words_of,
 )
-from omniscv.sources.recording.posed_frames import (
+from omniscv.importing.posed_frames import (
     Files,
     Frame,
     Options,
@@ -48,6 +46,8 @@ from omniscv.sources.recording.posed_frames import (
     files_in,
     objects_of,
 )
+from omniscv.records import checked, mapping, nested, optional, read, record
+from omniscv.sources.base import ObjectTable
 from omniscv.storage.bounded import (
     MOST_JSON_BYTES,
     decode_text,

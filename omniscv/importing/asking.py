@@ -9,10 +9,10 @@ import numpy as np
 from omniscv.errors import ArgumentError, OmniscvError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.trajectory_columns import axes_of, frame_of_axes
-from omniscv.sources.recording.conventions import PAIRS, WIDTH, Verdict, Words, ask
-from omniscv.sources.recording.lenses import straight
-from omniscv.sources.recording.overlap import PosedPictures, Shot
-from omniscv.sources.recording.posed_frames import Frame, Sequence
+from omniscv.importing.conventions import PAIRS, WIDTH, Verdict, Words, ask
+from omniscv.importing.lenses import straight
+from omniscv.importing.overlap import PosedPictures, Shot
+from omniscv.importing.posed_frames import Frame, Sequence
 
 _LARGE = 1 << 21  # pixels
 

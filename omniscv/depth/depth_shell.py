@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 
 from omniscv.compiled import fields, njit
+from omniscv.depth.relief import planar_errors, planar_relief
+from omniscv.depth.surfaces import Point, discontinuities, nearest_pixel, surface_point
 from omniscv.geometry import Array, cube_rotations
 from omniscv.geometry.arrays import Floats, Ints, stacked
 from omniscv.geometry.precision import Precision
-from omniscv.geometry.surfaces import Point, discontinuities, nearest_pixel, surface_point
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import planar_errors, planar_relief
 from omniscv.sources import codecs
 from omniscv.sources.base import Capture
 

@@ -11,12 +11,12 @@ from omniscv.arguments import number, numbers, shown, text, whole_number, within
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import Rows
+from omniscv.importing.conventions import Words
+from omniscv.importing.lenses import Pinhole, Wide, of_file
+from omniscv.importing.listed_frames import inside
+from omniscv.importing.posed_frames import Files, Frame, Options, Sequence, files_in, objects_of
 from omniscv.pictures import foreign, hdf5, npy
 from omniscv.sources.base import ObjectTable
-from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.lenses import Pinhole, Wide, of_file
-from omniscv.sources.recording.listed_frames import inside
-from omniscv.sources.recording.posed_frames import Files, Frame, Options, Sequence, files_in, objects_of
 from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, parse_json, read_bytes
 
 _UNKNOWN_WORLD = "the world is that of the poses: its unit, and where up is, are not known"

@@ -15,8 +15,8 @@ import mock_server
 import omniscv
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry.scene_geometry import SceneGeometry
+from omniscv.importing.folders import export, import_folder
 from omniscv.sources import Request
-from omniscv.sources.recording.folders import export, import_folder
 from omniscv.sources.recording.inspection import verify
 from omniscv.sources.registry import open_sources
 from omniscv.sources.unreal import open_connection

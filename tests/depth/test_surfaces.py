@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from omniscv.depth.surfaces import CONTINUED, surface_point
 from omniscv.geometry.precision import Precision, stored_length
-from omniscv.geometry.surfaces import CONTINUED, surface_point
 
 EDGE_PX = 12.0
 """A box hides the wall to the left of it."""

@@ -15,11 +15,11 @@ from omniscv import cli
 from omniscv.chart import traced
 from omniscv.errors import ArgumentError, BadReplyError
 from omniscv.geometry import Pose
+from omniscv.importing import sequences
+from omniscv.importing.importing import import_pictures
 from omniscv.pictures import png
 from omniscv.sources import View, codecs
 from omniscv.sources.base import Request
-from omniscv.sources.recording import sequences
-from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.store import Store
 
 

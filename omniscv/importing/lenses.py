@@ -15,6 +15,7 @@ from omniscv.arguments import number, numbers, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, cube_rotations, pinhole
 from omniscv.geometry.arrays import Mask
+from omniscv.geometry.precision import STEP
 from omniscv.pictures.forms import Pixels
 from omniscv.records import mapping
 from omniscv.sources.base import Lens, View
@@ -320,8 +321,6 @@ def _inverse(
 ) -> tuple[Array, Array, Array, Mask]:
     """Return 1 / distance of (H, W) pixels, half its change to the next pixel, and its second
     difference, summed over both axes; and whether the neighbours are on the same surface."""
-    from omniscv.geometry.surfaces import STEP  # imports numba
-
     with np.errstate(divide="ignore"):
         inverse = 1 / np.asarray(distance, np.float64)  # linear in the direction, on planes
     rows = around(inverse)

@@ -12,11 +12,11 @@ import mock_server
 import omniscv
 from omniscv.cameras import create
 from omniscv.cli import run
-from omniscv.compose.nearest import boundaries
+from omniscv.depth.depth_shell import depth_shell, distances
+from omniscv.depth.nearest import boundaries
+from omniscv.depth.relief import planar_errors, planar_relief
 from omniscv.errors import ArgumentError, MissingCaptureError
 from omniscv.geometry import Pose
-from omniscv.planning.depth_shell import depth_shell, distances
-from omniscv.planning.relief import planar_errors, planar_relief
 from omniscv.sources import Capture, Request, View, codecs
 from omniscv.sources.base import Capabilities
 from omniscv.sources.recording import RecordedSource, Recording

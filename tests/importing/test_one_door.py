@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 import omniscv
 from omniscv.errors import ArgumentError
 from omniscv.geometry.trajectory_files import read_trajectory
+from omniscv.importing.folders import import_folder
+from omniscv.importing.posed_frames import Options
+from omniscv.importing.sequences import find_sequence
 from omniscv.job.poses import read_poses
-from omniscv.sources.recording.folders import import_folder
-from omniscv.sources.recording.posed_frames import Options
-from omniscv.sources.recording.sequences import find_sequence
 
 MIRROR = np.diag([1.0, -1, 1])
 LEVEL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

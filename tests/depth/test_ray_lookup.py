@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from omniscv.compose.ray_lookup import look_up
+from omniscv.depth.ray_lookup import look_up
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.sources.base import View
 

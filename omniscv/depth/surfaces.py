@@ -8,9 +8,9 @@ A picture shows a point ``p = z (u, v, 1)`` at the pixel ``(f u, f v)`` from its
 So inverse planar depth is linear in the pixel, and bilinear interpolation of it is exact on planes. Its
 change per pixel is ``across = a / f`` and ``down = b / f``; hence :func:`plane_of`. Three things follow:
 
-- depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.compose.depth`);
-- the normal of the plane is ``-m / |m|`` (:mod:`omniscv.compose.nearest`);
-- a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.planning.ray_marching`).
+- depth along a ray is ``z |(u, v, 1)|`` (:mod:`omniscv.depth.depth_pictures`);
+- the normal of the plane is ``-m / |m|`` (:mod:`omniscv.depth.nearest`);
+- a ray ``o + t d`` meets the plane at ``t = (1 - m . o) / (m . d)`` (:mod:`omniscv.depth.ray_marching`).
 
 Neighbouring pixels show one surface if inverse depth continues linearly on either side of the step between
 them (:func:`discontinuities`). Across the edge of an object interpolation would put points into the air:
@@ -28,6 +28,7 @@ from omniscv.geometry.arrays import Floats
 from omniscv.geometry.precision import (
     FLOAT32,
     LEAST_M,
+    STEP,
     Precision,
     inverse_depth,
     inverse_depth32,
@@ -35,9 +36,6 @@ from omniscv.geometry.precision import (
     stored_length,
 )
 
-STEP = 0.0025
-"""How far neighbours on one surface may lie off the line through the other two, relative to their depth: more
-than half floats jump (0.05 %). All lengths are relative, so that the same holds at every scale."""
 CONTINUED = 0.006
 """How far a surface is continued in depth beyond the last pixel that shows it, relative to its depth: it may
 end there."""

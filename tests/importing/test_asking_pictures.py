@@ -13,9 +13,9 @@ from support.overlapping import MISDESCRIBED, WORLDS, asked, convention, noisy, 
 from omniscv import cli
 from omniscv.diagnostics import posed_pictures
 from omniscv.errors import ArgumentError
+from omniscv.importing.conventions import Convention, Verdict, Words
+from omniscv.importing.importing import import_pictures
 from omniscv.sources.base import Request
-from omniscv.sources.recording.conventions import Convention, Verdict, Words
-from omniscv.sources.recording.importing import import_pictures
 from omniscv.sources.recording.replay import RecordedSource
 from omniscv.sources.recording.store import Store
 

@@ -14,14 +14,11 @@ from omniscv.arguments import one_of, shown, within
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose, pinhole
 from omniscv.geometry.instant import turn_about_z
-from omniscv.pictures import foreign
-from omniscv.sources.base import Capture, ObjectTable, View
-from omniscv.sources.pictures import DepthForm, Picture
-from omniscv.sources.recording import sequences
-from omniscv.sources.recording.asking import taken
-from omniscv.sources.recording.folders import add_captures
-from omniscv.sources.recording.layouts import LAYOUTS, Choice, Layout, choose, cut, named
-from omniscv.sources.recording.posed_frames import (
+from omniscv.importing import sequences
+from omniscv.importing.asking import taken
+from omniscv.importing.folders import add_captures
+from omniscv.importing.layouts import LAYOUTS, Choice, Layout, choose, cut, named
+from omniscv.importing.posed_frames import (
     NO_ID,
     Options,
     as_named,
@@ -34,7 +31,10 @@ from omniscv.sources.recording.posed_frames import (
     read_as,
     skipped_lines,
 )
-from omniscv.sources.recording.posed_frames import Sequence as PosedSequence
+from omniscv.importing.posed_frames import Sequence as PosedSequence
+from omniscv.pictures import foreign
+from omniscv.sources.base import Capture, ObjectTable, View
+from omniscv.sources.pictures import DepthForm, Picture
 
 _ENVIRONMENTS = {"CubeFace Environment": "openexr", "LatLong Environment": "openexr-latlong"}
 _OF_LIGHT = (

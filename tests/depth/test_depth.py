@@ -8,9 +8,9 @@ from support.exact import by_rays, cameras_at, distance_to_surfaces, float_sourc
 import omniscv
 from mock_server import load_scene
 from omniscv.cameras import create
+from omniscv.depth.surfaces import surface_point
 from omniscv.geometry import Pose
 from omniscv.geometry.precision import Precision
-from omniscv.geometry.surfaces import surface_point
 
 POSE = Pose.from_angles((0.1, -0.2, 1.45), yaw_deg=27.0, pitch_deg=8.0, roll_deg=-5.0)
 ROOMS = {name: float_source(load_scene(name)) for name in ("four-wall", "six-wall")}

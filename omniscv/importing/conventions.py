@@ -9,7 +9,7 @@ import numpy as np
 
 from omniscv.geometry import Array
 from omniscv.geometry.trajectory_columns import FRAMES, axes_of, frame_of_axes
-from omniscv.sources.recording.overlap import PosedPictures, moves
+from omniscv.importing.overlap import PosedPictures, moves
 
 LEAST = 0.35
 """Agreement below which pictures tell nothing."""

@@ -10,7 +10,7 @@ from support.pictured import AT, FACES, SCENE, face, put, run, seen
 import omniscv
 from omniscv.chart import traced
 from omniscv.geometry import Pose
-from omniscv.sources.recording.folders import import_folder
+from omniscv.importing.folders import import_folder
 
 POSE = Pose.from_angles(AT)
 EDGE = 128

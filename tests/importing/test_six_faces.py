@@ -13,9 +13,9 @@ from omniscv import cli
 from omniscv.chart import traced
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose
+from omniscv.importing.importing import import_pictures
+from omniscv.importing.layouts import LAYOUTS
 from omniscv.sources import View
-from omniscv.sources.recording.importing import import_pictures
-from omniscv.sources.recording.layouts import LAYOUTS
 
 EDGE = 64
 HERE = Pose.from_angles(AT)

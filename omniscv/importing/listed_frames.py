@@ -14,10 +14,9 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array, Pose
 from omniscv.geometry.trajectory_columns import PER_M, Rows
 from omniscv.geometry.trajectory_files import check_frame, read_poses, read_rows, read_trajectory
-from omniscv.pictures import foreign
-from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.lenses import Pinhole, Wide, of_file, of_values
-from omniscv.sources.recording.posed_frames import (
+from omniscv.importing.conventions import Words
+from omniscv.importing.lenses import Pinhole, Wide, of_file, of_values
+from omniscv.importing.posed_frames import (
     Files,
     Frame,
     Options,
@@ -27,6 +26,7 @@ from omniscv.sources.recording.posed_frames import (
     pictures_in,
     with_layers,
 )
+from omniscv.pictures import foreign
 from omniscv.storage.bounded import MOST_JSON_BYTES, decode_text, named_file, read_bytes
 
 _DOWN = np.array([0.0, 0, -1])  # the axis y of a camera that turns by yaw alone, world frame

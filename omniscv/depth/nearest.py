@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 
 from omniscv.compiled import njit
-from omniscv.compose.ray_lookup import RayLookup
+from omniscv.depth.ray_lookup import RayLookup
+from omniscv.depth.relief import label_relief, lone_labels
+from omniscv.depth.surfaces import fitted_plane, nearest_pixel, plane_of
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Pixels, reads_few, run, stacked
-from omniscv.geometry.surfaces import fitted_plane, nearest_pixel, plane_of
 from omniscv.parallel import side_by_side
-from omniscv.planning.relief import label_relief, lone_labels
 from omniscv.sources.base import View
 
 _BESIDE = 1

@@ -9,8 +9,8 @@ from PIL import Image
 import omniscv
 from omniscv import calibration, cli
 from omniscv.errors import ArgumentError
-from omniscv.sources.recording.posed_frames import Options
-from omniscv.sources.recording.sequences import find_sequence
+from omniscv.importing.posed_frames import Options
+from omniscv.importing.sequences import find_sequence
 
 W = 64
 H = 48

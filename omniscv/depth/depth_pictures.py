@@ -1,7 +1,7 @@
 """Depth along rays from captures of planar depth, and how far it may be off.
 
 The bound is the rounding of stored depth, how far a surface may bend between pixels
-(:mod:`omniscv.geometry.surfaces`), and what captures say that it is off; where relief may be more, that. Rays
+(:mod:`omniscv.depth.surfaces`), and what captures say that it is off; where relief may be more, that. Rays
 from elsewhere than the shared centre meet a plane elsewhere, and near an object's edge another surface: the
 plane's slope, and the depths within the parallax, add to it.
 """
@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omniscv.compiled import fields, njit
-from omniscv.compose.ray_lookup import RayLookup
-from omniscv.geometry import Array
-from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Rows, run, stacked
-from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, rounding, stored_length
-from omniscv.geometry.surfaces import (
+from omniscv.depth.hits import DOUBTFUL, KnownDepth
+from omniscv.depth.ray_lookup import RayLookup
+from omniscv.depth.surfaces import (
     Shape,
     discontinuities,
     interpolated,
@@ -29,8 +27,10 @@ from omniscv.geometry.surfaces import (
     surface_point,
     turns,
 )
+from omniscv.geometry import Array
+from omniscv.geometry.arrays import Faces, Floats, Ints, Mask, Rows, run, stacked
+from omniscv.geometry.precision import LEAST_M, Precision, inverse_depth32, rounding, stored_length
 from omniscv.parallel import side_by_side
-from omniscv.planning.hits import DOUBTFUL, KnownDepth
 from omniscv.sources.base import View
 
 _AHEAD_PX = 1.5  # parallax is measured from the nearest pixel, an edge lies within one of that which shows it

@@ -16,6 +16,8 @@ from omniscv.arguments import number, numbers, one_of, optional_number, shown, t
 from omniscv.errors import ArgumentError
 from omniscv.geometry import Pose, cube_rotations
 from omniscv.geometry.trajectory_columns import FRAMES, length_unit
+from omniscv.importing.conventions import Words
+from omniscv.importing.lenses import Pinhole, Wide, straight, to_faces
 from omniscv.modalities import TRANSFERS, Transfer
 from omniscv.pictures import foreign
 from omniscv.pictures.forms import Pixels
@@ -23,8 +25,6 @@ from omniscv.records import checked, optional, record
 from omniscv.sources import codecs, pictures
 from omniscv.sources.base import Capture, ObjectTable, Request, View
 from omniscv.sources.pictures import DepthForm, Picture, read_picture
-from omniscv.sources.recording.conventions import Words
-from omniscv.sources.recording.lenses import Pinhole, Wide, straight, to_faces
 from omniscv.storage.bounded import MOST_JSON_BYTES, parse_json, read_bytes
 
 NO_ID = 0xFFFF
