@@ -128,7 +128,7 @@ class _Fitting:
 
     def solve(self) -> Floats:
         """Return the numbers of least squares, from the best of the starts."""
-        x = min(self._starts(), key=lambda x: float(np.square(self._residuals(x)).sum()))
+        x = min(self._first_guesses(), key=lambda x: float(np.square(self._residuals(x)).sum()))
         names = self._names
         shape = [i for i, name in enumerate(names) if name in (*_MATRIX, "focal", *self._family.starts)]
         # First without distortion: together the two lie in a long valley.
@@ -175,7 +175,7 @@ class _Fitting:
         near = rays.valid & (rays.directions[:, 2] >= np.cos(np.radians(self._family.reach_deg)) - 1e-9)
         return pixels[near], rays.directions[near]
 
-    def _starts(self) -> Iterator[Floats]:
+    def _first_guesses(self) -> Iterator[Floats]:
         names = self._names
         matrix = {"fx": 100.0, "fy": 100.0, "focal": 100.0, "cx": self._axis[0], "cy": self._axis[1]}
         for values in product(*self._family.starts.values()):

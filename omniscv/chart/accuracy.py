@@ -59,7 +59,7 @@ class Row:
         wrong: share of the valid pixels whose label differs or whose depth is off by more than 1 %; None
             where the truth is not known.
         compose_s: time of planning and composing, without captures.
-        aim: the share of doubtful pixels that was asked for; None where face size and strategy were given.
+        accuracy: share of doubtful pixels that was asked for; None where face size and strategy were given.
     """
 
     camera: str
@@ -73,7 +73,7 @@ class Row:
     doubtful: float
     wrong: float | None
     compose_s: float
-    aim: float | None
+    accuracy: float | None
 
 
 def cameras(width: int) -> dict[str, Camera]:
@@ -185,7 +185,7 @@ def write(rows: Sequence[Row], out: Path) -> list[Path]:
     looks |= {PAPER: Look(INK, "P", ""), DEFAULT: Look(INK, "*", "")}
     for name, axes in zip(names, panels, strict=False):
         mine = [row for row in rows if row.camera == name]
-        labels = ["" if row.aim is None else f"{100 * row.aim:g} %" for row in mine]
+        labels = ["" if row.accuracy is None else f"{100 * row.accuracy:g} %" for row in mine]
         dots = [
             Dot(row.series, label, row.seconds, 100 * max(row.doubtful, _LEAST))
             for row, label in zip(mine, labels, strict=True)

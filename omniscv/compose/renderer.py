@@ -196,7 +196,7 @@ class Renderer:
             return image
 
         needed = Counter(request for plan in plans for request in plan.requests)
-        aimed = Counter(tuple(plan.pose.position) for plan in plans if plan.aim is not None)
+        aimed = Counter(tuple(plan.pose.position) for plan in plans if plan.doubt_share is not None)
         adapts = any(count > 1 for count in aimed.values())
         if needed or adapts:
             source = HeldCaptures(source, needed, all_=adapts)

@@ -117,8 +117,8 @@ def cut(picture: Pixels, layout: Layout) -> list[Pixels] | None:
     return [picture[edge * r : edge * (r + 1), edge * c : edge * (c + 1)] for r, c in places]
 
 
-class Seams:
-    """The seams of six pictures (s, s, 3), of any type, in any arrangement."""
+class FaceArranger:
+    """Arranges six pictures (s, s, 3) of any type as the faces of a cube, by the steps across their edges."""
 
     def __init__(self, pictures: Sequence[Pixels]) -> None:
         sides = np.stack([_sides(_grey_levels(picture)) for picture in pictures])
@@ -177,52 +177,111 @@ class Choice:
         return [first, *(f"{name} shows {face}, not {due}: put right" for name, due, face in others)]
 
 
-def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) -> Choice:
-    """Return the reading of six pictures whose seams fit.
+class _Reading(NamedTuple):
+    """Six pictures by a layout, and how well they fit so.
 
-    ``readings`` are layouts that names or shape allow, each with the pictures in its order; where the first
-    one was named by the user, ``is_given``, seams are reported, and not followed. Raises ArgumentError if
-    none fits, or several do, and the seams cannot tell them apart.
+    Attributes:
+        step: mean step across the edges, grey levels.
+        layout: by names or shape.
+        pictures: in the layout's order.
+        arranger: of the pictures.
     """
-    seams_of: dict[tuple[int, ...], Seams] = {}
-    candidates: list[tuple[float, int, Layout, Sequence[Pixels], Seams]] = []
-    for layout, pictures in readings:
-        order = tuple(map(id, pictures))
-        seams = seams_of[order] = seams_of.get(order) or Seams(pictures)
-        candidates.append((seams.step(layout.arrangement), len(candidates), layout, pictures, seams))
-    step, _, layout, pictures, seams = candidates[0] if is_given else min(candidates)
-    choice = Choice(layout, pictures, layout.arrangement, step, "")
-    alike, least, second = seams.best()
+
+    step: float
+    layout: Layout
+    pictures: Sequence[Pixels]
+    arranger: FaceArranger
+
+
+def choose(readings: Sequence[tuple[Layout, Sequence[Pixels]]], is_given: bool) -> Choice:
+    """Return the reading of six pictures whose edges fit.
+
+    Args:
+        readings: layouts that names or shape allow, each with the pictures in its order.
+        is_given: whether the user named the first layout: then its steps are reported, and no other reading
+            is taken.
+
+    Raises:
+        ArgumentError: no reading fits, or several do and their edges cannot tell them apart.
+    """
+    candidates = _scored(readings)
+    chosen = candidates[0] if is_given else min(candidates, key=lambda reading: reading.step)
+    layout = chosen.layout
+    choice = Choice(layout, chosen.pictures, layout.arrangement, chosen.step, "")
+    best, least, second = chosen.arranger.best()
     if is_given:
         return replace(choice, alternative=f"the best arrangement: {least:.2f}")
-    turned = _rotations(layout.arrangement)
-    others = sorted(
-        (other_step, other.name)
-        for other_step, _, other, _, other_seams in candidates
-        if other is not layout and not (other_seams is seams and other.arrangement in turned)
-    )
-    if step <= least + _SAME:
-        tied = [layout.name, *(name for other_step, name in others if other_step <= step + _SAME)]
-        if len(tied) > 1:
-            advice = " or ".join(f"--layout {name}" for name in tied)
-            got = f"seams cannot tell {' and '.join(tied)} apart ({step:.2f} levels)"
-            raise ArgumentError(f"layout: {got}: expected {advice}")
-        next_step, next_name = others[0] if others else (second, "other faces")
-        alternative = f"{next_name}, {next_step:.2f}"
-        return replace(choice, alternative=f"next best: {alternative}")
+    if chosen.step <= least + _SAME:
+        return replace(choice, alternative=f"next best: {_next_best(chosen, candidates, second)}")
     if second < _CLEAR * least + _SAME:
-        got = f"{layout.name} has steps of {step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
+        steps = f"steps of {chosen.step:.2f} levels, other arrangements {least:.2f} and {second:.2f}"
+        got = f"{layout.name} has {steps}"
         raise ArgumentError(f"layout: expected six faces that fit together, got none that do clearly: {got}")
+    flipped = FaceArranger([picture[:, ::-1] for picture in chosen.pictures]).step(layout.arrangement)
+    mirrored = ""
+    if flipped <= least + _SAME:
+        mirrored = ", and so it is if all pictures are mirrored (--mirrored)"
+    alternative = f"as the layout says: {chosen.step:.2f}{mirrored}"
+    arrangement = _most_alike(best, layout.arrangement)
+    return replace(choice, arrangement=arrangement, step=least, alternative=alternative)
+
+
+def _scored(readings: Sequence[tuple[Layout, Sequence[Pixels]]]) -> list[_Reading]:
+    """Return how well each reading fits; an order of the pictures is looked at once."""
+    arrangers: dict[tuple[int, ...], FaceArranger] = {}
+    scored = []
+    for layout, pictures in readings:
+        order = tuple(map(id, pictures))
+        if order not in arrangers:
+            arrangers[order] = FaceArranger(pictures)
+        step = arrangers[order].step(layout.arrangement)
+        scored.append(_Reading(step, layout, pictures, arrangers[order]))
+    return scored
+
+
+def _next_best(chosen: _Reading, candidates: Sequence[_Reading], other_faces_step: float) -> str:
+    """Return the reading after the chosen one, in words.
+
+    Args:
+        chosen: the reading of least step.
+        candidates: all readings.
+        other_faces_step: the least step with other faces in other places, grey levels.
+
+    Raises:
+        ArgumentError: another layout fits as well.
+    """
+    same_cube = _rotations(chosen.layout.arrangement)
+    others = []
+    for other in candidates:
+        is_same = other.arranger is chosen.arranger and other.layout.arrangement in same_cube
+        if other.layout is not chosen.layout and not is_same:
+            others.append((other.step, other.layout.name))
+    others.sort()
+    tied = [chosen.layout.name]
+    for step, name in others:
+        if step <= chosen.step + _SAME:
+            tied.append(name)
+    if len(tied) > 1:
+        advice = " or ".join(f"--layout {name}" for name in tied)
+        got = f"seams cannot tell {' and '.join(tied)} apart ({chosen.step:.2f} levels)"
+        raise ArgumentError(f"layout: {got}: expected {advice}")
+    step, name = others[0] if others else (other_faces_step, "other faces")
+    return f"{name}, {step:.2f}"
+
+
+def _most_alike(arrangements: Sequence[Arrangement], expected: Arrangement) -> Arrangement:
+    """Return the arrangement, in any orientation of the cube, with the most faces as expected."""
 
     def agreement(arrangement: Arrangement) -> int:
-        pairs = zip(arrangement, layout.arrangement, strict=True)
-        return sum((face == expected) + (face.row == expected.row) for face, expected in pairs)
+        count = 0
+        for face, due in zip(arrangement, expected, strict=True):
+            count += (face == due) + (face.row == due.row)
+        return count
 
-    flipped = Seams([picture[:, ::-1] for picture in pictures]).step(layout.arrangement)
-    mirrored = ", and so it is if all pictures are mirrored (--mirrored)" if flipped <= least + _SAME else ""
-    arrangement = max((turned for one in alike for turned in _rotations(one)), key=agreement)
-    alternative = f"as the layout says: {step:.2f}{mirrored}"
-    return replace(choice, arrangement=arrangement, step=least, alternative=alternative)
+    turned: list[Arrangement] = []
+    for arrangement in arrangements:
+        turned += _rotations(arrangement)
+    return max(turned, key=agreement)
 
 
 def _rotations(arrangement: Arrangement) -> list[Arrangement]:

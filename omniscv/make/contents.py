@@ -176,7 +176,7 @@ def _check_accuracy(job: Job, renderer: Renderer, modes: tuple[str, ...]) -> Non
     for name, camera in job.cameras.items() if has_budget or options.accuracy is not None else ():
         pose = job.own_poses.get(name, job.poses)[0]
         plan = replace(renderer.plan(camera, pose, options), modes=modes).by_rays()
-        if plan.aim is not None and has_budget:
+        if plan.doubt_share is not None and has_budget:
             plan.make(plan.modes)
 
 

@@ -207,7 +207,7 @@ def capture(
                 with renderer_at(renderer, instant) as renderer_then:
                     plan = partial(renderer_then.plan, options=job.options, border_px=border_px)
                     plans = [plan(camera, pose) for camera, pose in views]
-                    if job.options.checks == "light" or any(plan.aim is not None for plan in plans):
+                    if job.options.checks == "light" or any(plan.doubt_share is not None for plan in plans):
                         asked = HeldCaptures(renderer_then.source, {})
                         list(renderer.of(asked).render_together(views, shown, job.options))
                         needed |= dict.fromkeys(asked.requests)

@@ -100,11 +100,11 @@ class Plan:
         return self.options.viewpoints is None and self.rays.scattered
 
     @cached_property
-    def aim(self) -> float | None:
+    def doubt_share(self) -> float | None:
         """Share of the valid pixels that may be doubtful; None where captures do not depend on it."""
         if self.traced and not self.modes:
             return None
-        return get(self.options.strategy).aim(self)
+        return get(self.options.strategy).doubt_share(self)
 
     def rounds(self) -> Rounds:
         """Yield the rounds: those that were made, or new ones by the strategy if they depend on captures.
@@ -114,7 +114,7 @@ class Plan:
         made = self.made or ()
         scale = self.options.truth_scale
         adapts = any(viewpoint.keep for round_ in made for viewpoint in round_.viewpoints)
-        if self.made is not None and not adapts and self.aim is None:
+        if self.made is not None and not adapts and self.doubt_share is None:
             for round_ in made:  # noqa: UP028 - a tuple takes nothing that is sent
                 yield round_
             return
@@ -205,7 +205,7 @@ class Strategy(ABC):
             ArgumentError: the source cannot do what the strategy needs.
         """
 
-    def aim(self, plan: Plan) -> float | None:
+    def doubt_share(self, plan: Plan) -> float | None:
         """Return the share of the valid pixels that may be doubtful, where captures depend on it; else None.
 
         Raises:

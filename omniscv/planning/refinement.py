@@ -9,7 +9,6 @@ import heapq
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -20,10 +19,9 @@ from omniscv.errors import ArgumentError
 from omniscv.geometry import Array
 from omniscv.geometry.arrays import Floats, Ints
 from omniscv.planning import tuned
-from omniscv.planning.densities import SMALLEST
 from omniscv.planning.patches import Doubt, Patch, held, patches
 from omniscv.planning.plan import Doubted, Plan
-from omniscv.planning.rounds import Round, Rounds, Viewpoint, pass_on, pixels_of
+from omniscv.planning.rounds import Round, Rounds, pass_on, pixels_of
 from omniscv.planning.views import ALL_FACES, CubeFaces
 from omniscv.render_options import LARGEST_FACE_PX, PRICE, Price
 from omniscv.sources.base import View
@@ -44,7 +42,7 @@ class Choice:
     Attributes:
         patches: of the pixels in doubt.
         focal_px: of the patches.
-        ms: their price, and that of what is expected to follow until the aim is reached.
+        ms: their price, and that of what is expected to follow until as few pixels are in doubt as may be.
         rate: ms that resolve a pixel.
     """
 
@@ -78,14 +76,14 @@ class Refinement(ABC):
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         options = plan.options
-        assert plan.aim is not None
+        assert plan.doubt_share is not None
         self.price = Price(*options.capture_ms)
         self.truth = tuple(mode for mode in plan.modes if modalities.get(mode).truth)
         self.colors = tuple(mode for mode in plan.modes if mode not in self.truth)
         beats = options.checks == "beat"
         self.patched = plan.modes if beats else self.truth
         self._modes = max(1, len(self.patched) + beats * len(self.truth))  # captures of a patch
-        self._aim = plan.aim * plan.rays.valid_count
+        self._asked_pixels = plan.doubt_share * plan.rays.valid_count
         self._doubted = Doubted(plan.rays.valid, 0, np.inf)
         self.expected_ms = 0.0
         self.focal_px: Floats = np.full(plan.rays.valid.size, plan.edge / 2 * options.truth_scale, np.float32)
@@ -96,9 +94,9 @@ class Refinement(ABC):
         self._partly = False  # whether a recording lacks views that were chosen
 
     @property
-    def aim(self) -> float:
+    def doubt_pixels(self) -> float:
         """How many pixels that finer captures may resolve may stay doubtful."""
-        return self._aim - (self._doubted.beyond if self._reachable else 0)
+        return self._asked_pixels - (self._doubted.beyond if self._reachable else 0)
 
     @property
     def reached(self) -> str:
@@ -107,7 +105,7 @@ class Refinement(ABC):
 
     @property
     def _reachable(self) -> bool:
-        return self._doubted.beyond <= self._aim
+        return self._doubted.beyond <= self._asked_pixels
 
     def counted(self) -> Rounds:
         """Return the first rounds, and finer ones; a last one has no viewpoints and says why they end.
@@ -183,7 +181,7 @@ class Refinement(ABC):
         promised = 0.0
         for _ in range(tuned.MOST_ROUNDS):
             doubt = self.doubtful()
-            if len(doubt) <= self.aim:
+            if len(doubt) <= self.doubt_pixels:
                 yield Round((), self.reached)
                 return
             stuck = stuck + 1 if before - len(doubt) < tuned.LEAST_RESOLVED * promised else 0
@@ -199,7 +197,7 @@ class Refinement(ABC):
         yield Round((), RECORDED if self._partly else SPENT if self._limited else STUCK)
 
     def choice(self, pixels: Ints) -> Choice | str:
-        """Return the patches that promise to reach the aim for least, or why there are none."""
+        """Return the cheapest patches after which few enough pixels are in doubt; or why there are none."""
         plan = self.plan
         if not plan.capabilities.can_set_size:
             return "the source captures one size"
@@ -225,7 +223,7 @@ class Refinement(ABC):
     def _most_held(
         self, recorded: RecordedViews, count: int, doubts: Sequence[Doubt], lengths: Sequence[float]
     ) -> Choice | None:
-        """Return the patches of which a recording holds the most: it was made with another aim."""
+        """Return the patches of which a recording holds the most: it was made for another share of doubt."""
         choices = []
         for focal_px in lengths:
             choice = self._patched(count, doubts, focal_px, np.inf)
@@ -238,7 +236,7 @@ class Refinement(ABC):
         """Return patches of a focal length; not all of them if they cost more than another choice."""
         modes = self._modes
         left = float(count)
-        target = tuned.SAFE * self.aim
+        target = tuned.SAFE * self.doubt_pixels
         ms = 0.0
         area = 0.0
         batch: list[Patch] = []
@@ -274,7 +272,7 @@ class Refinement(ABC):
         if edge > LARGEST_FACE_PX:
             return []
         views = CubeFaces(self.plan, edge, 0).views(doubt.center_w, ALL_FACES)
-        view_of = first_view(doubt.directions_w, views, 0) % len(views)  # rounding: the last one
+        view_of = nearest_view(doubt.directions_w, views)
         for number, view in enumerate(views):
             rows = np.flatnonzero(view_of == number)
             price = self._modes * self.price.of(1, view.width * view.height)
@@ -288,7 +286,7 @@ class Refinement(ABC):
         price = self.price
         edges = share / tuned.ROOM * rays.valid_count * rays.typical_step**2 / _PANORAMA_SR
         dearer = (price.request / PRICE[0] + price.megapixel / PRICE[1]) / 2 * len(self.truth) / 2
-        further = math.sqrt(share * rays.valid_count / max(1.0, self.aim)) - 1
+        further = math.sqrt(share * rays.valid_count / max(1.0, self.doubt_pixels)) - 1
         return float(dearer * tuned.LOCAL_MS * edges * max(0.0, further))
 
     def full(self, pixels: float, requests: int) -> bool:
@@ -303,53 +301,6 @@ class Refinement(ABC):
         return too_many or (options.most_megapixels is not None and megapixels >= options.most_megapixels)
 
 
-class OneCenter(Refinement):
-    """The captures of an image whose rays start at one optical centre."""
-
-    def planned(self) -> Rounds:
-        yield from self._first()
-        if self.plan.doubt is not None:
-            yield from self.finer()
-
-    def doubts(self, pixels: Ints) -> list[Doubt]:
-        directions_w = self.plan.directions_w(pixels)
-        return [Doubt(0, self.plan.pose.t_w_c, pixels, directions_w, self.focal_px[pixels])]
-
-    def capture(self, choice: Choice) -> Rounds:
-        for each in choice.patches:
-            self.focal_px[each.pixels] = choice.focal_px
-        by_size = sorted(choice.patches, key=lambda each: (each.view.width, each.view.height))
-        centers_w = (each.view.pose.t_w_c for each in by_size)
-        viewpoints = (
-            Viewpoint(center_w, (each.view,), each.pixels, self.patched)
-            for center_w, each in zip(centers_w, by_size, strict=True)
-        )
-        yield Round(tuple(viewpoints))
-
-    def _first(self) -> Rounds:
-        """Yield captures of all that the image shows: ground truth in the smallest faces."""
-        plan = self.plan
-        base = self._faces(plan.edge)
-        options = plan.options
-        any_size = options.face_size == "auto" and options.truth_scale == 1 and plan.capabilities.can_set_size
-        if base is None or not any_size or not self.truth:
-            yield from self.exact().rounds()
-            return
-        if self.colors:
-            yield Round((replace(base, modes=self.colors),))
-        first = self._faces(SMALLEST) or base
-        self.expected_ms = self.local_ms(tuned.ROOM)
-        self.focal_px[:] = tuned.FINER_FACES * first.views[0].focal_px
-        yield Round((replace(first, modes=self.truth),))
-
-    def _faces(self, edge: int) -> Viewpoint | None:
-        """Return the only viewpoint of a central camera, with views as fine as faces of a size; else None."""
-        sized = {} if edge == self.plan.edge else {"face_size": edge}
-        with closing(self.exact(**sized).rounds()) as planned:
-            viewpoints = next(planned).viewpoints
-        return viewpoints[0] if len(viewpoints) == 1 else None
-
-
 def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> Ints:
     """Return (N,) the first view that holds each ray, and a border around it; -1 where none does."""
     view_of = np.full(len(directions_w), -1)
@@ -357,3 +308,13 @@ def first_view(directions_w: Array, views: Sequence[View], border_px: int) -> In
         half = (np.array([view.width, view.height]) / 2 - border_px) / view.focal_px
         view_of[held(directions_w, view.pose.R_w_c, half)] = number
     return view_of
+
+
+def nearest_view(directions_w: Array, views: Sequence[View]) -> Ints:
+    """Return (N,) the view whose axis is nearest to each ray; of a cube's faces, the one that shows it.
+
+    A ray between two faces, or along a diagonal, belongs to either. No border decides, so that none is lost
+    to rounding there.
+    """
+    axes_w = np.stack([view.pose.R_w_c[:, 2] for view in views])
+    return np.asarray(np.argmax(directions_w @ axes_w.T, axis=1))

@@ -16,12 +16,12 @@ import numpy as np
 from omniscv.geometry.arrays import Ints, Mask
 from omniscv.planning import tuned
 from omniscv.planning.patches import Doubt
-from omniscv.planning.plan import Plan, Strategy
+from omniscv.planning.plan import Plan
 from omniscv.planning.ray_search import Search, serving_all
 from omniscv.planning.rays import Groups, RayGroup
-from omniscv.planning.refinement import STUCK, Choice, OneCenter, Refinement, first_view
+from omniscv.planning.refinement import STUCK, Choice, Refinement, first_view
 from omniscv.planning.rounds import Captures, Round, Rounds, Viewpoint, pixels_of
-from omniscv.planning.strategies import Exact, capture_around, occlusion
+from omniscv.planning.strategies import capture_around, occlusion
 from omniscv.planning.views import FACE_BORDER_PX
 from omniscv.sources.base import Capture, View
 
@@ -61,7 +61,7 @@ class SeveralCenters(Refinement):
         most = math.inf
         for _ in range(tuned.DEPTH_ROUNDS):
             doubt = search.pixels[search.doubtful(search.hits)]
-            enough = tuned.EDGES * self.aim if self.truth else self.aim
+            enough = tuned.EDGES * self.doubt_pixels if self.truth else self.doubt_pixels
             choice = self.choice(doubt) if enough < len(doubt) < most else ""
             if isinstance(choice, str):
                 break
@@ -72,7 +72,7 @@ class SeveralCenters(Refinement):
         every = np.arange(len(search.pixels))
         yield Round(tuple(self._coarse_views(every, self.plan.modes)))
         if not self.truth:
-            yield Round((), self.reached if len(self.doubtful()) <= self.aim else STUCK)
+            yield Round((), self.reached if len(self.doubtful()) <= self.doubt_pixels else STUCK)
             return
         if rate:
             yield from self._serve(self._rows_of(self.doubtful()), rate)
@@ -122,9 +122,9 @@ class SeveralCenters(Refinement):
             search.march([captures["depth"] for captures in kept])
             before = hidden
             hidden = float(np.count_nonzero(~search.hits.sure))
-            if not tuned.MOST_HIDDEN * self.aim < hidden < tuned.HIDDEN_LEFT * before:
+            if not tuned.MOST_HIDDEN * self.doubt_pixels < hidden < tuned.HIDDEN_LEFT * before:
                 break
-            origin_w = search.hidden_origin(max(1.0, tuned.LEAST_PROMISED * self.aim))
+            origin_w = search.hidden_origin(max(1.0, tuned.LEAST_PROMISED * self.doubt_pixels))
             if origin_w is None:
                 break
             more = search.depth_viewpoint(origin_w)
@@ -268,29 +268,3 @@ class SeveralCenters(Refinement):
         rows = np.concatenate(wrong)
         self._was_wrong[rows] = True
         return rows
-
-
-class Auto(Strategy):
-    """Capture finer until an image reaches the accuracy that the options ask for.
-
-    Without one, cameras with many optical centres have an aim of its own; of few, each is captured, as
-    :class:`Exact` does.
-    """
-
-    name = "auto"
-    own_centers = True
-
-    def rounds(self, plan: Plan) -> Rounds:
-        return Exact().rounds(plan) if plan.aim is None else _refinement(plan).counted()
-
-    def aim(self, plan: Plan) -> float | None:
-        if plan.options.accuracy is not None or plan.rays.one_center:
-            return plan.options.accuracy
-        return tuned.DEFAULT_AIM if plan.scattered or len(plan.rays.groups()) > tuned.FEW_CENTERS else None
-
-    def expected(self, plan: Plan) -> tuple[int, int]:
-        return super().expected(plan) if plan.aim is None else _refinement(plan).expected()
-
-
-def _refinement(plan: Plan) -> Refinement:
-    return OneCenter(plan) if plan.rays.origins is None else SeveralCenters(plan)

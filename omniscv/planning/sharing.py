@@ -28,7 +28,8 @@ from omniscv.sources.base import Request
 _MARKED = 0.03
 """Share of marked pixels of images in rooms, from own optical centres (docs/accuracy.md)."""
 _BUSY = 2
-"""Captures of an image with an aim, in those expected of a furnished room: 1.1 to 2 were taken of others."""
+"""Captures of an image whose doubt is bounded, relative to those expected in a furnished room: other rooms
+took 1.1 to 2 times as many."""
 _PLANNED_POSES = 3
 """Of a camera whose captures serve one pose: costs at others are like theirs."""
 
@@ -179,13 +180,13 @@ def cost(way: str, frames: Iterable[Sequence[Plan]], modes: Sequence[str], **cha
 
 def _is_apart(plan: Plan) -> bool:
     """Return whether an image hardly shares captures with those at other poses."""
-    return plan.aim is not None or not plan.rays.camera.central
+    return plan.doubt_share is not None or not plan.rays.camera.central
 
 
 def _cost_alone(plan: Plan, way: str) -> Cost:
     if not plan.modes:
         return Cost(way, 0, 0, 0.0)
     known = plan.rays.one_center or plan.options.viewpoints is None
-    marked = plan.aim or (_MARKED if known else 1.0)
+    marked = plan.doubt_share or (_MARKED if known else 1.0)
     requests, pixels = get(plan.options.strategy).expected(plan)
-    return Cost(way, requests, pixels, 0.0, requests * (1 if plan.aim is None else _BUSY), marked)
+    return Cost(way, requests, pixels, 0.0, requests * (1 if plan.doubt_share is None else _BUSY), marked)

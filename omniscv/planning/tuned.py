@@ -9,7 +9,7 @@ notice that they change elsewhere.
 # The default: the knee of the curves of docs/chart-accuracy.png.
 FEW_CENTERS = 16
 """Optical centres, all of which take about a hundred captures at most: a face cube each."""
-DEFAULT_AIM = 0.03  # of ``auto`` for several optical centres
+DEFAULT_DOUBT_SHARE = 0.03  # of ``auto`` for several optical centres
 DEFAULT_MOST_CAPTURES = 100
 """Requests of an image without an accuracy. Furnished rooms need 60 at most; in the courtyard's relief the
 aim takes thousands, and from here on twice the price takes a sixth off the doubt."""
@@ -30,8 +30,8 @@ MOST_ROUNDS = 12
 FINER_FACES = 1.2  # how much more finely faces sample on the mean than patches of their focal length
 
 # Several optical centres: which are captured.
-MOST_HIDDEN = 0.4  # of the aim: as many rays may stay hidden
-LEAST_PROMISED = 0.05  # of the aim: rays that a further centre must promise
+MOST_HIDDEN = 0.4  # of the pixels that may be in doubt: as many rays may stay hidden
+LEAST_PROMISED = 0.05  # of the pixels that may be in doubt: rays that a further centre must promise
 HIDDEN_LEFT = 0.95  # of the hidden rays: further centres must leave less
 
 INITIAL_VIEWPOINTS = 8  # optical centres that are captured first, if the options give none
@@ -42,6 +42,7 @@ MOST_ERROR_PX = 0.5  # of the image: rays whose lookup may be farther off are un
 
 # Several optical centres: depth before masks.
 EDGES = 0.9
-"""Part of the aim to which depth is refined before masks are captured: label edges add to its doubt."""
+"""Share of the pixels that may be in doubt, to which depth is refined before masks are captured: label edges
+add to its doubt."""
 DEPTH_ROUNDS = 4  # of depth alone
 ROOM_OF_FEW_CENTERS = 1.7  # doubt of images from few centres, relative to that of one centre

@@ -92,9 +92,9 @@ def test_the_paper_takes_six_faces_a_centre_and_the_others_less(monkeypatch):
             doubt = [mine[accuracy.EXACT, None, size].doubtful for size in (4, 16, 64)]
             assert doubt == sorted(doubt, reverse=True)
     assert all(row.wrong <= row.doubtful for row in ways)
-    asked = [row for row in ways if row.aim is not None]
+    asked = [row for row in ways if row.accuracy is not None]
     assert [row.camera for row in asked] == list(CAMERAS)
-    assert all(row.doubtful <= row.aim == 0.1 for row in asked)
+    assert all(row.doubtful <= row.accuracy == 0.1 for row in asked)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """``accuracy``: as little in doubt as asked for, for less than finer captures of everything take."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -12,11 +14,13 @@ from omniscv import Pose, Rig, RigCamera
 from omniscv.cameras import create, model
 from omniscv.chart import traced
 from omniscv.errors import ArgumentError
+from omniscv.geometry import cube_rotations
 from omniscv.job import load
 from omniscv.make import capture as capture_job
 from omniscv.make.render import warnings_of
 from omniscv.planning import tuned
-from omniscv.sources.base import Capabilities, SourceWrapper
+from omniscv.planning.refinement import nearest_view
+from omniscv.sources.base import Capabilities, SourceWrapper, View
 from omniscv.sources.recording import Recording
 from omniscv.sources.scene import SceneSource, open_scene
 
@@ -145,6 +149,27 @@ def test_sources_that_cannot_set_views(size, stopped):
     assert image.effort.stopped == stopped
     assert (image.doubtful <= 0.015) == (stopped == "aim")
     assert counted.requests > 12 or stopped != "aim"
+
+
+def test_rays_along_edges_and_diagonals_belong_to_a_face_that_shows_them():
+    """At such widths as 300 px, pixels look exactly along the diagonals of faces."""
+    views = [View(Pose((0, 0, 1.5), R_w_c), 90, 64, 64) for _, R_w_c in cube_rotations()]
+    corners = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+    directions_w = corners[np.any(corners != 0, axis=1)]
+    for direction_w, number in zip(directions_w, nearest_view(directions_w, views), strict=True):
+        x, y, z = views[number].pose.R_w_c.T @ direction_w
+        assert z > 0
+        assert max(abs(x), abs(y)) <= z * (1 + 1e-12)  # the rounding of a rotation
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 90])
+def test_faces_become_finer_for_pixels_on_diagonals(yaw_deg):
+    camera = create("equirectangular", width=300, height=150)
+    pose = Pose.from_angles(tuple(POSE.t_w_c), yaw_deg=yaw_deg)
+    with source(Capabilities(can_set_fov=False, fov_deg=90.0)) as counted:
+        image = omniscv.render(camera, pose, counted, TRUTH, accuracy="1%")
+    assert image.doubtful <= 0.01
+    assert_right(image)
 
 
 def test_budgets_are_kept_and_named():

@@ -176,7 +176,7 @@ class Model:
         self._advance(begin, time)
         # MuJoCo looks for what many rays meet only in boxes around the geoms of each body that collide.
         self.m.bvh_aabb[self.m.body_bvhadr[self.m.body_bvhadr >= 0]] = _ANYWHERE
-        for name in sorted(poses, key=self._depth):
+        for name in sorted(poses, key=self._tree_depth):
             self._place(self.handles[name], poses[name])
             self._compute()
         names = list(self.handles)
@@ -268,7 +268,7 @@ class Model:
             self.mujoco.mj_integratePos(self.m, qpos, rates, time - times[i])
         return qpos
 
-    def _depth(self, name: str) -> int:
+    def _tree_depth(self, name: str) -> int:
         """Return how deep an object lies in the tree of bodies: those that carry others are placed first."""
         kind, index = self.handles[name]
         body = index if kind == "body" else self.m.geom_bodyid[index]
