@@ -27,8 +27,12 @@ def main(
 ) -> int:
     """Serve until a signal, and return the exit code: 1 if the server ended by itself, 2 for wrong usage.
 
-    ``opened`` returns the options with another scene, and its settings, in place of a name.
-    Errors are one line on standard error that starts with the first word of ``program``.
+    Args:
+        arguments: of the command line; None for those of the process.
+        program: the command as its help shows it. Errors are one line on standard error that starts with its
+            first word.
+        opened: a function of the parsed options that returns them with another scene, and its settings, in
+            place of a name.
     """
     name = program.split()[0] if program.startswith("omniscv") else "mock_server"
     with stop_signal() as wait:
@@ -54,10 +58,14 @@ def main(
 
 def _fail(name: str, cause: object, code: int) -> int:
     """Print an error in one printable line, and return the exit code."""
-    line = " ".join(str(cause).split())
-    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    line = "".join(map(_printable, " ".join(str(cause).split())))
     print(f"{name}: {line[:_LONGEST_LINE]}", file=sys.stderr, flush=True)
     return code
+
+
+def _printable(character: str) -> str:
+    """Return a character, or its escape sequence if it cannot be printed."""
+    return character if character.isprintable() else character.encode("unicode_escape").decode()
 
 
 class _Parser(argparse.ArgumentParser):
@@ -67,16 +75,21 @@ class _Parser(argparse.ArgumentParser):
         raise ValueError(f"{message.removeprefix('argument ')} (see {self.prog} --help)")
 
 
-def _parser(program: str) -> argparse.ArgumentParser:
+def _fault_lines() -> str:
+    """Return a line for each fault: its name, what it does, and its default value."""
     width = max(map(len, KINDS))
-    faults = "\n".join(
-        f"  {name:{width}}  {kind.text}{f' (default {kind.default})' if kind.default else ''}"
-        for name, kind in KINDS.items()
-    )
+    lines = []
+    for name, kind in KINDS.items():
+        default = f" (default {kind.default})" if kind.default else ""
+        lines.append(f"  {name:{width}}  {kind.text}{default}")
+    return "\n".join(lines)
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
     parser = _Parser(
         prog=program,
         description="Serve a scene over the UnrealCV protocol, for any client, until Ctrl-C.",
-        epilog=f"faults:\n{faults}\n\nExample: {program} {_EXAMPLE}",
+        epilog=f"faults:\n{_fault_lines()}\n\nExample: {program} {_EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,  # the settings have the defaults
         allow_abbrev=False,

@@ -53,10 +53,17 @@ _LIMITS = {
 }  # fmt: skip
 _MODES = ("manual", "tracking", "disable", "none", "do_not_override")
 
-TEMPLATES = {
-    name: " ".join([name, *(_WORDS[type(_DEFAULTS[section][key])] for key in keys)])
-    for name, (section, keys) in _COMMANDS.items()
-}
+
+def _template(name: str) -> str:
+    """Return the end of a command's template: its name, and a placeholder for each value that it sets."""
+    section, keys = _COMMANDS[name]
+    words = [name]
+    for key in keys:
+        words.append(_WORDS[type(_DEFAULTS[section][key])])
+    return " ".join(words)
+
+
+TEMPLATES = {name: _template(name) for name in _COMMANDS}
 """By the name of a command, the end of its template."""
 
 
@@ -77,7 +84,11 @@ class Cine:
         self._settings = copy.deepcopy(_DEFAULTS)
 
     def set(self, command: str, *values: Any) -> str | None:
-        """Change settings by a command of ``TEMPLATES``, which also switches the model on."""
+        """Change settings by a ``command`` of ``TEMPLATES`` and its values, and switch the model on.
+
+        Returns:
+            The reply to a value that the plugin refuses; else None.
+        """
         section, keys = _COMMANDS[command]
         settings = self._settings[section]
         if command == "focus_tracking":
@@ -103,14 +114,19 @@ class Cine:
         return None
 
     def projection(self, width: int, height: int) -> Projection:
-        """Return the projection of an image, whose field of view is horizontal, also for a portrait."""
-        sensor, tall, x, y = self._settings["filmback"].values()
+        """Return the projection of an image of ``width`` by ``height`` px.
+
+        Its field of view is horizontal, also for a portrait.
+        """
+        sensor_width, sensor_height, offset_x, offset_y = self._settings["filmback"].values()
         lens = self._settings["lens"]
-        focal = width * lens["focal_length_mm"] / (sensor * lens["squeeze_factor"])
-        return Projection(focal, focal, width / 2 - width * x / sensor, height / 2 + height * y / tall)
+        focal = width * lens["focal_length_mm"] / (sensor_width * lens["squeeze_factor"])
+        cx = width / 2 - width * offset_x / sensor_width
+        cy = height / 2 + height * offset_y / sensor_height
+        return Projection(focal, focal, cx, cy)
 
     def intrinsics(self, width: int, height: int) -> str:
-        """Return the reply to ``cine/intrinsics``."""
+        """Return the reply to ``cine/intrinsics``, of an image of ``width`` by ``height`` px."""
         fx, fy, cx, cy = self.projection(width, height)
         m00 = 2 * fx / width
         m11 = 2 * fy / height
@@ -123,7 +139,7 @@ class Cine:
         }, indent="\t")  # fmt: skip
 
     def model(self, width: int, height: int) -> str:
-        """Return the reply to ``cine``."""
+        """Return the reply to ``cine``, of an image of ``width`` by ``height`` px."""
         fx, fy = self.projection(width, height)[:2]
         angles = _angles(2 * fx / width, 2 * fy / height)
         return json.dumps({"enabled": self.enabled, **self._settings, **angles}, indent="\t")
@@ -134,5 +150,9 @@ def _clamp(value: Any, least: float, most: float) -> Any:
 
 
 def _angles(m00: float, m11: float) -> dict[str, float]:
-    h, v = (2 * math.degrees(math.atan(1 / scale)) for scale in (m00, m11))
-    return {"horizontal_fov_degrees": h, "vertical_fov_degrees": v}
+    """Return the fields of view by the scales in x and y of the projection matrix."""
+    return {"horizontal_fov_degrees": _angle_deg(m00), "vertical_fov_degrees": _angle_deg(m11)}
+
+
+def _angle_deg(scale: float) -> float:
+    return 2 * math.degrees(math.atan(1 / scale))

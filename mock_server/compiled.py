@@ -161,10 +161,14 @@ class Code(NamedTuple):
         return self._run(self.signature.buffer(words))
 
     def prepare(self, words: list[Any], args: tuple[Any, ...]) -> Callable[[int], Any]:
-        """Return a function of the last of packed arguments; it keeps ``args``, whose addresses they are."""
+        """Return a function of the last of packed arguments.
+
+        The function keeps ``args`` alive, because ``words`` has the addresses of their arrays.
+        """
         buffer = self.signature.buffer(words)
 
         def run(last: int, _: Any = args) -> Any:
+            """Run the code with ``last`` as its last argument; the other, ``_``, only keeps ``args``."""
             self.signature.replace_last(buffer, last)
             return self._run(buffer)
 
@@ -206,8 +210,10 @@ def load_library(package: str) -> Library | None:
             "no kernels are built for this machine (%s): numba compiles them, once, for 15 s", path.name
         )
         return None
-    kernels = json.loads(table.read_text(encoding="utf-8"))["kernels"]
-    return Library(path, code, {name: kernel["digest"] for name, kernel in kernels.items()})
+    digests = {}
+    for name, kernel in json.loads(table.read_text(encoding="utf-8"))["kernels"].items():
+        digests[name] = kernel["digest"]
+    return Library(path, code, digests)
 
 
 def library_name() -> str:
@@ -228,7 +234,7 @@ def _flags() -> set[str]:
 
 
 def symbol(full_name: str, index: int) -> str:
-    """Return the name, in a library, of a kernel's code for its signature of an index."""
+    """Return the name, in a library, of the code of the kernel ``full_name`` for its signature ``index``."""
     return f"{full_name.replace('.', '_')}_{index}"
 
 

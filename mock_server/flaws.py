@@ -36,22 +36,28 @@ _LINE = 0.901641
 
 
 def turned(rotation: Triple, degrees: float) -> Triple:
-    """Return a rotator, turned about the vertical axis where it looks steeply up or down."""
+    """Return a ``rotation``, turned by ``degrees`` about the vertical if it looks steeply up or down."""
     pitch, yaw, roll = rotation
     return pitch, yaw + degrees * (abs((pitch + 180) % 360 - 180) > _STEEP_DEG), roll
 
 
 def jittered(rotation: Triple, degrees: float, generator: random.Random) -> Triple:
-    """Return a rotator with pitch and yaw off by up to so many degrees, drawn evenly."""
+    """Return a ``rotation`` with pitch and yaw off by up to ``degrees``, drawn evenly by ``generator``."""
     pitch, yaw, roll = rotation
-    return pitch + generator.uniform(-degrees, degrees), yaw + generator.uniform(-degrees, degrees), roll
+    pitch += generator.uniform(-degrees, degrees)
+    yaw += generator.uniform(-degrees, degrees)
+    return pitch, yaw, roll
 
 
 def rounded_far_away(location: Triple, km: float) -> Triple:
-    """Return a location, cm, through single precision, that far from the world's origin along each axis."""
-    off = np.float32(1e5 * km)
-    x, y, z = (float(np.float32(value + off) - off) for value in location)
-    return x, y, z
+    """Return a ``location``, cm, in single precision, as ``km`` from the world's origin along each axis."""
+    offset = np.float32(1e5 * km)
+    x, y, z = location
+    return _rounded(x, offset), _rounded(y, offset), _rounded(z, offset)
+
+
+def _rounded(value: float, offset: np.float32) -> float:
+    return float(np.float32(value + offset) - offset)
 
 
 def in_steps(depth: Array, bits: float) -> Array:
@@ -67,12 +73,15 @@ def in_bits(depth: Array, bits: float) -> Array:
 
 
 def blurred(image: Bytes, px: float) -> Bytes:
-    """Return a mask with edges as anti-aliasing makes them: blended over so many pixels."""
+    """Return the ``image`` of a mask with edges as anti-aliasing makes them: blended over ``px`` pixels."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), px) if px > 0 else image, np.uint8)
 
 
 def recoloured(image: Bytes, levels: float, generator: random.Random) -> Bytes:
-    """Return a mask, every channel off by up to so many levels, drawn evenly."""
+    """Return the ``image`` of a mask, every channel off by up to so many ``levels``.
+
+    They are drawn evenly by a random generator whose seed ``generator`` draws.
+    """
     rng = np.random.default_rng(generator.getrandbits(32))
     noise = rng.uniform(-levels, levels, image.shape)
     return np.clip(np.round(image + noise), 0, 255).astype(np.uint8)
@@ -85,30 +94,40 @@ def through_jpeg(image: Bytes, loss: float) -> Bytes:
 
 
 def distorted(image: NDArray[Any], corner: float) -> NDArray[Any]:
-    """Return what a lens shows that sees so much farther out in the corners, by the squared radius."""
+    """Return the ``image`` of a lens that sees farther out, by the squared radius from the middle.
+
+    Args:
+        image: (H, W) or (H, W, C).
+        corner: by which share the radius of what the corners show is larger.
+    """
     height, width = image.shape[:2]
     v, u = np.mgrid[:height, :width] + 0.5
-    x, y = 2 * u / width - 1, 2 * v / height - 1
+    x = 2 * u / width - 1
+    y = 2 * v / height - 1
     factor = 1 + corner * (x**2 + y**2) / 2
-    across, down = (np.float32((v * factor + 1) * size / 2 - 0.5) for v, size in ((x, width), (y, height)))
+    across = np.float32((x * factor + 1) * width / 2 - 0.5)
+    down = np.float32((y * factor + 1) * height / 2 - 0.5)
     return np.asarray(cv2.remap(image, across, down, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE))
 
 
 def shifted(image: Bytes, px: float) -> Bytes:
-    """Return an image, shifted to the right by so many pixels."""
+    """Return an ``image``, shifted to the right by ``px`` pixels."""
     matrix = np.array([[1.0, 0.0, px], [0.0, 1.0, 0.0]])
     size = image.shape[1], image.shape[0]
     return np.asarray(cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 def cast(image: Bytes, share: float, generator: random.Random) -> Bytes:
-    """Return an image with its first channel brighter, its last darker by up to a share, drawn evenly."""
+    """Return an ``image`` with its first channel brighter and its last darker, or the other way.
+
+    They change by up to a ``share``, drawn evenly by the ``generator``.
+    """
     off = generator.uniform(-share, share)
     return np.asarray(np.clip(np.round(image * np.array([1 + off, 1.0, 1 - off])), 0, 255), np.uint8)
 
 
 def radial(depth: Array, share: float, view: ViewHits) -> Array:
-    """Return planar depth that goes a share of the way to the distance along the ray."""
+    """Return planar ``depth`` that goes a ``share`` of the way to the distance along a ``view``'s rays."""
     is_surface = np.isfinite(view.depth)
     farther = np.where(is_surface, view.distance, 0) - np.where(is_surface, view.depth, 0)
     return depth + share * farther
@@ -165,37 +184,64 @@ class Film:
             self._gain = 1.0
 
     def expose(self, color: Bytes, manual: bool = False, bias: float = 0.0) -> Bytes:
-        """Return (H, W, 3) codes of a picture without faults, at a bias in stops; manual exposure holds."""
+        """Return the codes of a picture as the camera exposes it.
+
+        Args:
+            color: (H, W, 3) uint8, the codes of the picture without faults.
+            manual: whether exposure stays as it is; else it follows the light, by the fault exposure-drift.
+            bias: of the exposure, stops.
+        """
         drift = None if manual else self._faults.strike("exposure-drift")
         light = to_light(color / 255) if self._tone else color / 255
         if drift is not None and self._adapts:
             target = _MIDDLE_GREY[self._tone] / max(1 / 255, float(light.mean()))
             self._gain += drift.amount() * (target - self._gain)
-        dark = self._faults.get("dark-manual") if manual else None
-        gain = (1.0 if manual else self._gain) * 2 ** (bias - (dark.amount() if dark else 0.0))
+        gain = self._manual_gain(bias) if manual else self._gain * 2**bias
         if self._tone in ("", "srgb") and gain == 1.0 and not (self._vignette or self._bloom):
             return color
-        light = light * gain
+        light = self._through_lens(light * gain)
+        if self._tone == "film":
+            light = _film(light)
+        if self._tone in ("srgb", "film"):
+            light = to_srgb(light)
+        return np.clip(np.round(255 * light), 0, 255).astype(np.uint8)
+
+    def _manual_gain(self, bias: float) -> float:
+        """Return the gain of manual exposure at a bias in stops, with the fault dark-manual."""
+        dark = self._faults.get("dark-manual")
+        stops = bias - (dark.amount() if dark else 0.0)
+        return float(1.0 * 2**stops)
+
+    def _through_lens(self, light: Array) -> Array:
+        """Return (H, W, 3) light with the faults vignette and bloom; it may be changed in place."""
+        height, width = light.shape[:2]
         if self._vignette is not None:
-            y, x = ((np.arange(n) + 0.5 - n / 2) / (n / 2) for n in color.shape[:2])
+            x = (np.arange(width) + 0.5 - width / 2) / (width / 2)
+            y = (np.arange(height) + 0.5 - height / 2) / (height / 2)
             squared_radius = (x[None, :] ** 2 + y[:, None] ** 2) / 2  # 1 in the corners
             light *= 1 - self._vignette.amount() * squared_radius[..., None]
         if self._bloom is not None:
-            halo = cv2.GaussianBlur(light, (0, 0), _BLOOM * color.shape[1], borderType=cv2.BORDER_REPLICATE)
+            halo = cv2.GaussianBlur(light, (0, 0), _BLOOM * width, borderType=cv2.BORDER_REPLICATE)
             light += self._bloom.amount() * (halo - light)
-        if self._tone in ("srgb", "film"):
-            light = to_srgb(_film(light) if self._tone == "film" else light)
-        return np.clip(np.round(255 * light), 0, 255).astype(np.uint8)
+        return light
 
 
 def blended(pane: ViewHits, behind: ViewHits) -> Array:
-    """Return (H, W, 3) colours through a half transparent pane."""
+    """Return (H, W, 3) colours of a view with a half transparent ``pane``, and of that ``behind`` it."""
     color = pane.paint()
     return np.where((pane.label != behind.label)[..., None], mixed(color, behind.paint()), color)
 
 
 def mirrored(view: ViewHits, at: Any, rays: Array, center: Array, trace: Callable[..., Any]) -> Array:
-    """Return (H, W, 3) colours where pixels ``at`` mirror what they face, with half of the light."""
+    """Return (H, W, 3) colours of a view in which an object mirrors what it faces, with half of the light.
+
+    Args:
+        view: (H, W), without mirrors.
+        at: (H, W) bool, the pixels of the object.
+        rays: (H, W, 3) unit directions, in the scene's frame.
+        center: (3,) the optical centre, metres, in the scene's frame.
+        trace: a function of origins and directions (N, 3) that returns their hits.
+    """
     color = view.paint()
     normal = view.normal[at]
     rays = rays[at]
@@ -206,7 +252,15 @@ def mirrored(view: ViewHits, at: Any, rays: Array, center: Array, trace: Callabl
 
 
 def domed(view: ViewHits, rays: Array, length: Array, radius_m: float, label: int) -> ViewHits:
-    """Return the view with a sphere around the camera as background."""
+    """Return the ``view`` with a sphere around the camera as background.
+
+    Args:
+        view: (H, W), without the sphere.
+        rays: (H, W, 3) unit directions, in the scene's frame.
+        length: (H, W) of the rays per metre of depth.
+        radius_m: of the sphere.
+        label: of the sphere.
+    """
     sky = view.distance > radius_m
     return dataclasses.replace(
         view,
@@ -218,9 +272,10 @@ def domed(view: ViewHits, rays: Array, length: Array, radius_m: float, label: in
 
 
 def mixed(first: Array, second: Array) -> Array:
-    """Return colours 0..1 whose light is half that of each of two colours."""
-    one, other = (to_light(np.clip(color, 0, 1)) for color in (first, second))
-    return to_srgb(0.5 * one + 0.5 * other)
+    """Return colours 0..1 whose light is half that of the ``first`` and half that of the ``second``."""
+    first_light = to_light(np.clip(first, 0, 1))
+    second_light = to_light(np.clip(second, 0, 1))
+    return to_srgb(0.5 * first_light + 0.5 * second_light)
 
 
 def to_light(color: Array) -> Array:

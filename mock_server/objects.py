@@ -23,7 +23,7 @@ Pose = tuple[Triple, Triple]
 MIRROR = np.diag([1.0, -1.0, 1.0])
 """Unreal's axes to the scene's, and back."""
 
-_POLE = 0.4999995
+_POLE_HALF_SINE = 0.4999995
 """Half the sine of the pitch from which the engine reads it as 90 degrees; that pitch is 89.92."""
 
 _ORIGIN: Triple = (0.0, 0.0, 0.0)
@@ -65,9 +65,10 @@ def through_quaternion(rotation: Triple) -> Triple:
     Pitch comes back in [-90, 90], yaw and roll in (-180, 180]; near the poles yaw and roll are split
     arbitrarily.
     """
-    half = [np.float32(math.radians(math.remainder(angle, 360.0)) / 2) for angle in rotation]
-    sp, sy, sr = (np.sin(a) for a in half)
-    cp, cy, cr = (np.cos(a) for a in half)
+    pitch, yaw, roll = rotation
+    sp, cp = _half_sine_cosine(pitch)
+    sy, cy = _half_sine_cosine(yaw)
+    sr, cr = _half_sine_cosine(roll)
     x = cr * sp * sy - sr * cp * cy
     y = -cr * sp * cy - sr * cp * sy
     z = cr * cp * sy - sr * sp * cy
@@ -75,7 +76,7 @@ def through_quaternion(rotation: Triple) -> Triple:
     sine_half = z * x - w * y
     yaw = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
     turn = math.degrees(2 * math.atan2(x, w))
-    if abs(sine_half) > _POLE:
+    if abs(sine_half) > _POLE_HALF_SINE:
         side = math.copysign(1.0, sine_half)
         roll = math.remainder(side * yaw - turn, 360.0)
         return side * 90.0, yaw, 180.0 if roll == -180.0 else roll
@@ -83,12 +84,18 @@ def through_quaternion(rotation: Triple) -> Triple:
     return math.degrees(math.asin(2 * sine_half)), yaw, roll
 
 
+def _half_sine_cosine(angle_deg: float) -> tuple[np.float32, np.float32]:
+    """Return sine and cosine of half an angle, in single precision."""
+    half = np.float32(math.radians(math.remainder(angle_deg, 360.0)) / 2)
+    return np.sin(half), np.cos(half)
+
+
 @dataclass
 class SceneObject:
     """An object's state. Its location is the centre of its box; rotations and scales are about it.
 
-    ``key`` is its name in the scene, ``rest`` its pose without commands. An object that is not ``annotated``
-    is missing in masks and depth. Commands do not move one whose ``mobility`` is ``Static``.
+    ``key`` is its name in the scene, ``uncommanded`` its pose without commands. An object that is not
+    ``annotated`` is missing in masks and depth. Commands do not move one whose ``mobility`` is ``Static``.
     """
 
     name: str
@@ -96,7 +103,7 @@ class SceneObject:
     key: str
     location: Triple
     rotation: Triple = _ORIGIN
-    rest: Pose = (_ORIGIN, _ORIGIN)
+    uncommanded: Pose = (_ORIGIN, _ORIGIN)
     scale: Triple = _WHOLE
     hidden: bool = False
     annotated: bool = True
@@ -125,10 +132,10 @@ class Moment:
     @cached_property
     def shown(self) -> Scene:
         """The scene at this moment."""
-        return self.scene.at(
-            self.time_s,
-            {key: (MIRROR @ axes(turn) @ MIRROR, MIRROR @ at / 100.0) for key, at, turn in self.placed},
-        )
+        poses = {}
+        for key, location, rotation in self.placed:
+            poses[key] = (MIRROR @ axes(rotation) @ MIRROR, MIRROR @ location / 100.0)
+        return self.scene.at(self.time_s, poses)
 
 
 class Objects:
@@ -156,39 +163,58 @@ class Objects:
 
     def set_time(self, time_s: float) -> None:
         """Set the time of moving objects, also of those that commands have moved; see :meth:`follow`."""
-        self._time_s, self._late = time_s, bool(self.scene.moving)
+        self._time_s = time_s
+        self._late = bool(self.scene.moving)
 
     def follow(self) -> None:
         """Update the poses of moving objects to the time that was set last."""
-        if self._late:
-            self._late, scene = False, self.scene.at(self._time_s)
-            for actor in self._actors:
-                if actor.key in scene.moving:
-                    actor.rest = actor.location, actor.rotation = _in_unreal(scene.pose(actor.key))
+        if not self._late:
+            return
+        self._late = False
+        scene = self.scene.at(self._time_s)
+        for actor in self._actors:
+            if actor.key in scene.moving:
+                actor.uncommanded = _in_unreal(scene.pose(actor.key))
+                actor.location, actor.rotation = actor.uncommanded
 
     def moment(self) -> Moment:
         """Return the visible state now."""
-        moving = frozenset(self.scene.moving) if self._late else frozenset()
-        placed = (a for a in self._actors if (a.location, a.rotation) != a.rest and a.key not in moving)
-        return Moment(
-            self.scene,
-            self._time_s if self.scene.moving else 0.0,
-            tuple((actor.key, actor.location, actor.rotation) for actor in placed),
-            frozenset(actor.key for actor in self._actors if actor.hidden),
-            frozenset(actor.key for actor in self._actors if not actor.annotated and not actor.hidden),
-        )
+        overdue = frozenset(self.scene.moving) if self._late else frozenset()
+        placed = []
+        hidden = set()
+        missing = set()
+        for actor in self._actors:
+            if (actor.location, actor.rotation) != actor.uncommanded and actor.key not in overdue:
+                placed.append((actor.key, actor.location, actor.rotation))
+            if actor.hidden:
+                hidden.add(actor.key)
+            elif not actor.annotated:
+                missing.add(actor.key)
+        time_s = self._time_s if self.scene.moving else 0.0
+        return Moment(self.scene, time_s, tuple(placed), frozenset(hidden), frozenset(missing))
 
     def colors(self) -> list[Color]:
         """Return the mask colours, in the order of the labels from 1."""
         return [actor.color for actor in self._actors]
 
     def rename(self, actor: SceneObject, name: str) -> None:
-        """Rename an object; it keeps its position in the list."""
-        self.by_name = {name if other is actor else key: other for key, other in self.by_name.items()}
+        """Set the ``name`` of the object ``actor``, which keeps its position in the list."""
+        renamed = {}
+        for key, other in self.by_name.items():
+            renamed[name if other is actor else key] = other
+        self.by_name = renamed
         actor.name = name
 
     def spawn_cube(self, name: str = "", location: Triple = _ORIGIN) -> SceneObject | None:
-        """Add a cube of one metre, annotated once it has a colour; None: too many."""
+        """Add a cube of one metre, which is annotated once it has a colour.
+
+        Args:
+            name: empty for one that is made up.
+            location: of its centre, cm, Unreal's axes.
+
+        Returns:
+            The cube; None if there are too many.
+        """
         if self._spawned == _MOST_SPAWNED:
             return None
         key = f"{_LAST}{self._spawned:06}"
@@ -203,7 +229,7 @@ class Objects:
         return cube
 
     def set_scale(self, actor: SceneObject, *factors: float) -> None:
-        """Scale an object along its axes."""
+        """Scale an object along its axes, by three factors."""
         x, y, z = factors
         actor.scale = (x, y, z)
         self._describe()
@@ -219,7 +245,9 @@ def palette() -> Iterator[Color]:
     """Yield the plugin's default mask colours in order (protocol reference, section 5.1)."""
     for m, value in enumerate(_CHANNEL):
         for fixed in _FIXED:
-            choices = [(value,) if is_fixed else _CHANNEL[:m] for is_fixed in fixed]
+            choices = []
+            for is_fixed in fixed:
+                choices.append((value,) if is_fixed else _CHANNEL[:m])
             yield from itertools.product(*choices)
 
 

@@ -26,8 +26,12 @@ def pinhole_rays(
 ) -> tuple[Array, Array]:
     """Return (H, W, 3) unit directions in the world frame, and (H, W) ray lengths per metre of depth.
 
-    They are of a view of ``size`` (width, height), or of some ``rows`` of it. ``projection`` is fx, fy, cx,
-    cy in px; None for square pixels around the middle.
+    Args:
+        R_w_c: (3, 3) rotation from the camera (x right, y down, z forward) to the world.
+        fov_deg: horizontal field of view; without effect if a projection is given.
+        size: width and height of the view, px.
+        rows: those of the view for which rays are returned.
+        projection: fx, fy, cx, cy in px; None for square pixels around the middle.
     """
     width, height = size
     focal = width / 2 / np.tan(np.radians(fov_deg) / 2)

@@ -125,8 +125,11 @@ class Transport:
             ),
             "no-id": lambda _: frame(body),
         }
-        struck = [fault for name in corrupted if (fault := self._faults.strike(name))]
-        return corrupted[struck[0].name](struck[0]) if struck else whole
+        drawn = [self._faults.strike(name) for name in corrupted]  # all: each draws from its own generator
+        for fault in drawn:
+            if fault is not None:
+                return corrupted[fault.name](fault)
+        return whole
 
     def _pause(self, seconds: float) -> None:
         if self._wait(seconds):

@@ -135,10 +135,10 @@ class Scene:
     def digest(self) -> str:
         """Return the SHA-256 of the description, hexadecimal; lengths are rounded to micrometres."""
         colors = self._sky if self._pattern is None else self._pattern(_SOME_DIRECTIONS)
-        numbers = [(np.round(array, 6) + 0.0).tolist() for array in (self._described, colors)]
-        seen = (self.objects, numbers, self._labels.tolist(), self._textures, self._texture_of.tolist())
+        numbers = [_rounded(self._described), _rounded(colors)]
+        visible = (self.objects, numbers, self._labels.tolist(), self._textures, self._texture_of.tolist())
         moving = repr(sorted(self._moving.items())) if self._moving else ""
-        return hashlib.sha256((repr(seen) + moving).encode()).hexdigest()
+        return hashlib.sha256((repr(visible) + moving).encode()).hexdigest()
 
     def bounds(self, name: str) -> tuple[Array, Array]:
         """Return the least and the greatest corner of an object's bounding box, (3,) metres, world frame."""
@@ -197,8 +197,10 @@ class Scene:
         return result
 
     def scaled(self, name: str, factors: ArrayLike) -> Scene:
-        """Return another scene, with an object scaled along the world's axes by three factors, about the
-        centre of its box; see :func:`mock_server.solids.scaled`."""
+        """Return another scene, with the object ``name`` scaled along the world's axes.
+
+        It is scaled by three ``factors`` about the centre of its box; see :func:`mock_server.solids.scaled`.
+        """
         result = copy.copy(self)
         rows = self._owner == name
         result._described = self._described.copy()
@@ -259,10 +261,14 @@ class Scene:
         hidden: Iterable[str] = frozenset(),
         near_m: float = 0.0,
     ) -> ViewHits:
-        """Return what a camera sees: the rays of :func:`mock_server.pixels.pinhole_rays` from a centre (3,).
+        """Return what a camera sees. Another renderer behind the server draws its pictures here.
 
-        Objects that are ``hidden`` are left out; surfaces are seen from a planar depth of ``near_m``. Another
-        renderer behind the server draws its pictures here.
+        Args:
+            center: (3,) the optical centre, metres, world frame.
+            rays: (H, W, 3) unit directions, world frame: of :func:`mock_server.pixels.pinhole_rays`.
+            length: (H, W) of the rays per metre of depth.
+            hidden: names of objects to omit.
+            near_m: the least planar depth at which surfaces are seen, metres.
         """
         skipped = near_m * length
         hits = self.trace(center + skipped[..., None] * rays if near_m else center, rays, hidden)
@@ -284,7 +290,8 @@ class Scene:
         o = np.asarray(origins, dtype=np.float64)
         d = np.asarray(directions, dtype=np.float64)
         shape = np.broadcast_shapes(o.shape, d.shape)
-        o, d = (np.array(np.broadcast_to(array, shape), order="C").reshape(-1, 3) for array in (o, d))
+        o = _rows_of(o, shape)
+        d = _rows_of(d, shape)
         shown = ~np.isin(self._owner, list(hidden))
         count = len(d)
         if self._tree is None:
@@ -349,6 +356,16 @@ class Scene:
         return points, turned
 
 
+def _rows_of(vectors: Array, shape: tuple[int, ...]) -> Array:
+    """Return vectors, broadcast to a shape (..., 3), as a copy (N, 3) in C order."""
+    return np.array(np.broadcast_to(vectors, shape), order="C").reshape(-1, 3)
+
+
+def _rounded(array: Array) -> Any:
+    """Return an array as nested lists, rounded to 6 digits behind the point, without negative zeros."""
+    return (np.round(array, 6) + 0.0).tolist()
+
+
 def _by_chunks(work: Callable[[slice], None], count: int) -> None:
     """Call a function with chunks of a range, in several threads."""
     parts = [slice(start, start + _CHUNK) for start in range(0, count, _CHUNK)]
@@ -382,8 +399,10 @@ def _read(path: Path) -> Scene:
 
 def _located(value: Any, folder: Path) -> Any:
     """Return a description in which the files of pictures are relative to the current folder."""
+    if isinstance(value, list):
+        return [_located(item, folder) for item in value]
     if not isinstance(value, dict):
-        return [_located(item, folder) for item in value] if isinstance(value, list) else value
+        return value
     located = {key: _located(item, folder) for key, item in value.items()}
     if value.get("kind") == "image" and isinstance(value.get("file"), str):
         located["file"] = str(folder / value["file"])

@@ -60,8 +60,8 @@ class Waypoints:
         times, *columns = np.array(self.points).T
         if self.repeat:
             time_s = times[0] + (time_s - times[0]) % (times[-1] - times[0])
-        *offset, turn_deg = (float(np.interp(time_s, times, column)) for column in columns)
-        return np.array(offset), turn_deg
+        values = [float(np.interp(time_s, times, column)) for column in columns]
+        return np.array(values[:3]), values[3]
 
 
 def turned(turn_deg: float) -> Array:
@@ -133,11 +133,19 @@ class SceneFile:
     static: set[str] = field(default_factory=set)  # objects that no command can move
 
     def add(self, name: str, texture: Texture, kind: int, *columns: ArrayLike) -> None:
-        """Add a solid by its centre, axes as rows, and half sizes; see ``solids.COLUMNS``."""
+        """Add a solid.
+
+        Args:
+            name: of its object.
+            texture: of its surface.
+            kind: one of those of ``solids``, such as ``BOX``.
+            columns: its centre, axes as rows, and half sizes, in metres; see ``solids.COLUMNS``.
+        """
         if len(self.rows) == _MOST_SOLIDS:
             raise ValueError(f"{shown(name)}: expected at most {_MOST_SOLIDS} solids in a scene, got more")
         row = np.zeros(COLUMNS)
-        row[0], row[2:17] = kind, np.concatenate([np.ravel(column) for column in columns])
+        row[0] = kind
+        row[2:17] = np.concatenate([np.ravel(column) for column in columns])
         row[17] = _MARGIN * np.hypot(np.hypot(row[14], row[15] if kind != CYLINDER else 0.0), row[16])
         self.rows.append(row)
         self.names.append(name)
@@ -146,6 +154,10 @@ class SceneFile:
 
 def read(description: object, where: str) -> SceneFile:
     """Return the solids and the sky of a description.
+
+    Args:
+        description: of a scene's YAML file, as a mapping.
+        where: what error messages begin with: the scene's name.
 
     Raises:
         ValueError: an unknown or missing key, or a wrong value; the message names it.
@@ -174,10 +186,18 @@ def read(description: object, where: str) -> SceneFile:
 
 
 def _numbers(value: object, count: int, where: str, what: Range = "from -1e9 to 1e9") -> tuple[float, ...]:
-    values = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] if count == 1 else []
-    numbers = [float(x) for x in values if isinstance(x, abstract.Real) and not isinstance(x, bool)]
+    """Return a value that is so many numbers in a range; a single number may stand without a list."""
+    values: list[object] = []
+    if isinstance(value, (list, tuple, np.ndarray)):
+        values = list(value)
+    elif count == 1:
+        values = [value]
     least, most = _RANGES[what]
-    if not len(numbers) == len(values) == count or not all(least <= x <= most for x in numbers):
+    numbers = []
+    for item in values:
+        if isinstance(item, abstract.Real) and not isinstance(item, bool) and least <= float(item) <= most:
+            numbers.append(float(item))
+    if not len(numbers) == len(values) == count:
         expected = f"{count} number{'s' if count > 1 else ''} ({what})"
         raise ValueError(f"{where}: expected {expected}, got {shown(value)}")
     return tuple(numbers)
@@ -221,11 +241,9 @@ def _texture(value: object, where: str) -> Texture:
     (angle,) = _numbers(data.get("angle_deg", 0.0), 1, f"{where}: angle_deg")
     texture = str(kind), colors[0], colors[-1], scale, math.radians(angle)
     if kind == "noise":
-        seed, octaves = (
-            int(_numbers(data.get(key, default), 1, f"{where}: {key}", "from 1 to 10000")[0])
-            for key, default in (("seed", 1), ("octaves", 5))
-        )
-        return Noise(*texture, seed, min(octaves, _MOST_OCTAVES))
+        (seed,) = _numbers(data.get("seed", 1), 1, f"{where}: seed", "from 1 to 10000")
+        (octaves,) = _numbers(data.get("octaves", 5), 1, f"{where}: octaves", "from 1 to 10000")
+        return Noise(*texture, int(seed), min(int(octaves), _MOST_OCTAVES))
     if kind == "image":
         try:
             return Picture(*texture, *read_picture(str(data.get("file"))))
@@ -253,7 +271,9 @@ def _moving(value: object, where: str) -> Moving:
         motion = _waypoints(data, where)
     else:
         raise ValueError(f"{where}: kind: expected one of steady, swing, waypoints; got {shown(kind)}")
-    return motion, _numbers(data["about"], 2, f"{where}: about") if "about" in data else None
+    if "about" not in data:
+        return motion, None
+    return motion, _numbers(data["about"], 2, f"{where}: about")
 
 
 def _waypoints(data: Mapping[str, object], where: str) -> Motion:
@@ -263,8 +283,9 @@ def _waypoints(data: Mapping[str, object], where: str) -> Motion:
     if len(listed) > _MOST_POINTS:
         raise ValueError(f"{name}: expected at most {_MOST_POINTS}, got {len(listed)}")
     points = tuple(_numbers(point, 5, name) for point in listed)
-    if any(a[0] >= b[0] for a, b in itertools.pairwise(points)):
-        raise ValueError(f"{name}: expected [time, x, y, z, turn] with times that grow")
+    for before, after in itertools.pairwise(points):
+        if before[0] >= after[0]:
+            raise ValueError(f"{name}: expected [time, x, y, z, turn] with times that grow")
     return Waypoints(points, repeat)
 
 
@@ -284,31 +305,24 @@ def _pattern(value: object, where: str) -> Pattern | None:
 def _add_room(scene: SceneFile, value: object, where: str) -> None:
     """Add walls, floor and ceiling of a floor polygon."""
     data = _mapping(value, where, "floor", "height", "walls", "floor_texture", "ceiling_texture")
-    floor = f"{where}: floor"
-    listed = _list(data.get("floor"), 4, floor)
-    if len(listed) > _MOST_CORNERS:
-        raise ValueError(f"{floor}: expected at most {_MOST_CORNERS} corners, got {len(listed)}")
-    corners = np.array([_numbers(corner, 2, floor) for corner in listed])
-    steps = np.roll(corners, -1, axis=0) - corners
-    if ((steps == 0).sum(axis=1) != 1).any():
-        raise ValueError(f"{floor}: expected neighbouring corners that differ in either x or y")
-    rectangles = _rectangles(corners)
-    # Twice the signed area of the polygon; the rectangles' differs if it is clockwise, or crosses itself.
-    twice = (corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()
-    if not math.isclose(twice, 2 * sum(np.prod(high - low) for low, high in rectangles)):
-        raise ValueError(f"{floor}: expected corners counter-clockwise, of edges that do not cross")
+    corners, rectangles = _floor(data.get("floor"), f"{where}: floor")
     (height,) = _numbers(data.get("height", 2.8), 1, f"{where}: height", "from 1e-9 to 1e9")
-    walls = [_texture(t, f"{where}: walls") for t in _list(data.get("walls", [{}]), 1, f"{where}: walls")]
-    scene.room = Room(corners, height, tuple(f"Layout_Wall_{i + 1}" for i in range(len(corners))))
-    scene.static |= {*scene.room.walls, scene.room.floor, scene.room.ceiling}
-    for i, (corner, step) in enumerate(zip(corners, steps, strict=True)):
+    textures = []
+    for wall in _list(data.get("walls", [{}]), 1, f"{where}: walls"):
+        textures.append(_texture(wall, f"{where}: walls"))
+    room = Room(corners, height, tuple(f"Layout_Wall_{i + 1}" for i in range(len(corners))))
+    scene.room = room
+    scene.static |= {*room.walls, room.floor, room.ceiling}
+    ends = np.roll(corners, -1, axis=0)
+    for i, wall_name in enumerate(room.walls):
+        step = ends[i] - corners[i]
         length = float(np.linalg.norm(step))
         x, y = step / length
-        center = [*(corner + step / 2), height / 2]
+        center = [*(corners[i] + step / 2), height / 2]
         axes = [[x, y, 0], [0, 0, 1], [y, -x, 0]]
         half = [length / 2, height / 2, 0.0]
-        scene.add(scene.room.walls[i], walls[i % len(walls)], RECTANGLE, center, axes, half)
-    for key, name, z in (("floor", scene.room.floor, 0.0), ("ceiling", scene.room.ceiling, height)):
+        scene.add(wall_name, textures[i % len(textures)], RECTANGLE, center, axes, half)
+    for key, name, z in (("floor", room.floor, 0.0), ("ceiling", room.ceiling, height)):
         texture = _texture(data.get(f"{key}_texture", {}), f"{where}: {key}_texture")
         for low, high in rectangles:
             center = [*((low + high) / 2), z]
@@ -316,16 +330,37 @@ def _add_room(scene: SceneFile, value: object, where: str) -> None:
             scene.add(name, texture, RECTANGLE, center, np.eye(3), half)
 
 
+def _floor(value: object, where: str) -> tuple[Array, list[tuple[Array, Array]]]:
+    """Return the corners (N, 2) of a room's floor, metres, and the rectangles that fill it."""
+    listed = _list(value, 4, where)
+    if len(listed) > _MOST_CORNERS:
+        raise ValueError(f"{where}: expected at most {_MOST_CORNERS} corners, got {len(listed)}")
+    corners = np.array([_numbers(corner, 2, where) for corner in listed])
+    steps = np.roll(corners, -1, axis=0) - corners
+    if ((steps == 0).sum(axis=1) != 1).any():
+        raise ValueError(f"{where}: expected neighbouring corners that differ in either x or y")
+    rectangles = _rectangles(corners)
+    area = 0.0
+    for low, high in rectangles:
+        area += float(np.prod(high - low))
+    # Twice the signed area of the polygon; the rectangles' differs if it is clockwise, or crosses itself.
+    twice = (corners[:, 0] * steps[:, 1] - corners[:, 1] * steps[:, 0]).sum()
+    if not math.isclose(twice, 2 * area):
+        raise ValueError(f"{where}: expected corners counter-clockwise, of edges that do not cross")
+    return corners, rectangles
+
+
 def _rectangles(corners: Array) -> list[tuple[Array, Array]]:
     """Cut a right-angled polygon into rectangles between its x values."""
     xs = np.unique(corners[:, 0])
     ends = np.roll(corners, -1, axis=0)
-    result = []
+    rectangles = []
     for x0, x1 in itertools.pairwise(xs):
         middle = (x0 + x1) / 2
         crossed = np.sort(corners[(corners[:, 0] - middle) * (ends[:, 0] - middle) < 0, 1])
-        result += [(np.array([x0, y0]), np.array([x1, y1])) for y0, y1 in crossed.reshape(-1, 2)]
-    return result
+        for y0, y1 in crossed.reshape(-1, 2):
+            rectangles.append((np.array([x0, y0]), np.array([x1, y1])))
+    return rectangles
 
 
 def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, where: str) -> None:
@@ -338,8 +373,10 @@ def _add_solid(scene: SceneFile, name: str, value: object, texture: Texture, whe
     kind, count, half_of = _SHAPES[shapes[0]]
     half = half_of(*_numbers(data[shapes[0]], count, f"{where}: {shapes[0]}", "from 1e-9 to 1e9"))
     center = _numbers(data.get("at"), 3, f"{where}: at")
-    angles = [_numbers(data.get(key, 0.0), 1, f"{where}: {key}")[0] for key in ("turn_deg", "tilt_deg")]
-    for x, y, z, turn_deg, tilt_deg in _copies(data.get("copies"), np.array([*center, *angles]), where):
+    (first_turn,) = _numbers(data.get("turn_deg", 0.0), 1, f"{where}: turn_deg")
+    (first_tilt,) = _numbers(data.get("tilt_deg", 0.0), 1, f"{where}: tilt_deg")
+    first = np.array([*center, first_turn, first_tilt])
+    for x, y, z, turn_deg, tilt_deg in _copies(data.get("copies"), first, where):
         turn = math.radians(turn_deg)
         tilt = math.radians(tilt_deg)
         c = math.cos(turn)
@@ -360,7 +397,8 @@ def _copies(value: object, first: Array, where: str) -> Array:
     where = f"{where}: copies"
     data = _mapping(value, where, "count", "step", "spread")
     (count,) = _numbers(data.get("count"), 1, f"{where}: count", "from 1 to 10000")
-    step, spread = (_numbers(data.get(key, (0.0,) * 5), 5, f"{where}: {key}") for key in ("step", "spread"))
+    step = _numbers(data.get("step", (0.0,) * 5), 5, f"{where}: step")
+    spread = _numbers(data.get("spread", (0.0,) * 5), 5, f"{where}: spread")
     index = np.arange(int(count))[:, None]
     even = (0.5 + index * _GOLDEN ** -np.arange(1.0, 6.0)) % 1.0
     return np.asarray(first + index * step + (2 * even - 1) * spread)

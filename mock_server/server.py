@@ -88,7 +88,11 @@ class Statistics:
 
     def total(self, start: str) -> int:
         """Return how many commands began with ``start``."""
-        return sum(count for text, count in self.counts.items() if text.startswith(start))
+        total = 0
+        for text, count in self.counts.items():
+            if text.startswith(start):
+                total += count
+        return total
 
 
 class Server:
@@ -260,12 +264,20 @@ def replies(
     """Yield one client's replies, with the times of their requests, until the client leaves.
 
     While no request comes, frames end at the frame rate of the settings.
+
+    Args:
+        dialect: answers the requests.
+        statistics: counts the commands.
+        requests: of the client, as they arrive.
+        stopping: ends the replies when it is set.
     """
     pending: deque[tuple[int, float, int, Later]] = deque()  # frame, request's time, id, reply
     batch: list[Request] = []
     dialect.held = 0
     clicked = time.monotonic()
-    for frame in itertools.takewhile(lambda _: not stopping.is_set(), itertools.count()):
+    for frame in itertools.count():
+        if stopping.is_set():
+            return
         for request in _received(dialect, requests):
             if request is None:
                 return
@@ -315,8 +327,11 @@ def _reply(dialect: Dialect, statistics: Statistics, payload: bytes) -> tuple[in
 
 
 def _payload(identity: int, body: str | bytes | None) -> bytes:
-    body = body or "ok"  # the plugin's reply to an empty success
-    return b"%d:%b" % (identity, body if isinstance(body, bytes) else body.encode())
+    if not body:
+        body = "ok"  # the plugin's reply to an empty success
+    if isinstance(body, str):
+        body = body.encode()
+    return b"%d:%b" % (identity, body)
 
 
 def serve(scene: Scene | str | Path, port: int = 0, dialect: DialectName = "N3", **options: Any) -> Server:

@@ -96,7 +96,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for key, words in WORDS.items():
-            words = words[:1] if key == "files" and self.host not in _LOCAL else words
+            if key == "files" and self.host not in _LOCAL:
+                words = words[:1]
             self._expect(key, getattr(self, key) in words, f"one of {', '.join(words)};")
         for key, (least, most) in _RANGES.items():
             value: Any = getattr(self, key)
@@ -105,9 +106,7 @@ class Settings:
         for key in _WHOLE:
             self._expect(key, isinstance(getattr(self, key), Integral), "a whole number,")
         for key, size in (("size", self.size), ("window", self.window or self.size)):
-            pair = isinstance(size, tuple) and len(size) == 2
-            fits = pair and all(isinstance(n, Integral) and 1 <= n <= _MOST_PX for n in size)
-            self._expect(key, fits, f"(width, height) of 1 to {_MOST_PX} px each,")
+            self._expect(key, _is_size(size), f"(width, height) of 1 to {_MOST_PX} px each,")
         self._expect("host", _is_host(self.host), "an address,")
         self._expect("folder", isinstance(self.folder, Path | None), "a Path or None,")
         self._expect("faults", not isinstance(self.faults, str), "a list of texts,")
@@ -115,6 +114,13 @@ class Settings:
     def _expect(self, key: str, fits: bool, wanted: str) -> None:
         if not fits:
             raise ValueError(f"{key}: expected {wanted} got {reprlib.repr(getattr(self, key))}")
+
+
+def _is_size(size: Any) -> bool:
+    """Return whether a value is a tuple (width, height), px, within the bounds."""
+    if not isinstance(size, tuple) or len(size) != 2:
+        return False
+    return all(isinstance(side, Integral) and 1 <= int(side) <= _MOST_PX for side in size)
 
 
 def _is_host(text: Any) -> bool:

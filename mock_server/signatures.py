@@ -66,7 +66,7 @@ class Scalar:
     name: str
 
     def pack(self, value: Any, words: list[Any], copies: list[Any]) -> bool:
-        """Append the words of a value; return whether it has this type."""
+        """Append a ``value`` to ``words``; return whether it has this type. Numbers need no ``copies``."""
         if self.name == "float64":
             fits = isinstance(value, (float, int, np.floating, np.integer))
         elif self.name == "int64":
@@ -97,7 +97,10 @@ class ArrayType:
     def pack(self, value: Any, words: list[Any], copies: list[Any]) -> bool:
         """Append the words of an array; return whether it has this type.
 
-        An array that is only read is copied if its layout differs.
+        Args:
+            value: the array, or any other value.
+            words: the list to append to.
+            copies: an array that is only read is copied if its layout differs, and its copy appended here.
 
         Raises:
             ValueError: an array that is written to is read-only, or has another layout.
@@ -131,7 +134,10 @@ class TupleType:
     cls: type[tuple[Any, ...]] | None = None
 
     def pack(self, value: Any, words: list[Any], copies: list[Any]) -> bool:
-        """Append the words of all items; return whether they have these types."""
+        """Append the words of all items of ``value``; return whether they have these types.
+
+        Copies of arrays are appended to ``copies``; see :meth:`ArrayType.pack`.
+        """
         if not isinstance(value, self.cls or tuple) or len(value) != len(self.items):
             return False
         return all(type_.pack(item, words, copies) for item, type_ in zip(value, self.items, strict=True))
@@ -165,9 +171,9 @@ class Signature:
         self._buffer = ctypes.c_char * self.size
 
     def pack(self, args: tuple[Any, ...], words: list[Any], copies: list[Any]) -> bool:
-        """Append the words of arguments, and copies that must live until the call ends.
+        """Append the words of the arguments ``args``; return whether they have the declared types.
 
-        Return whether the arguments have the declared types.
+        Arrays that are appended to ``copies`` must live until the call ends.
         """
         return self.arguments.pack(args, words, copies)
 
@@ -178,7 +184,7 @@ class Signature:
         return buffer
 
     def replace_last(self, buffer: Any, value: int) -> None:
-        """Write a whole number in place of the last argument of a buffer."""
+        """Write ``value``, a whole number, in place of the last argument of a buffer."""
         _LAST.pack_into(buffer, self.result_at - _LAST.size, value)
 
     def result(self, buffer: Any) -> Any:
@@ -225,10 +231,10 @@ class _Reader:
 
     def take(self, token: str) -> bool:
         """Return whether a token is the next, and pass it."""
-        found = bool(self.tokens) and self.tokens[-1] == token
-        if found:
+        is_next = bool(self.tokens) and self.tokens[-1] == token
+        if is_next:
             self.tokens.pop()
-        return found
+        return is_next
 
     def items(self, end: str) -> tuple[Type, ...]:
         """Return types separated by commas, up to the token ``end``."""

@@ -43,11 +43,19 @@ _SLACK = 1e-9  # of boxes, against rounding; part of their size and coordinates
 
 _THINNEST = 1e-9  # the least factor: a solid of size 0 cannot be traced
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-_CIRCLE = [(np.cos(t), np.sin(t)) for t in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
-_RIMS = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in _CIRCLE])
+_ANGLES = np.linspace(0, 2 * np.pi, 64, endpoint=False)
 _TILTS = np.linspace(-np.pi / 2, np.pi / 2, 9)
-_GLOBE = np.array([(np.cos(t) * x, np.cos(t) * y, np.sin(t)) for t in _TILTS for x, y in _CIRCLE])
+
+
+def _circle(radius: float, z: float) -> list[tuple[float, float, float]]:
+    """Return points of a circle about the z axis."""
+    return [(radius * np.cos(angle), radius * np.sin(angle), z) for angle in _ANGLES]
+
+
+_RIMS = np.array([*_circle(1.0, -1.0), *_circle(1.0, 1.0)])
+_GLOBE = np.concatenate([_circle(np.cos(tilt), np.sin(tilt)) for tilt in _TILTS])
 _MESHES = {RECTANGLE: _CORNERS, BOX: _CORNERS, CYLINDER: _RIMS, SPHERE: _GLOBE}
+"""By kind, (N, 3) points of a solid whose half sizes are 1."""
 
 
 @njit(nogil=True)
@@ -132,7 +140,8 @@ def tree(rows: Floats) -> Tree:
     """
     low, high = extents(rows, np.eye(3))
     slack = _SLACK * np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0)[:, None]
-    low, high = low - slack, high + slack
+    low = low - slack
+    high = high + slack
     boxes: list[Floats] = []
     links: list[list[int]] = []
     order: list[int] = []
@@ -146,7 +155,8 @@ def tree(rows: Floats) -> Tree:
             parts += [(ranked[cut:], len(boxes)), (ranked[:cut], -1)]
         links.append([0, axis, len(order), 0 if cut else len(part)])
         boxes.append(np.concatenate([low[part].min(axis=0), high[part].max(axis=0)]))
-        order += [] if cut else part.tolist()
+        if not cut:
+            order += part.tolist()
     return np.array(boxes).reshape(-1, 6), np.array(links, np.int64).reshape(-1, 4), np.array(order, np.int64)
 
 
@@ -162,11 +172,15 @@ def _divided(part: Ints, low: Floats, high: Floats) -> tuple[Ints, int, int]:
     count = np.arange(1, len(part))
     first = np.maximum.accumulate(high) - np.minimum.accumulate(low)
     last = (np.maximum.accumulate(high[::-1]) - np.minimum.accumulate(low[::-1]))[::-1]
-    areas = [(size * np.roll(size, 1, axis=1)).sum(axis=1) for size in (first[:-1], last[1:], first[-1:])]
-    cost = areas[0] * count + areas[1] * count[::-1]
-    if len(part) <= _LEAF or not cost.min() < (len(part) - _VISIT) * areas[2][0]:
+    cost = _half_areas(first[:-1]) * count + _half_areas(last[1:]) * count[::-1]
+    if len(part) <= _LEAF or not cost.min() < (len(part) - _VISIT) * _half_areas(first[-1:])[0]:
         return part, 0, 0
     return part[ranks], int(count[cost.argmin()]), axis
+
+
+def _half_areas(sizes: Floats) -> Floats:
+    """Return (N,) half the surface areas of boxes of sizes (N, 3)."""
+    return np.asarray((sizes * np.roll(sizes, 1, axis=1)).sum(axis=1))
 
 
 @njit(
@@ -316,15 +330,25 @@ def points(rows: Floats) -> Floats:
     sphere."""
     meshes = []
     for row in rows:
-        unit = _MESHES[int(row[0])]
-        (a, b, c) = row[14:17]
-        half = {SPHERE: (a, a, a), CYLINDER: (a, a, c)}.get(int(row[0]), (a, b, c))
-        meshes.append(row[2:5] + (unit * half) @ row[5:14].reshape(3, 3))
+        kind = int(row[0])
+        half = row[14:17].copy()
+        if kind == SPHERE:
+            half[1:] = half[0]
+        elif kind == CYLINDER:
+            half[1] = half[0]
+        meshes.append(row[2:5] + (_MESHES[kind] * half) @ row[5:14].reshape(3, 3))
     return np.concatenate(meshes)
 
 
 def moved(rows: Floats, R: Floats, pivot: Floats, target: Floats) -> Floats:
-    """Return solids rotated about a point that moves to ``target``."""
+    """Return solids rotated about a point, which moves.
+
+    Args:
+        rows: (N, COLUMNS) solids.
+        R: (3, 3) rotation.
+        pivot: (3,) the point, metres.
+        target: (3,) where the point is then, metres.
+    """
     result = rows.copy()
     result[:, 2:5] = (rows[:, 2:5] - pivot) @ R.T + target
     result[:, 5:14] = (rows[:, 5:14].reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
@@ -332,7 +356,7 @@ def moved(rows: Floats, R: Floats, pivot: Floats, target: Floats) -> Floats:
 
 
 def scaled(rows: Floats, factors: Floats, pivot: Floats) -> Floats:
-    """Return solids scaled along the world's axes about a fixed point.
+    """Return the solids ``rows`` scaled by three ``factors`` along the world's axes about a ``pivot`` (3,).
 
     Boxes and rectangles take the factors of the nearest axes. Round solids stay round, by the least factor
     across their axis, as an engine scales collision shapes.

@@ -31,6 +31,7 @@ def stop_signal() -> Iterator[Callable[..., signal.Signals | None]]:
     received: list[signal.Signals] = []
 
     def handle(number: int, _: FrameType | None) -> None:
+        """Record the signal ``number``; the frame ``_`` that it interrupts goes on."""
         received.append(signal.Signals(number))
 
     def wait(server: Any = None) -> signal.Signals | None:

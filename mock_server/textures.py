@@ -126,17 +126,20 @@ def _pictured(pixels: NDArray[np.uint8], p: Array, normals: Array) -> Array:
     x, y, z = p.T
     right = np.where(level, -y * np.sign(normals[:, 2]), p[:, 0] * -normals[:, 1] + y * normals[:, 0])
     up = np.where(level, x, z) * width / height
-    u, v = right % 1.0 * width - 0.5, -up % 1.0 * height - 0.5
+    u = right % 1.0 * width - 0.5
+    v = -up % 1.0 * height - 0.5
     i = np.floor(u).astype(int)
     j = np.floor(v).astype(int)
     a = (u - i)[:, None]
     b = (v - j)[:, None]
 
-    def pixel(j: NDArray[np.intp], i: NDArray[np.intp]) -> Array:
-        return np.asarray(pixels[j % height, i % width] / 255.0)
+    def pixel(row: NDArray[np.intp], column: NDArray[np.intp]) -> Array:
+        """Return (N, 3) colours 0..1 at a ``row`` and a ``column`` of the repeated picture."""
+        return np.asarray(pixels[row % height, column % width] / 255.0)
 
     upper = (1 - a) * pixel(j, i) + a * pixel(j, i + 1)
-    return np.asarray((1 - b) * upper + b * ((1 - a) * pixel(j + 1, i) + a * pixel(j + 1, i + 1)))
+    lower = (1 - a) * pixel(j + 1, i) + a * pixel(j + 1, i + 1)
+    return np.asarray((1 - b) * upper + b * lower)
 
 
 @lru_cache(32)

@@ -65,8 +65,10 @@ class Player:
         self._poses.append((self.location, self.rotation))
 
     def delayed(self, location_frames: int, rotation_frames: int) -> Pose:
-        """Return location and rotation of so many ticks before the last one."""
-        return self._poses[-1 - location_frames][0], self._poses[-1 - rotation_frames][1]
+        """Return location and rotation of ``location_frames``, ``rotation_frames`` ticks before the last."""
+        location = self._poses[-1 - location_frames][0]
+        rotation = self._poses[-1 - rotation_frames][1]
+        return location, rotation
 
 
 def _limited(angle: float) -> float:
@@ -132,32 +134,42 @@ class World:
         self.faults = faults
         self._size = settings.size
         self._fov_deg = settings.fov_deg
+
         self.player = Player(_START_CM)
-        self._spawned = 0
         self.cameras = [Camera("PawnSensor", _START_CM, fov=self._fov_deg, size=self._size)]
+        self._spawned = 0
         self.viewmode = "lit"
         self.window = settings.window or settings.size
         self.vertex_colors = settings.dialect in ("L", "0.3.10") or "mask-gamma" in faults
+
         self.paused = False
         self.time_s = scene.time
         self._step_s = settings.time_step_s
-        self._slomo = 1.0
+        self._slomo = 1.0  # factor of the clock's step
+
         self.placed_objects = Objects(scene)
         self._may_have_changed = True  # an object, since the last frame
         self._moments = deque([self.placed_objects.moment()] * _KEPT_MOMENTS, maxlen=_KEPT_MOMENTS)
         self._views: OrderedDict[tuple[Any, ...], ViewHits] = OrderedDict()
-        self.vanished: list[tuple[tuple[float, ...], frozenset[str]]] = []  # by place, one after the other
-        self._made_here: set[tuple[object, ...]] = set()
-        dome = faults.get("sky-dome")
+        self._begin_faults()
+
+    def _begin_faults(self) -> None:
+        """Set the attributes that faults of images need."""
         self._dome = SceneObject("SkyDome", (135, 206, 235), "", _ORIGIN)
-        self._dome_radius = dome.amount() if dome else math.inf
-        if dome:
+        self._dome_radius = math.inf  # metres
+        if dome := self.faults.get("sky-dome"):
+            self._dome_radius = dome.amount()
             self.placed_objects.by_name[self._dome.name] = self._dome
         if missing := self._object_with("object-missing"):
             self.objects[missing].annotated = False
-        self._glass, self._gloss = self._object_with("glass"), self._object_with("gloss")
-        self._film = Film(faults)
+        self._glass = self._object_with("glass")
+        self._gloss = self._object_with("gloss")
+        self._film = Film(self.faults)
         self._depth_scale = 1.0
+
+        self.vanished: list[tuple[tuple[float, ...], frozenset[str]]] = []
+        """By place of the camera, one after the other, the objects that its images lack."""
+        self._made_here: set[tuple[object, ...]] = set()
         self._history: dict[int, Array] = {}  # by camera, its last light
         self._shown: dict[int | str, Pose] = {}
         self._lag: dict[int | str, int] = {}
@@ -185,7 +197,8 @@ class World:
 
     def swept(self, goal: Triple) -> Triple:
         """Return where the pawn ends, cm, on a straight line to ``goal``: just before the first surface."""
-        start, end = np.array(self.player.location), np.array(goal)
+        start = np.array(self.player.location)
+        end = np.array(goal)
         length = float(np.linalg.norm(end - start))
         if not length:
             return goal
@@ -257,28 +270,20 @@ class World:
             self.window = int(setres[1]), int(setres[2])
 
     def capture(self, camera: Camera, late: int = 0, mode: str = "") -> ViewHits:
-        """Return a camera's view, for a mode: of the objects now, or ``late`` frames before the last."""
-        torn = None if self.paused else self.faults.strike("torn")
-        for _ in range(int(torn.amount()) if torn else 0):
-            self._advance()
-            self._moments.append(self._present_moment())
-        if fault := self.faults.strike("late-objects"):
-            late += int(fault.amount())
-        moment = self._moments[-1 - late] if late else self._present_moment()
+        """Return the view of a ``camera``.
+
+        Args:
+            camera: where the view is from.
+            late: of the objects so many frames before the last; 0 for the objects now.
+            mode: for which an image is made of it; faults depend on it.
+        """
+        moment = self._captured_moment(late)
         location, rotation = self._pose_shown(camera)
         camera = dataclasses.replace(camera, location=location, rotation=rotation)
         if narrow := self.faults.strike("narrow-fov"):
             camera.fov = max(1.0, camera.fov - narrow.amount())
         self._misaim(camera)
-        hidden = moment.hidden | self._left_out(camera, mode)
-        view = self._traced(camera, moment, hidden)
-        if self._glass and self._glass not in hidden:
-            hidden |= {self._glass}
-            behind = self._traced(camera, moment, hidden)
-            view = dataclasses.replace(behind, paint=partial(flaws.blended, view, behind))
-        if moment.missing:
-            rest = self._traced(camera, moment, hidden | moment.missing)
-            view = dataclasses.replace(rest, paint=view.paint, normal=view.normal)
+        view = self._composed(camera, moment, moment.hidden | self._left_out(camera, mode))
         if self._gloss:
             rays = camera.rays()[0]
             center = camera.center_m()
@@ -288,6 +293,28 @@ class World:
         if self._dome_radius < math.inf and not self._dome.hidden:
             label = len(self.placed_objects.scene.objects) + 1
             view = flaws.domed(view, *camera.rays(), self._dome_radius, label)
+        return view
+
+    def _captured_moment(self, late: int) -> Moment:
+        """Return the objects of so many frames before the last, or of now; faults make them later."""
+        torn = None if self.paused else self.faults.strike("torn")
+        for _ in range(int(torn.amount()) if torn else 0):
+            self._advance()
+            self._moments.append(self._present_moment())
+        if fault := self.faults.strike("late-objects"):
+            late += int(fault.amount())
+        return self._moments[-1 - late] if late else self._present_moment()
+
+    def _composed(self, camera: Camera, moment: Moment, hidden: frozenset[str]) -> ViewHits:
+        """Return a view with glass in its colours only, and objects without annotation in no labels."""
+        view = self._traced(camera, moment, hidden)
+        if self._glass and self._glass not in hidden:
+            hidden |= {self._glass}
+            behind = self._traced(camera, moment, hidden)
+            view = dataclasses.replace(behind, paint=partial(flaws.blended, view, behind))
+        if moment.missing:
+            annotated = self._traced(camera, moment, hidden | moment.missing)
+            view = dataclasses.replace(annotated, paint=view.paint, normal=view.normal)
         return view
 
     def _left_out(self, camera: Camera, mode: str) -> frozenset[str]:
@@ -324,21 +351,33 @@ class World:
         return image
 
     def _image(self, view: ViewHits, mode: str, camera: Camera | None) -> pixels.Bytes:
-        if mode == "object_mask" and view.mask is not None:
-            return view.mask
         if mode == "object_mask":
-            colors = [(0, 0, 0), *self.placed_objects.colors(), self._dome.color]
-            table = np.array(colors, dtype=np.uint8)
-            if fault := self.faults.strike("near-colors"):
-                table[2:-1:2] = table[1:-2:2] ^ (int(fault.amount()), 0, 0)
-            return (pixels.through_vertex_colors(table) if self.vertex_colors else table)[view.label]
+            return self._mask(view)
         if mode == "normal" and not self.faults.strike("lit-normals"):
             return pixels.normals(view.normal)
         if mode == "depth":
             return pixels.gray_depth(view.depth)
-        manual = camera is not None and camera.manual
-        lit = self._film.expose(view.codes, manual, camera.bias if camera else 0.0)
-        if not (ghost := self.faults.strike("temporal")):
+        return self._lit(view, camera)
+
+    def _mask(self, view: ViewHits) -> pixels.Bytes:
+        if view.mask is not None:
+            return view.mask
+        colors = [(0, 0, 0), *self.placed_objects.colors(), self._dome.color]
+        table = np.array(colors, dtype=np.uint8)
+        if fault := self.faults.strike("near-colors"):
+            table[2:-1:2] = table[1:-2:2] ^ (int(fault.amount()), 0, 0)
+        if self.vertex_colors:
+            table = pixels.through_vertex_colors(table)
+        return table[view.label]
+
+    def _lit(self, view: ViewHits, camera: Camera | None) -> pixels.Bytes:
+        """Return a lit image, which the fault ``temporal`` mixes with the camera's one before."""
+        if camera is None:
+            lit = self._film.expose(view.codes)
+        else:
+            lit = self._film.expose(view.codes, camera.manual, camera.bias)
+        ghost = self.faults.strike("temporal")
+        if ghost is None:
             return lit
         key = id(camera)
         light = lit.astype(np.float64)
@@ -348,7 +387,7 @@ class World:
         return np.round(light).astype(np.uint8)
 
     def depth(self, view: ViewHits, along_ray: bool) -> Array:
-        """Return (H, W) metres along the ray, or along the optical axis."""
+        """Return (H, W) depth of a ``view``, metres: along the rays if ``along_ray``, else along the axis."""
         depth = view.distance if along_ray else view.depth
         if not along_ray and self.faults.strike("ray-depth"):
             depth = view.distance / 100  # the dialects 1.x send centimetres
@@ -371,16 +410,24 @@ class World:
             rays = camera.rays()
             self._views[key] = moment.shown.view(center, *rays, hidden, near_m)
         self._views.move_to_end(key)
-        while len(self._views) > _KEPT_VIEWS or (
-            len(self._views) > 1 and sum(math.prod(key[0]) for key in self._views) > _KEPT_PIXELS
-        ):
+        while self._keeps_too_much():
             self._views.popitem(last=False)
         return self._views[key]
 
+    def _keeps_too_much(self) -> bool:
+        """Return whether the oldest view must go; the last one stays."""
+        if len(self._views) <= 1:
+            return False
+        pixel_count = sum(math.prod(key[0]) for key in self._views)
+        return len(self._views) > _KEPT_VIEWS or pixel_count > _KEPT_PIXELS
+
     def _pose_shown(self, camera: Camera) -> Pose:
         """Return the pose of an image: the camera's, or an earlier one by the fault ``stale``."""
-        numbers = (i for i, other in enumerate(self.cameras) if other is camera)
-        key = next(numbers, camera.name)  # the window's camera has no number
+        key: int | str = camera.name  # the window's camera has no number
+        for number, other in enumerate(self.cameras):
+            if other is camera:
+                key = number
+                break
         pose = camera.location, camera.rotation
         shown = self._shown.setdefault(key, pose)
         if shown == pose:

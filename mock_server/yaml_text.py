@@ -53,7 +53,7 @@ def shown(value: object) -> str:
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
-    """Return the text of a file.
+    """Return the text of the file ``path``.
 
     Raises:
         ValueError: it cannot be read, is larger than ``most_bytes``, or is not UTF-8.
@@ -78,7 +78,11 @@ def encoding_of(start: bytes) -> str:
 
 
 def decoded(data: bytes, errors: str = "strict") -> str:
-    """Return the text of bytes in UTF-8, or in UTF-16 with a mark; ValueError for others."""
+    """Return the text of ``data`` in UTF-8, or in UTF-16 with a mark.
+
+    Raises:
+        ValueError: ``data`` is in neither, and ``errors``, as of :meth:`bytes.decode`, is ``strict``.
+    """
     encoding = encoding_of(data)
     try:
         return data.decode(encoding, errors)
@@ -93,10 +97,11 @@ def _at_once(path: str, flags: int) -> int:
 
 
 def parse(text: str, most_values: int = MOST_VALUES) -> Any:
-    """Return the value of a YAML (or JSON) document.
+    """Return the value of ``text``, a YAML (or JSON) document.
 
     Raises:
-        ValueError: invalid YAML, or beyond the bounds; the message has the line.
+        ValueError: invalid YAML, more than ``most_values``, or more levels than ``MOST_LEVELS``; the message
+            has the line.
     """
     collects = gc.isenabled()
     gc.disable()  # nodes make no circles, and searching them for some takes twice as long as reading
@@ -123,7 +128,10 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
     most_values = MOST_VALUES
 
     def descend_resolver(self, parent: Any, index: Any) -> None:
-        """Bound the values and levels while they are parsed, before they take memory."""
+        """Bound values and levels when the loader begins the value ``index`` of ``parent``.
+
+        The whole tree is in memory only afterwards.
+        """
         self._level += 1
         self._check_bounds(parent, self._level)
 
@@ -132,7 +140,13 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         self._level -= 1
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
-        """Return the tag of a value without one: plain, or a text in quotes; no other tag is accepted."""
+        """Return the tag of a value without one: plain, or a text in quotes; no other tag is accepted.
+
+        Args:
+            kind: the class of the node.
+            value: of the node.
+            implicit: whether the tag of a scalar may be omitted without quotes, and with them.
+        """
         return _PLAIN if kind is not yaml.ScalarNode or implicit[0] else _TEXT
 
     def document(self) -> Any:
@@ -188,5 +202,5 @@ def _scalar(node: Any) -> Any:
     return written
 
 
-def _refuse(node: Any, wanted: str, got: str) -> NoReturn:
-    raise ValueError(f"line {node.start_mark.line + 1}: expected {wanted}, got {got}")
+def _refuse(node: Any, expected: str, actual: str) -> NoReturn:
+    raise ValueError(f"line {node.start_mark.line + 1}: expected {expected}, got {actual}")

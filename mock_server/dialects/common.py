@@ -54,12 +54,23 @@ _VIEWMODES = ("lit", "unlit", "depth", "normal", "object_mask",
               "base_color", "debug", "wireframe", "vertex_color", "no_transparency")  # fmt: skip
 
 
+def _whole(digits: str) -> int:
+    """Return a whole number: 0 for no digits, and 2^31 - 1 for ten and more."""
+    if len(digits) >= 10:
+        return (1 << 31) - 1
+    return int(digits or 0)
+
+
+def _number(text: str) -> float:
+    return min(max(float(text), -_LIMIT), _LIMIT)
+
+
 _PLACEHOLDERS: dict[str, tuple[str, Callable[[str], Any]]] = {
     "[str]": (r"(\S*)", str),
-    # 0 for no digits, 2^31 - 1 for ten and more
-    "[uint]": (r"(\d*)", lambda digits: int(digits or 0) if len(digits) < 10 else (1 << 31) - 1),
-    "[float]": (r"([-+]?(?:\d*\.)?\d+)", lambda text: min(max(float(text), -_LIMIT), _LIMIT)),
+    "[uint]": (r"(\d*)", _whole),
+    "[float]": (r"([-+]?(?:\d*\.)?\d+)", _number),
 }
+"""By placeholder of a template, the pattern of a value, and its conversion."""
 
 _LONG = 200  # characters of a command that is first searched for a template's fixed texts
 
@@ -76,11 +87,18 @@ class Command:
         self.description = description
         self.handler = handler
         self.verb = template.partition(" ")[0]
-        parts = re.split(r"(\[(?:str|uint|float)\])", template)
-        patterns = (_PLACEHOLDERS[part][0] if part in _PLACEHOLDERS else re.escape(part) for part in parts)
-        self._pattern = re.compile("".join(patterns) + r" *\Z", re.ASCII)
-        self._converters = [_PLACEHOLDERS[part][1] for part in parts[1::2]]
-        self._literals = [part for part in parts[::2] if part]
+        self._converters: list[Callable[[str], Any]] = []
+        self._literals: list[str] = []
+        pattern = ""
+        for part in re.split(r"(\[(?:str|uint|float)\])", template):
+            if part in _PLACEHOLDERS:
+                value, converter = _PLACEHOLDERS[part]
+                pattern += value
+                self._converters.append(converter)
+            elif part:
+                pattern += re.escape(part)
+                self._literals.append(part)
+        self._pattern = re.compile(pattern + r" *\Z", re.ASCII)
 
     def match(self, text: str) -> tuple[Any, ...] | None:
         """Return the arguments in ``text``; None if it does not match."""
@@ -89,13 +107,18 @@ class Command:
         match = self._pattern.search(text)
         if match is None:
             return None
-        return tuple(convert(value) for convert, value in zip(self._converters, match.groups(), strict=True))
+        arguments = []
+        for convert, value in zip(self._converters, match.groups(), strict=True):
+            arguments.append(convert(value))
+        return tuple(arguments)
 
 
 class OutputFolder:
-    """The folder that file commands write to; outside of it only if ``anywhere``.
+    """The folder that file commands write to.
 
-    None is a temporary folder, removed by ``close``.
+    Args:
+        folder: None for a temporary folder, which ``close`` removes.
+        anywhere: whether names may lead out of the folder.
     """
 
     def __init__(self, folder: Path | None = None, anywhere: bool = False) -> None:
@@ -121,7 +144,10 @@ class OutputFolder:
         return os.path.join(self.path, name)
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file and make its folders; a file that cannot be written is missing, as with an engine."""
+        """Write ``data`` to the file ``name`` of the folder, and make the folders that it needs.
+
+        A file that cannot be written is missing, as with an engine.
+        """
         folder = self.path.resolve()
         with contextlib.suppress(OSError, ValueError):  # ValueError: a name with a null byte
             target = (folder / name).resolve()
@@ -204,20 +230,28 @@ class Dialect(ABC):
         for command in reversed(self.commands):  # templates registered later win
             if self.strict_verb and not text.startswith(f"{command.verb} "):
                 continue
-            if (arguments := command.match(text)) is not None:
-                try:
-                    reply: Reply = command.handler(*arguments)
-                except NotShownError as cause:
-                    return f"error {cause}"
-                return reply
+            arguments = command.match(text)
+            if arguments is None:
+                continue
+            try:
+                reply: Reply = command.handler(*arguments)
+            except NotShownError as cause:
+                return f"error {cause}"
+            return reply
         return self.unknown.format(text)
 
     def with_camera(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
-        """Return a handler that looks up a camera by its number, or replies that it is missing."""
+        """Return a handler that looks up a camera by its number, and calls ``act`` with it.
+
+        Its reply is ``missing`` if there is no such camera; None for the dialect's own error.
+        """
         return with_target(lambda: dict(enumerate(self.world.cameras)), act, missing or self.no_camera)
 
     def with_object(self, act: Callable[..., Reply], missing: str | None = None) -> Callable[..., Reply]:
-        """Return a handler that looks up an object by its name, or replies that it is missing."""
+        """Return a handler that looks up an object by its name, and calls ``act`` with it.
+
+        Its reply is ``missing`` if there is no such object; None for the dialect's own error.
+        """
         return with_target(lambda: self.world.objects, act, missing or self.no_object)
 
     def plugin_rows(self, echo: Callable[[str], Reply] = str) -> list[Row]:
@@ -242,9 +276,19 @@ class Dialect(ABC):
         ]
 
     def console_rows(self, verb: str, least: int, most: int, act: Callable[..., Reply]) -> list[Row]:
-        """Return a command of several words, one template for each number of words."""
-        templates = [f"{verb} {' '.join(['[str]'] * n)}" for n in range(least, most + 1)]
-        return [(t, f"{verb} with {t.count('[')} words", act) for t in templates]
+        """Return a command of several words, one template for each number of words.
+
+        Args:
+            verb: the first word of the command.
+            least: of the words behind it.
+            most: of the words behind it.
+            act: the handler; it is called with the words behind the verb.
+        """
+        rows: list[Row] = []
+        for count in range(least, most + 1):
+            template = " ".join([verb, *(["[str]"] * count)])
+            rows.append((template, f"{verb} with {count} words", act))
+        return rows
 
     def console(self, command: str, *words: str) -> None:
         """Run a console command: here those that write the window into a file; others act on the world."""
@@ -276,7 +320,10 @@ class Dialect(ABC):
             LOGGER.warning("level not opened: %s", cause)
 
     def press(self, key: str, seconds: float) -> None:
-        """Move or turn the pawn as W, A, S, D and arrows do for so many seconds, at once; no other keys."""
+        """Move or turn the pawn at once as a ``key`` does that is held for so many ``seconds``.
+
+        W, A, S, D and the arrows move it; other keys do nothing.
+        """
         player = self.world.player
         pitch, yaw, roll = player.rotation
         player.rotation = pitch, yaw + _TURNS.get(key.upper(), 0.0) * max(0.0, seconds), roll
@@ -313,7 +360,10 @@ class Dialect(ABC):
 def with_target(
     table: Callable[[], Mapping[Any, object]], act: Callable[..., Reply], missing: str
 ) -> Callable[..., Reply]:
-    """Return a handler that looks its first argument up, or replies that it is missing."""
+    """Return a handler that looks its first argument up in a ``table``, and calls ``act`` with the target.
+
+    Its reply is ``missing``, formatted with the argument, if the table lacks it.
+    """
 
     def handler(key: str | int, *arguments: Any) -> Reply:
         target = table().get(key)
@@ -327,37 +377,61 @@ def ok(*_: Any) -> None:
 
 
 def sets(attribute: str, value: object = None) -> Callable[..., None]:
-    """Return a handler that sets an attribute of its first argument to its other arguments, or ``value``."""
+    """Return a handler that sets an ``attribute`` of its first argument to the others, or to ``value``."""
 
     def handler(target: object, *values: float) -> None:
-        setattr(target, attribute, value if not values else values if len(values) > 1 else values[0])
+        if not values:
+            setattr(target, attribute, value)
+        elif len(values) == 1:
+            setattr(target, attribute, values[0])
+        else:
+            setattr(target, attribute, values)
+
+    return handler
+
+
+def reads(attribute: str, form: str = "{:.3f}") -> Callable[..., str]:
+    """Return a handler that replies the numbers of an ``attribute`` of its argument, each by ``form``."""
+
+    def handler(target: object) -> str:
+        return numbers(getattr(target, attribute), form)
 
     return handler
 
 
 def moves(attribute: str, refusal: str = "ok") -> Callable[..., Reply]:
-    """Return a handler that moves or turns an object; a static one stays, and the reply is ``refusal``."""
+    """Return a handler that moves or turns an object, by its ``attribute`` location or rotation.
 
-    def handler(o: SceneObject, *values: float) -> Reply:
-        if o.mobility == "Static":
-            return refusal.format(o.name)
-        setattr(o, attribute, values)
+    A static object stays where it is, and the reply is ``refusal``, formatted with its name.
+    """
+
+    def handler(actor: SceneObject, *values: float) -> Reply:
+        if actor.mobility == "Static":
+            return refusal.format(actor.name)
+        setattr(actor, attribute, values)
         return None
 
     return handler
 
 
-def color(o: SceneObject) -> str:
+def color(actor: SceneObject) -> str:
     """Return an object's colour as set, not as masks show it."""
-    return "(R={},G={},B={},A=255)".format(*o.color)
+    return "(R={},G={},B={},A=255)".format(*actor.color)
 
 
-def paint(o: SceneObject, r: int, g: int, b: int) -> None:
-    """Set an object's colour, which also annotates it; the engine keeps 8 bits of each number."""
-    o.color = (r % 256, g % 256, b % 256)
-    o.annotated = True
+def paint(actor: SceneObject, red: int, green: int, blue: int) -> None:
+    """Set an object's colour, which also annotates it.
+
+    Args:
+        actor: the object.
+        red: any whole number; the engine keeps its last 8 bits.
+        green: likewise.
+        blue: likewise.
+    """
+    actor.color = (red % 256, green % 256, blue % 256)
+    actor.annotated = True
 
 
 def numbers(values: Iterable[float], form: str = "{:.3f}") -> str:
-    """Return numbers, separated by spaces."""
+    """Return ``values``, each formatted by ``form``, separated by spaces."""
     return " ".join(map(form.format, values))

@@ -18,6 +18,7 @@ from mock_server.dialects.common import (
     numbers,
     ok,
     paint,
+    reads,
     sets,
 )
 from mock_server.objects import Triple, axes
@@ -60,12 +61,12 @@ class Plugin0310(Dialect):
             ("vget /objects", "Names of the objects", lambda: " ".join(self.world.objects)),
             (f"vget {at}/color", "Colour in the mask", obj(color, unpainted)),
             (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint, unpainted)),
-            (f"vget {at}/name", "Its name", obj(lambda o: o.name)),
-            (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location, "{:.2f}"))),
-            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation, "{:.2f}"))),
+            (f"vget {at}/name", "Its name", obj(lambda actor: actor.name)),
+            (f"vget {at}/location", "Location, cm", obj(reads("location", "{:.2f}"))),
+            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(reads("rotation", "{:.2f}"))),
             (f"vset {at}/location {THREE}", "Moves it", obj(moves("location", _UNMOVED))),
             (f"vset {at}/rotation {THREE}", "Turns it", obj(moves("rotation"))),
-            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: o.mobility)),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda actor: actor.mobility)),
             (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
             (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
             (f"{image}/[str]", "An image of a mode, in a file", self._to_file),
@@ -88,7 +89,7 @@ class Plugin0310(Dialect):
             *self.viewmode_rows(),
             ("vget /actor/location", "Location of the pawn, cm", lambda: numbers(player.location)),
             ("vget /actor/rotation", "Its rotation", lambda: numbers(player.rotation)),
-            *((f"{image}/{mode} png", f"{mode} as PNG", self._data("png", mode)) for mode in _CAPTURED),
+            *(self._png_row(mode) for mode in _CAPTURED),
             (f"{image}/lit npy", "lit as NPY", npy("lit")),
             (f"{image}/depth npy", "Distance along the ray, metres", npy("depth")),
             # Registered, but the plugin has no such modes: no data, which becomes ok.
@@ -107,6 +108,9 @@ class Plugin0310(Dialect):
             *self.console_rows("vexec", 2, 5, self.run_function),
         ]
 
+    def _png_row(self, mode: str) -> Row:
+        return (f"vget /camera/[uint]/{mode} png", f"{mode} as PNG", self._data("png", mode))
+
     def malformed(self, payload: bytes) -> bytes:
         return b"error: Malformat raw message '%b'" % payload.partition(b"\0")[0]
 
@@ -117,10 +121,14 @@ class Plugin0310(Dialect):
         self.world.paused = not self.world.paused
 
     def _pose(self, location: Any, rotation: Any = ()) -> None:
+        """Set the pawn's location (cm) and rotation (degrees); empty ones stay as they are."""
         player = self.world.player
-        if not self.world.faults.strike("ignore-pose"):
-            player.location = location or player.location
-            player.rotation = rotation or player.rotation
+        if self.world.faults.strike("ignore-pose"):
+            return
+        if location:
+            player.location = location
+        if rotation:
+            player.rotation = rotation
 
     def tick(self) -> None:
         super().tick()
@@ -140,7 +148,11 @@ class Plugin0310(Dialect):
     def _data(self, form: _Form, *modes: str) -> Callable[..., Reply]:
         """Return a handler that replies images of modes; no data, as of a missing camera, becomes ok."""
         missing = "error Invalid camera id {}" if form == "png" else "ok"
-        return self.with_camera(lambda c: b"".join(self._encoded(c, mode, form) for mode in modes), missing)
+
+        def data(camera: Camera) -> bytes:
+            return b"".join(self._encoded(camera, mode, form) for mode in modes)
+
+        return self.with_camera(data, missing)
 
     def _encoded(self, camera: Camera, mode: str, form: _Form) -> bytes:
         """Return an image's bytes; empty if the camera has no pixels."""
@@ -154,9 +166,14 @@ class Plugin0310(Dialect):
             depth = pixels.stored(distance, form == "exr" or self.settings.depth == "half")
             return pixels.npy(depth) if form == "npy" else pixels.exr(depth[..., None])
         rgb = self.world.image(view, mode)
-        if form == "npy":
-            return pixels.npy(np.dstack([rgb, np.full_like(rgb[..., :1], 255)]) if mode == "lit" else rgb)
-        return pixels.png(rgb) if form == "png" else pixels.exr(rgb.astype(np.float32) / np.float32(255))
+        if form == "png":
+            return pixels.png(rgb)
+        if form == "exr":
+            return pixels.exr(rgb.astype(np.float32) / np.float32(255))
+        if mode == "lit":
+            alpha = np.full_like(rgb[..., :1], 255)
+            return pixels.npy(np.dstack([rgb, alpha]))
+        return pixels.npy(rgb)
 
     def _to_file(self, index: int, mode: str, name: str = "") -> Reply:
         """Capture into a file, two frames from now."""
@@ -170,7 +187,8 @@ class Plugin0310(Dialect):
         camera = self.world.cameras[index]
         if name and ending not in (".png", ".exr"):
             return self._saved(bytes, name)
-        return self._saved(lambda: self._encoded(camera, mode, "exr" if ending == ".exr" else "png"), name)
+        form: _Form = "exr" if ending == ".exr" else "png"
+        return self._saved(lambda: self._encoded(camera, mode, form), name)
 
     def _window_mask(self, _: int, name: str = "") -> Reply:
         """Capture the mask from the window, as PNG; the window stays in that view mode."""
@@ -188,7 +206,8 @@ class Plugin0310(Dialect):
 
     def _saved(self, make: Callable[[], bytes], name: str = "") -> Later:
         """Write a file later, and reply its path, whether it was written or not."""
-        name = name or self.files.next_name()
+        if not name:
+            name = self.files.next_name()
 
         def save() -> str:
             if data := make():

@@ -10,7 +10,19 @@ from typing import Any
 
 from mock_server import cine as cine_model
 from mock_server import pixels
-from mock_server.dialects.common import THREE, Dialect, Reply, Row, color, moves, numbers, ok, paint, sets
+from mock_server.dialects.common import (
+    THREE,
+    Dialect,
+    Reply,
+    Row,
+    color,
+    moves,
+    numbers,
+    ok,
+    paint,
+    reads,
+    sets,
+)
 from mock_server.objects import SceneObject, Triple, through_quaternion
 from mock_server.world import Camera
 
@@ -34,7 +46,8 @@ _NUMBERS = {
     "focal": "[float] [float]",
 }
 _NO_WINDOWS = "error Windows shared memory transport is only available on Windows"
-_BONES = (" [str]", " [str] [str]")
+_BONES = ("", " [str]", " [str] [str]")
+"""What may follow the command for bones: nothing, names, names and a space."""
 
 
 class Plugin1(Dialect):
@@ -56,27 +69,27 @@ class Plugin1(Dialect):
         strict = partial(camera, missing=BAD_ARGUMENT)
         return [
             ("vrun [str]", "Runs an alias", ok),
-            ("vget /objects", "Names of the objects", lambda: "".join(f"{n} " for n in self.world.objects)),
+            ("vget /objects", "Names of the objects", self._object_names),
             ("vset /objects/spawn_cube", "Adds a cube of one metre", self._spawn_cube),
             ("vset /objects/spawn_cube [str]", "The same, with a name", self._spawn_cube),
             ("vset /objects/spawn [str]", "Adds an object of a class", self._spawn),
             ("vset /objects/spawn [str] [str]", "The same, with a name", self._spawn),
-            (f"vget {at}/location", "Location, cm", obj(lambda o: numbers(o.location))),
+            (f"vget {at}/location", "Location, cm", obj(reads("location"))),
             (f"vset {at}/location {THREE}", "Moves it", obj(moves("location"))),
-            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(lambda o: numbers(o.rotation))),
+            (f"vget {at}/rotation", "Pitch, yaw, roll", obj(reads("rotation"))),
             (f"vset {at}/rotation {THREE}", "Turns it", obj(moves("rotation"))),
             (f"vget {at}/vertex_location", "Points of its mesh, cm", obj(self._vertices)),
             (f"vget {at}/color", "Colour in the mask", obj(color)),
             (f"vset {at}/color [uint] [uint] [uint]", "Sets it", obj(paint)),
-            (f"vget {at}/mobility", "Whether it may move", obj(lambda o: o.mobility)),
+            (f"vget {at}/mobility", "Whether it may move", obj(lambda actor: actor.mobility)),
             (f"vset {at}/show", "Shows it", obj(sets("hidden", False))),
             (f"vset {at}/hide", "Hides it from every mode", obj(sets("hidden", True))),
             (f"vset {at}/destroy", "Takes it out of the world", self._destroy),
             (f"vget {at}/uclass_name", "Its class", obj(self._class_of)),
             (f"vset {at}/name [str]", "Renames it", obj(self._rename)),
-            (f"vget {at}/scale", "Its scale", obj(lambda o: numbers(o.scale))),
+            (f"vget {at}/scale", "Its scale", obj(reads("scale"))),
             (f"vset {at}/scale {THREE}", "Sets it", obj(self.world.placed_objects.set_scale)),
-            (f"vget {at}/bounds", "Its box, cm", obj(lambda o: numbers(self.world.bounds(o).flat, "{:.2f}"))),
+            (f"vget {at}/bounds", "Its box, cm", obj(self._bounds)),
             *self.plugin_rows(),
             ("vget /level/name", "Name of the map", lambda: self.world.scene.name),
             ("vset /action/game/pause", "Pauses", lambda: sets("paused", True)(self.world)),
@@ -92,15 +105,15 @@ class Plugin1(Dialect):
             *self.console_rows("vbp", 2, 11, self._run_blueprint),
             ("vget /persistent_level/id", "Name of the level", lambda: "PersistentLevel"),
             (script, "Its script", lambda: f"{self.world.scene.name}_C_0"),
-            ("vget /screenshot [str]", "The window", lambda f: self._image("screenshot", self.window(), f)),
-            ("vget /cameras", "Their names", lambda: "".join(f"{c.name} " for c in self.world.cameras)),
+            ("vget /screenshot [str]", "The window", self._screenshot),
+            ("vget /cameras", "Their names", self._camera_names),
             ("vset /cameras/spawn", "Adds a camera", self.world.spawn),
-            (f"vget {cam}/location", "Location, cm", camera(lambda c: numbers(c.location))),
+            (f"vget {cam}/location", "Location, cm", camera(reads("location"))),
             (f"vset {cam}/location {THREE}", "Moves it", camera(partial(self._set_pose, "location"))),
             (f"vset {cam}/moveto {THREE}", "Moves the player", camera(self._move_to)),
             (f"vget {cam}/rotation", "Pitch, yaw, roll", camera(self._rotation)),
             (f"vset {cam}/rotation {THREE}", "Turns it", camera(partial(self._set_pose, "rotation"))),
-            *((f"vget {cam}/{m} [str]", f"An image: {m}", camera(partial(self._image, m))) for m in MODES),
+            *(self._image_row(mode) for mode in MODES),
             *self.viewmode_rows(),
             (f"vget {cam}/fov", "Field of view, degrees", strict(lambda c: f"{c.fov:f}")),
             (f"vset {cam}/fov [float]", "Sets it", strict(sets("fov"))),
@@ -109,6 +122,23 @@ class Plugin1(Dialect):
             (f"vset {cam}/size [uint] [uint]", "Sets width and height, px", strict(sets("size"))),
             (f"vget {cam}/size", "Width and height, px", strict(lambda c: "{} {}".format(*c.size))),
         ]
+
+    def _image_row(self, mode: str) -> Row:
+        """Return the command that gets a camera's image of a mode."""
+        handler = self.with_camera(partial(self._image, mode))
+        return (f"vget /camera/[uint]/{mode} [str]", f"An image: {mode}", handler)
+
+    def _object_names(self) -> str:
+        return "".join(f"{name} " for name in self.world.objects)
+
+    def _camera_names(self) -> str:
+        return "".join(f"{camera.name} " for camera in self.world.cameras)
+
+    def _bounds(self, actor: SceneObject) -> str:
+        return numbers(self.world.bounds(actor).flat, "{:.2f}")
+
+    def _screenshot(self, form: str) -> Reply:
+        return self._image("screenshot", self.window(), form)
 
     def answer(self, text: str) -> Reply:
         """As in every dialect; the plugin takes ``vbatch`` out before commands are matched."""
@@ -136,27 +166,31 @@ class Plugin1(Dialect):
 
     def _image(self, mode: str, camera: Camera, form: str) -> Reply:
         """Return an image as bytes (``form`` is a format), or write it to a file (a name with an ending)."""
-        kinds = ("npy",) if mode == "depth" else ("png", "bmp")
-        kind = next((kind for kind in kinds if form.lower() == kind or form.lower().endswith(f".{kind}")), "")
-        if not kind:
+        format_ = form.lower().rpartition(".")[2]
+        if format_ not in (("npy",) if mode == "depth" else ("png", "bmp")):
             return f"error Invalid filename type, filename {form}"
-        mode = "object_mask" if mode == "seg" else mode
+        if mode == "seg":
+            mode = "object_mask"
         refused = mode == "object_mask" and self.world.faults.strike("refuse-mask")
         if refused or not camera.has_pixels():
             return "error Captured data is empty"
-        view = self.world.capture(camera, mode=mode)
-        shown = self.world.viewmode
-        if mode == "depth":
-            depth = 100 * self.world.depth(view, along_ray=False)
-            data = pixels.npy(pixels.stored(depth, self.settings.depth == "half"))
-        else:
-            # The depth and normal view modes work through post-processing, which captures show too.
-            window = mode == "screenshot" or (mode == "lit" and shown in ("depth", "normal"))
-            data = _ENCODERS[kind](self.world.image(view, shown if window else mode, camera))
-        if form.lower() == kind:
+        data = self._encoded(mode, camera, format_)
+        if form.lower() == format_:
             return data
         self.files.write(form, data)  # the plugin does not report a file that it cannot write
         return form
+
+    def _encoded(self, mode: str, camera: Camera, format_: str) -> bytes:
+        """Return the bytes of a camera's image; depth is planar, in centimetres."""
+        view = self.world.capture(camera, mode=mode)
+        viewmode = self.world.viewmode
+        if mode == "depth":
+            depth = 100 * self.world.depth(view, along_ray=False)
+            return pixels.npy(pixels.stored(depth, self.settings.depth == "half"))
+        # The depth and normal view modes work through post-processing, which captures show too.
+        if mode == "screenshot" or (mode == "lit" and viewmode in ("depth", "normal")):
+            mode = viewmode
+        return _ENCODERS[format_](self.world.image(view, mode, camera))
 
     def _spawn_cube(self, *_: str) -> Reply:
         reply = str(self._spawn("CubeActor"))  # whatever the name
@@ -170,15 +204,15 @@ class Plugin1(Dialect):
         cube = self.world.placed_objects.spawn_cube(name, location)
         return "error Failed to spawn actor" if cube is None else cube.name
 
-    def _class_of(self, o: SceneObject) -> str:
+    def _class_of(self, actor: SceneObject) -> str:
         return "Actor"  # for all: the plugin reads the wrong class
 
-    def _rename(self, o: SceneObject, name: str) -> Reply:
-        if name == o.name:
+    def _rename(self, actor: SceneObject, name: str) -> Reply:
+        if name == actor.name:
             return "The name has already been set"
         if name in self.world.objects:
             return f"error Renaming an object to overwrite an existing object is not allowed, {name}"
-        self.world.placed_objects.rename(o, name)
+        self.world.placed_objects.rename(actor, name)
         return None
 
     def _run_blueprint(self, actor: str, function: str, *words: str) -> Reply:
@@ -188,9 +222,12 @@ class Plugin1(Dialect):
     def _destroy(self, name: str) -> Reply:
         return None if self.world.destroy(name) else self.no_object.format(name)
 
-    def _vertices(self, o: SceneObject) -> str:
-        points = self.world.vertices(o).tolist()
-        return "".join("     ".join(f"{value:.5f}" for value in point) + "\n" for point in points)
+    def _vertices(self, actor: SceneObject) -> str:
+        """Reply the points of an object's mesh, cm, a line each."""
+        lines = []
+        for point in self.world.vertices(actor).tolist():
+            lines.append("     ".join(map("{:.5f}".format, point)) + "\n")
+        return "".join(lines)
 
 
 class Branch422(Plugin1):
@@ -232,21 +269,20 @@ class Branch52(Plugin1):
         rows[one_word] = ("vcmd [str]", "Runs a console command of one word", self.console)
         strict = partial(self.with_camera, missing=BAD_ARGUMENT)
         at = "vset /camera/[uint]"
-        flow = partial(self._image, "optical_flow")
-        return [
-            *rows,
-            ("vget /camera/[uint]/optical_flow [str]", "An image: optical_flow", self.with_camera(flow)),
-            *((f"{at}/{key} [str]", f"Sets the {c[0]}", strict(_choose(*c))) for key, c in _CHOICES.items()),
-            (f"{at}/exposure_method [str]", "Sets the exposure method", strict(_set_method)),
-            (f"{at}/exposure_bias [float]", "Sets it, stops", strict(partial(_expose, "bias"))),
-            *((f"{at}/{key} {form}", f"Sets {key}", strict(ok)) for key, form in _NUMBERS.items()),
-        ]
+        rows.append(self._image_row("optical_flow"))
+        for key, (what, words) in _CHOICES.items():
+            rows.append((f"{at}/{key} [str]", f"Sets the {what}", strict(_choose(what, words))))
+        rows.append((f"{at}/exposure_method [str]", "Sets the exposure method", strict(_set_method)))
+        rows.append((f"{at}/exposure_bias [float]", "Sets it, stops", strict(partial(_expose, "bias"))))
+        for key, form in _NUMBERS.items():
+            rows.append((f"{at}/{key} {form}", f"Sets {key}", strict(ok)))
+        return rows
 
     def _spawn_cube(self, *name: str) -> Reply:
         return self._spawn("CubeActor", "".join(name))
 
-    def _class_of(self, o: SceneObject) -> str:
-        return o.class_name
+    def _class_of(self, actor: SceneObject) -> str:
+        return actor.class_name
 
     def batch(self, text: str) -> Reply:
         """Hold so many requests, and answer them in one frame."""
@@ -270,7 +306,10 @@ def _expose(attribute: str, camera: Camera, value: float) -> None:
 
 
 def _choose(what: str, words: tuple[str, ...]) -> Callable[..., Reply]:
+    """Return a handler that accepts one of some words, and changes nothing that a capture shows."""
+
     def handler(_: Camera, word: str) -> Reply:
+        """Reply to a ``word``, for any camera ``_``."""
         if word.lower() in words:
             return None
         options = ", ".join(words[:-1]) + f" and {words[-1]}"
@@ -297,28 +336,38 @@ class Plugin11(Branch52):
             ("vrun [str]", "Runs a console command", self.console),
             ("vget /unrealcv/commands", "Templates of all commands, one a line", self._list),
             (f"vset {cam}/fov [float]", "Sets it, within 1 to 179", strict(_set_fov)),
-            (f"{spawn} [str] {THREE}", "Adds an object at a place", lambda c, *at: self._spawn(c, "", at)),
-            (f"{spawn} [str] [str] {THREE}", "With a name", lambda c, n, *at: self._spawn(c, n, at)),
+            (f"{spawn} [str] {THREE}", "Adds an object at a place", self._spawn_at),
+            (f"{spawn} [str] [str] {THREE}", "With a name", self._spawn_named_at),
             (f"{spawn}_cube {THREE}", "Adds a cube at a place", lambda *at: cube("", at)),
             (f"{spawn}_cube [str] {THREE}", "With a name", lambda name, *at: cube(name, at)),
-            *((f"vget /object/[str]/bones{words}", "Poses of bones", bones) for words in ("", *_BONES)),
+            *((f"vget /object/[str]/bones{words}", "Poses of bones", bones) for words in _BONES),
             *self.console_rows("vreflect", 2, 12, self.run_function),
             (f"vget {cine}", "The cine camera", strict(lambda c: c.cine.model(*c.size))),
             (f"vget {cine}/enabled", "Whether it is on", strict(lambda c: str(int(c.cine.enabled)))),
             (f"vget {cine}/intrinsics", "Its projection", strict(lambda c: c.cine.intrinsics(*c.size))),
             (f"vset {cine}/enabled [uint]", "On", strict(lambda c, on: setattr(c.cine, "enabled", on > 0))),
-            *(
-                (f"vset {cine}/{form}", "Switches it on", strict(lambda c, *v, n=name: c.cine.set(n, *v)))
-                for name, form in cine_model.TEMPLATES.items()
-            ),
         ]
+        for name, form in cine_model.TEMPLATES.items():
+            rows.append((f"vset {cine}/{form}", "Switches it on", strict(partial(_set_cine, name))))
         if self.settings.shared_memory != "unlisted":
             refuse = camera(_refuse_sharing)
-            rows += [(f"vget {cam}/{mode}_shared", f"{mode} in shared memory", refuse) for mode in MODES]
+            for mode in MODES:
+                rows.append((f"vget {cam}/{mode}_shared", f"{mode} in shared memory", refuse))
         return rows
+
+    def _spawn_at(self, class_name: str, *location: Any) -> Reply:
+        return self._spawn(class_name, "", location)
+
+    def _spawn_named_at(self, class_name: str, name: str, *location: Any) -> Reply:
+        return self._spawn(class_name, name, location)
 
     def _list(self) -> str:
         return "\n".join(sorted({command.template for command in self.commands}))
+
+
+def _set_cine(command: str, camera: Camera, *values: Any) -> Reply:
+    """Change the cine model of a camera by a command of its templates."""
+    return camera.cine.set(command, *values)
 
 
 def _refuse_sharing(_: Camera) -> str:
