@@ -91,8 +91,9 @@ class Source(ABC):
     """
 
     def __repr__(self) -> str:
-        parts = self.scene_identity.name, self.capabilities.dialect, " ".join(sorted(self.capabilities.modes))
-        return f"<{type(self).__name__} {', '.join(part for part in parts if part)}>"
+        modes = " ".join(sorted(self.capabilities.modes))
+        parts = (self.scene_identity.name, self.capabilities.dialect, modes)
+        return f"<{type(self).__name__} {', '.join(filter(None, parts))}>"
 
     @property
     @abstractmethod
@@ -116,18 +117,21 @@ class Source(ABC):
     def stated(self, capture: Capture) -> Capture:
         """Return one of its captures with what the capabilities say of it in its provenance."""
         can = self.capabilities
-        told = dict[str, Any]()
         if capture.mode == "lit" and can.transfer != "unknown":
-            told = {"transfer": can.transfer}
+            return replace(capture, provenance={**capture.provenance, "transfer": can.transfer})
         if capture.mode == "depth" and any(can.depth_error):
-            told = {"depth_error": list(can.depth_error)}
-        return replace(capture, provenance={**capture.provenance, **told}) if told else capture
+            return replace(capture, provenance={**capture.provenance, "depth_error": list(can.depth_error)})
+        return capture
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
-        """Return what rays meet, exactly; ArgumentError where :attr:`Capabilities.traces` is False.
+        """Return what rays meet, exactly.
 
-        ``origins_w`` are (..., 3) metres, world frame, or (3,), of all rays; ``directions_w`` (..., 3) unit
-        vectors.
+        Args:
+            origins_w: (..., 3) metres, world frame; or (3,), of all rays.
+            directions_w: (..., 3) unit vectors, world frame.
+
+        Raises:
+            ArgumentError: :attr:`Capabilities.traces` is False.
         """
         raise ArgumentError(f"source: expected one that traces rays, got {type(self).__name__}")
 
@@ -193,7 +197,9 @@ class Source(ABC):
         """Return what can be varied of ``objects``, ``lights`` or ``materials``: by name, the settings, and
         how many numbers each has. An object that cannot be moved can only be ``shown``.
         """
-        return dict.fromkeys(self.objects().names() if kind == "objects" else (), OBJECT_SETTINGS)
+        if kind != "objects":
+            return {}
+        return dict.fromkeys(self.objects().names(), OBJECT_SETTINGS)
 
     def without(self, objects: Iterable[str]) -> Source:
         """Return a source of the same scene with objects hidden, to be closed before this one is used again.
@@ -364,17 +370,26 @@ def closed_error(what: str) -> SourceError:
 
 
 def check_modes(source: Source, modes: Iterable[str]) -> None:
-    """Raise ArgumentError for modalities that a source does not deliver, before anything is captured."""
+    """Raise ArgumentError for ``modes`` that a source does not deliver, before anything is captured.
+
+    Of a modality that is captured as another one, the source must deliver the other.
+    """
     offered = source.capabilities.modes
-    needed = (modalities.get(mode).captured_as or mode for mode in modes)
-    lacking = [mode for mode in needed if mode not in offered]
+    lacking = []
+    for mode in modes:
+        captured = modalities.get(mode).captured_as or mode
+        if captured not in offered:
+            lacking.append(captured)
     if lacking:
         known = f"expected some of {', '.join(sorted(offered))}, which the source delivers"
         raise ArgumentError(f"modes: {known}; got {', '.join(lacking)}")
 
 
 def known_objects(objects: Iterable[str], known: Collection[str], what: str) -> None:
-    """Raise ArgumentError for unknown names of objects."""
+    """Raise ArgumentError for names of ``objects`` that are not among the ``known`` ones of a scene.
+
+    The message begins with ``what``.
+    """
     if unknown := sorted(set(objects) - set(known)):
         name = unknown[0]
         names = sorted(known)

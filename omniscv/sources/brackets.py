@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omniscv.errors import ArgumentError, SourceError
 from omniscv.geometry import Pose, cube_rotations
@@ -20,7 +21,7 @@ from omniscv.sources.requests import Response, exposures_of, merge_exposures
 _PROBED_PX = 128
 _PROBED = {True: (0.0, 1.0), False: (-2.0, -1.0, 0.0, 1.0, 2.0)}
 """Stops at which the exposure is tried, where the transfer is known, and where it must be solved."""
-_CODES = 30, 200  # darkest and brightest code that are compared
+_CODES = (30, 200)  # darkest and brightest code that are compared
 _FEWEST = 100  # samples below which two exposures are not compared
 _OFF = 0.02  # largest relative error of the factor 2 between two stops
 
@@ -113,31 +114,39 @@ def _measured_response(source: Source, first: Request) -> Response:
     """Return the response of a source's colours; SourceError if light does not double in each stop."""
     from omniscv import light
 
-    known = source.capabilities.transfer
-    stops = _PROBED[known != "unknown"]
-    position = first.view.pose.position
-    views = [View(Pose(position, R_w_c), 90.0, _PROBED_PX, _PROBED_PX) for _, R_w_c in cube_rotations()]
-    requests = [Request(view, "lit", first.state, again=True, stops=stop) for view in views for stop in stops]
-    pixels = [capture.pixels.ravel() for capture in source.capture(requests)]
-    codes = [np.concatenate(pixels[k :: len(stops)]) for k in range(len(stops))]
-    response = light.solve(codes, stops) if known == "unknown" else known
-    pairs = []
+    transfer = source.capabilities.transfer
+    stops = _PROBED[transfer != "unknown"]
+    codes = _probed_codes(source, first, stops)
+    response = light.solve(codes, stops) if transfer == "unknown" else transfer
+    factors = []
     for low, high in pairwise(codes):
         in_range = (np.minimum(low, high) >= _CODES[0]) & (np.maximum(low, high) <= _CODES[1])
-        pairs.append((low[in_range], high[in_range]))
+        if np.count_nonzero(in_range) >= _FEWEST:
+            low_light = light.light_of_codes(low[in_range], response)
+            ratio = light.light_of_codes(high[in_range], response) / low_light
+            factors.append(float(np.median(ratio)))
     expected = "brackets: expected light to double from one stop to the next"
-    if max(low.size for low, _ in pairs) < _FEWEST:
-        got = f"too few samples of codes {_CODES[0]} to {_CODES[1]} from {position.tolist()} m"
-        raise SourceError(f"{expected}, got {got}; start where the scene is neither dark nor white")
-    for low, high in pairs:
-        if low.size < _FEWEST:
-            continue
-        ratio = light.light_of_codes(high, response) / light.light_of_codes(low, response)
-        if abs((factor := float(np.median(ratio))) - 2) > 2 * _OFF:
+    if not factors:
+        position = first.view.pose.position.tolist()
+        actual = f"too few samples of codes {_CODES[0]} to {_CODES[1]} from {position} m"
+        raise SourceError(f"{expected}, got {actual}; start where the scene is neither dark nor white")
+    for factor in factors:
+        if abs(factor - 2) > 2 * _OFF:
             advice = "the server does not expose as it is set, or its transfer is another one"
-            got = f"{factor:.3g} times as much: {advice}"
-            raise SourceError(f"{expected}, got {got}; leave brackets out, or set source_options.transfer")
+            actual = f"{factor:.3g} times as much: {advice}"
+            raise SourceError(f"{expected}, got {actual}; leave brackets out, or set source_options.transfer")
     return response
+
+
+def _probed_codes(source: Source, first: Request, stops: Sequence[float]) -> list[NDArray[np.uint8]]:
+    """Return, for each of some stops, the codes of six views around the centre of a request, in one order."""
+    requests = []
+    for _, R_w_c in cube_rotations():
+        view = View(Pose(first.view.pose.position, R_w_c), 90.0, _PROBED_PX, _PROBED_PX)
+        for stop in stops:
+            requests.append(Request(view, "lit", first.state, again=True, stops=stop))
+    pixels = [capture.pixels.ravel() for capture in source.capture(requests)]
+    return [np.concatenate(pixels[k :: len(stops)]) for k in range(len(stops))]
 
 
 def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[Response]:
@@ -146,8 +155,14 @@ def _recorded_response(path: Path | str | None, stops: Sequence[float]) -> list[
 
     if path is None or not Path(path).exists() or Path(path).stat().st_size == 0:
         return []
-    with RecordedSource(path) as held:
-        if held.stops and held.stops != tuple(stops):
-            known, got = (", ".join(f"{stop:g}" for stop in some) for some in (held.stops, stops))
-            raise ArgumentError(f"brackets: expected {known}, the stops of {path}; got {got}")
-        return [held.response()] if held.stops else []
+    with RecordedSource(path) as recording:
+        if not recording.stops:
+            return []
+        if recording.stops != tuple(stops):
+            expected = f"expected {_listed(recording.stops)}, the stops of {path}"
+            raise ArgumentError(f"brackets: {expected}; got {_listed(stops)}")
+        return [recording.response()]
+
+
+def _listed(stops: Sequence[float]) -> str:
+    return ", ".join(f"{stop:g}" for stop in stops)

@@ -41,14 +41,21 @@ class _Codec(NamedTuple):
     modes: Sequence[str] | None
     precision: Precision
 
+    def encodes(self, mode: str) -> bool:
+        """Return whether it is an encoding of a mode."""
+        return self.modes is None or mode in self.modes
+
 
 def register(
     encoding: str, decoder: Decoder, modes: Sequence[str] | None = None, precision: Precision | None = None
 ) -> None:
     """Add an encoding, or replace the one of its name; recordings are decoded by it, too.
 
-    ``modes`` are those that it encodes, all if not given; ``precision`` is of its depth, by default of floats
-    in metres.
+    Args:
+        encoding: its name, as recordings have it.
+        decoder: a function of payload, mode and view that returns the pixels.
+        modes: those that it encodes; None for all.
+        precision: of its depth; None for that of floats in metres.
     """
     _codecs[encoding] = _Codec(decoder, modes, precision or Precision())
 
@@ -59,22 +66,25 @@ def encodings() -> tuple[str, ...]:
 
 
 def precision(capture: Capture) -> Precision:
-    """Return the precision of a capture of depth: of its encoding, floats if that is not known, and what its
-    provenance says as ``half_floats``, metres of a one and whether they are along the ray, and as
-    ``depth_error``, metres and a share."""
-    of_codec = _codecs[capture.encoding].precision if capture.encoding in _codecs else Precision()
+    """Return the precision of a capture of depth.
+
+    It is that of its encoding, or of floats if the encoding is not known. Two keys of the provenance change
+    it: ``half_floats`` has the metres of a one, and whether depth is along the ray; ``depth_error`` has
+    metres and a share by which depth may be off in addition.
+    """
+    known = _codecs[capture.encoding].precision if capture.encoding in _codecs else Precision()
     if "half_floats" in capture.provenance:
         unit_m, along_ray = numbers("half_floats", capture.provenance["half_floats"], (2,)).tolist()
-        of_codec = _of_halves(number("half_floats", unit_m, above=0), bool(along_ray))
+        known = _of_halves(number("half_floats", unit_m, above=0), bool(along_ray))
     elif capture.encoding in ("npy", NEAR_MIDDLE) and _holds_halves(capture.payload):
-        of_codec = _of_halves(1.0, False)._replace(middle_px=of_codec.middle_px)
+        known = _of_halves(1.0, False)._replace(middle_px=known.middle_px)
     if "depth_error" not in capture.provenance:
-        return of_codec
+        return known
     off_m, share = numbers("depth_error", capture.provenance["depth_error"], (2,)).tolist()
     if min(off_m, share) < 0:
-        got = f"{off_m:g}, {share:g}"
-        raise ArgumentError(f"depth_error: expected metres and a share of 0 or more, got {got}")
-    return of_codec._replace(off_m=of_codec.off_m + off_m, share=of_codec.share + share)
+        actual = f"{off_m:g}, {share:g}"
+        raise ArgumentError(f"depth_error: expected metres and a share of 0 or more, got {actual}")
+    return known._replace(off_m=known.off_m + off_m, share=known.share + share)
 
 
 def _of_halves(unit_m: float, along_ray: bool) -> Precision:
@@ -96,12 +106,22 @@ def error_of(capture: Capture) -> NDArray[np.float32] | None:
 def decode(payload: bytes, encoding: str, mode: str, view: View) -> NDArray[Any]:
     """Return the pixels of a capture, read-only, as :class:`omniscv.sources.base.Capture` describes them.
 
-    Raises BadReplyError if the bytes as received are not what the encoding, the mode and the view say.
+    Args:
+        payload: the bytes as received.
+        encoding: the name of their codec.
+        mode: what the capture is of.
+        view: what was captured.
+
+    Raises:
+        BadReplyError: the payload is not what the encoding, the mode and the view say.
     """
     codec = _codecs.get(encoding)
-    if codec is None or not (codec.modes is None or mode in codec.modes):
-        known = ", ".join(name for name, row in _codecs.items() if row.modes is None or mode in row.modes)
-        raise BadReplyError(f"encoding of {mode}: expected one of {known}; got {shown(encoding)}")
+    if codec is None or not codec.encodes(mode):
+        known = []
+        for name, other in _codecs.items():
+            if other.encodes(mode):
+                known.append(name)
+        raise BadReplyError(f"encoding of {mode}: expected one of {', '.join(known)}; got {shown(encoding)}")
     pixels = codec.decoder(payload, mode, view)
     pixels.flags.writeable = False
     return pixels
@@ -123,8 +143,8 @@ def payload_of(capture: Capture) -> tuple[bytes, str]:
     if not (ids or row.fits(pixels)) or pixels.shape[:2] != size:
         shape = (*size, row.channels) if row.channels else size
         dtypes = " or ".join(row.dtypes)
-        got = f"{pixels.dtype}, shape {pixels.shape}"
-        raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {got}")
+        actual = f"{pixels.dtype}, shape {pixels.shape}"
+        raise BadReplyError(f"expected {row.name} of {dtypes}, shape {shape}; got {actual}")
     if capture.payload is not None and capture.encoding in encodings():
         return bytes(capture.payload), capture.encoding
     if row.interpolation == "surface":
@@ -145,33 +165,38 @@ def picture_size(payload: bytes) -> tuple[int, int]:
 
 
 def check_png(payload: bytes, view: View) -> None:
-    """Raise BadReplyError unless the header is that of a PNG of the view's size."""
+    """Raise BadReplyError unless the header of ``payload`` is that of a PNG of the view's size."""
     bits = png.header(payload).bits
-    (width, height) = picture_size(payload)
+    width, height = picture_size(payload)
     if (width, height) != (view.width, view.height):
-        wanted = f"{view.width} x {view.height}"
-        got = f"{bits}-bit {width} x {height}"
-        raise BadReplyError(f"expected a PNG of {wanted}, got {got}")
+        expected = f"{view.width} x {view.height}"
+        actual = f"{bits}-bit {width} x {height}"
+        raise BadReplyError(f"expected a PNG of {expected}, got {actual}")
 
 
 def decode_png(payload: bytes, view: View) -> NDArray[np.uint8]:
-    """Return (H, W, 3) RGB; the header is checked first, so that no larger picture is decoded."""
+    """Return (H, W, 3) RGB of ``payload``, a PNG of the size of ``view``.
+
+    The header is checked first, so that no larger picture is decoded.
+    """
     import cv2
 
     check_png(payload, view)
     pixels = png.decode(payload)
-    to_rgb = {1: cv2.COLOR_GRAY2RGB, 2: cv2.COLOR_GRAY2RGB, 4: cv2.COLOR_RGBA2RGB}
-    if (channels := pixels.shape[2]) == 3:
+    channels = pixels.shape[2]
+    if channels == 3:
         return np.ascontiguousarray(pixels)
-    return np.asarray(cv2.cvtColor(pixels[..., :1] if channels == 2 else pixels, to_rgb[channels]))
+    if channels == 4:
+        return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGBA2RGB))
+    return np.asarray(cv2.cvtColor(pixels[..., :1], cv2.COLOR_GRAY2RGB))
 
 
 def decode_npy(payload: bytes, view: View) -> NDArray[Any]:
     """Return the payload as a read-only array of the view's size, any channels; it is never unpickled."""
     array = npy.decode(payload)
     if array.shape[:2] != (view.height, view.width):
-        got = f"{array.dtype} {array.shape}"
-        raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {got}")
+        actual = f"{array.dtype} {array.shape}"
+        raise BadReplyError(f"expected NPY of {view.height} rows, {view.width} columns, got {actual}")
     return array
 
 
@@ -184,7 +209,12 @@ def no_surface(stored: NDArray[Any], missing: Sequence[float] = (), per_m: float
     whole numbers           the largest of their type, if ``missing`` names none
     ======================  ==================================================================================
 
-    ``per_m`` numbers are a metre. In mm, more than 65504 are taken as they are.
+    In mm, more than 65504 are taken as they are.
+
+    Args:
+        stored: the numbers, of any shape.
+        missing: further numbers that stand for no surface.
+        per_m: how many of them are a metre.
     """
     is_float = stored.dtype.kind == "f"
     none = (stored == 0) | np.isin(stored, np.array(missing, stored.dtype if is_float else np.float64))

@@ -59,15 +59,17 @@ def described(addresses: Sequence[str]) -> dict[str, Any]:
     Hosts, ports and folders are left out, and options by which no picture changes. A recording has no name:
     it may be moved.
     """
-    parts = [_described(address) for address in addresses]
-    return parts[0] if all(part == parts[0] for part in parts) else {"replicas": parts}
+    replicas = [_described(address) for address in addresses]
+    if replicas == [replicas[0]] * len(replicas):
+        return replicas[0]
+    return {"replicas": replicas}
 
 
 def _described(address: str) -> dict[str, Any]:
     scheme = scheme_of(address)
     if scheme is None or scheme in storage.SCHEMES:
         return {"scheme": "recording"}
-    rest, _, query = address.removeprefix(f"{scheme}:").partition("?")
+    path, _, query = address.removeprefix(f"{scheme}:").partition("?")
     options: dict[str, Any] = {}
     for key, text in parse_qsl(query, keep_blank_values=True):
         is_fault = key == "fault" and text.partition("@")[0].partition("=")[0] in _TRANSPORT_FAULTS
@@ -75,7 +77,7 @@ def _described(address: str) -> dict[str, Any]:
             options.setdefault(key, []).append(text)
     described: dict[str, Any] = {"scheme": "unreal" if scheme in _LIVE else scheme}
     if scheme in _NAMED:
-        described["name"] = PurePath(rest.removeprefix("//")).name
+        described["name"] = PurePath(path.removeprefix("//")).name
     if options:
         described["options"] = {key: options[key] for key in sorted(options)}
     return described
@@ -83,4 +85,4 @@ def _described(address: str) -> dict[str, Any]:
 
 def without_delivery(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a source by which pictures change."""
-    return {key: value for key, value in sorted(options.items()) if key not in DELIVERY}
+    return {key: options[key] for key in sorted(options) if key not in DELIVERY}

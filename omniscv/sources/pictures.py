@@ -91,13 +91,12 @@ def from_faces(
             raise ArgumentError(f"{mode}: expected faces {', '.join(NAMES)}; got {shown(', '.join(named))}")
         arrays: dict[str, NDArray[Any]] = {name: np.asarray(named[name]) for name in NAMES}
         kinds = {(array.shape, array.dtype.name) for array in arrays.values()}
-        edges = {shape[:2] for shape, _ in kinds}
-        if len(kinds) > 1 or len(set(*edges)) > 1 or not all(map(row.fits, arrays.values())):
-            wanted = f"six square faces of one size, {' or '.join(row.dtypes)}"
-            raise ArgumentError(f"{mode}: expected {wanted}, got {shown(sorted(kinds))}")
+        shape = arrays[NAMES[0]].shape
+        if len(kinds) > 1 or shape[:1] != shape[1:2] or not all(map(row.fits, arrays.values())):
+            expected = f"six square faces of one size, {' or '.join(row.dtypes)}"
+            raise ArgumentError(f"{mode}: expected {expected}, got {shown(sorted(kinds))}")
         for name, R_w_c in cube_rotations():
-            edge = arrays[name].shape[0]
-            view = View(Pose(center_w, turn_w @ R_w_c), fov_deg, edge, edge)
+            view = View(Pose(center_w, turn_w @ R_w_c), fov_deg, shape[0], shape[0])
             captures.append(Capture(Request(view, row.name), view, arrays[name]))
     return PictureSource(captures, objects, transfer)
 
@@ -112,11 +111,14 @@ class DepthForm(NamedTuple):
 
     @classmethod
     def parse(cls, text: str, missing: tuple[float, ...] = ()) -> DepthForm:
-        """Return the form of ``KIND-UNIT``, such as ``planar-mm`` or ``ray-1/512``, or of a packed one."""
+        """Return the form that ``text`` names: ``KIND-UNIT``, as ``planar-mm`` or ``ray-1/512``, or packed.
+
+        ``missing`` are further numbers that stand for no surface.
+        """
         if text in PACKED:
             return cls(False, 1.0, PACKED[text], missing)
-        (kind, _, unit) = text.partition("-")
-        (above, _, below) = text.partition("-")[2].partition("/")
+        kind, _, unit = text.partition("-")
+        above, _, below = unit.partition("/")
         per_m = PER_M.get(unit, 0.0)
         if below:
             per_m = number("depth", below, above=0) / number("depth", above, above=0)
@@ -189,7 +191,8 @@ def read_picture(
     with within(file.name):
         if kind == "normals":
             raise ArgumentError("expected colours, depth or masks, got normals, whose frame is not known")
-        form = form or DepthForm()
+        if form is None:
+            form = DepthForm()
         if kind == "depth" and form.encoding:
             return _packed_depth(file, form.encoding)
         pixels, payload, tags, lines = foreign.read(file, kind)
@@ -198,18 +201,13 @@ def read_picture(
         if kind == "lit":
             if pixels.dtype.kind == "f" or not as_codes:
                 pixels, line = tagged_colors.converted(pixels, tags)
-                payload = payload if not line else b""
-                lines += (line,) if line else ()
+                if line:
+                    payload = b""
+                    lines += (line,)
             return _colors(pixels, payload, clip)._replace(lines=lines)
         if pixels.dtype.kind == "f" and file.suffix.lower() == ".exr":
             pixels = _whole(pixels)  # which has no whole numbers of 8 or 16 bits
-        if pixels.dtype.kind == "i":
-            pixels = np.where(pixels == -1, _NO_ID, pixels.astype(np.int64))
-        if pixels.shape[2] == 1:
-            ids = _fitting(pixels[..., 0], np.uint16, "whole numbers")
-            return Picture(ids, payload, "png ids" if payload else "")
-        colors = _fitting(pixels, np.uint8, "grey ids, or 8-bit colours")
-        return Picture(colors, payload, "png" if payload else "")
+        return _mask(pixels, payload)
 
 
 def as_8_bits(pixels: Pixels) -> Pixels:
@@ -222,16 +220,29 @@ def _colors(pixels: Pixels, payload: bytes, clip: bool) -> Picture:
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32, copy=False)
         low = ~(pixels >= 0)
-        wrong = np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT)))
+        wrong = int(np.count_nonzero(~((pixels >= 0) & (pixels <= _MOST_LIGHT))))
         if wrong and not (clip and (pixels[~low] <= _MOST_LIGHT).all()):
-            got = f"{wrong} of {pixels.size} other values; --clip takes negative and NaN as 0"
-            raise ArgumentError(f"expected light of 0 to {_MOST_LIGHT:g}, got {got}")
-        pixels, clipped = (np.where(low, np.float32(0), pixels), int(wrong)) if wrong else (pixels, 0)
+            actual = f"{wrong} of {pixels.size} other values; --clip takes negative and NaN as 0"
+            raise ArgumentError(f"expected light of 0 to {_MOST_LIGHT:g}, got {actual}")
+        if wrong:
+            pixels = np.where(low, np.float32(0), pixels)
+            clipped = wrong
     elif pixels.dtype != np.uint16:
         pixels = _fitting(pixels, np.uint8, "uint8, uint16 or floats")
     encoding = "png" if payload and pixels.dtype == np.uint8 else ""
     colors = np.repeat(pixels, 3, axis=-1) if pixels.shape[2] == 1 else pixels
     return Picture(colors, payload, encoding, clipped=clipped)
+
+
+def _mask(pixels: Pixels, payload: bytes) -> Picture:
+    """Return a mask of (H, W, C) whole numbers: ids of one channel, or colours of three."""
+    if pixels.dtype.kind == "i":
+        pixels = np.where(pixels == -1, _NO_ID, pixels.astype(np.int64))
+    if pixels.shape[2] == 1:
+        ids = _fitting(pixels[..., 0], np.uint16, "whole numbers")
+        return Picture(ids, payload, "png ids" if payload else "")
+    colors = _fitting(pixels, np.uint8, "grey ids, or 8-bit colours")
+    return Picture(colors, payload, "png" if payload else "")
 
 
 def _packed_depth(file: Path, encoding: str) -> Picture:
@@ -246,41 +257,57 @@ def _packed_depth(file: Path, encoding: str) -> Picture:
 
 
 def _depth(pixels: Pixels, payload: bytes, form: DepthForm) -> Picture:
-    from omniscv.sources.codecs import encodings, no_surface
+    """Return depth of (H, W, C) numbers that a file holds; all channels must be equal."""
+    from omniscv.sources.codecs import no_surface
 
-    stored = pixels[..., 0]
-    whole = pixels.dtype.kind != "f"
-    per_m = form.per_m or 1.0
     grey = np.repeat(pixels[..., :1], pixels.shape[2], axis=2)
-    if not np.array_equal(pixels, grey, equal_nan=not whole) or stored.dtype == np.uint8:
-        got = f"{pixels.dtype} colours, which are no metres"
-        raise ArgumentError(f"expected floats or 16 bits a pixel, got {got}")
-    if whole and not form.per_m:
+    is_float = pixels.dtype.kind == "f"
+    if not np.array_equal(pixels, grey, equal_nan=is_float) or pixels.dtype == np.uint8:
+        actual = f"{pixels.dtype} colours, which are no metres"
+        raise ArgumentError(f"expected floats or 16 bits a pixel, got {actual}")
+    if not is_float and not form.per_m:
         raise ArgumentError("expected the unit of whole numbers, such as --depth planar-mm, got none")
-    half_m = 1 / per_m if stored.dtype == np.float16 else 0.0
-    stored = _fitting(stored, np.uint32, "floats or whole numbers") if whole else stored.astype(np.float32)
+    per_m = form.per_m or 1.0
+    if is_float:
+        stored = pixels[..., 0].astype(np.float32)
+        metres = np.asarray(stored * (1 / per_m), np.float32)
+    else:
+        stored = _fitting(pixels[..., 0], np.uint32, "floats or whole numbers")
+        metres = np.asarray(stored / per_m, np.float32)
     none = no_surface(pixels[..., 0], form.missing, per_m)
-    metres = np.asarray(stored / per_m if whole else stored * (1 / per_m), np.float32)
     wrong = ((metres < 0) | (metres > _MOST_M)) & ~none
     if count := np.count_nonzero(wrong):
         advice = f"if that is no surface, --missing {stored[wrong][0]:.9g}"
-        got = f"{count} of {wrong.size} values such as {metres[wrong][0]:.6g} m"
-        raise ArgumentError(f"expected 0 to {_MOST_M:g} m, got {got}; {advice}")
-    received = f"png uint16 {per_m:g}" if whole and payload and not form.ray and pixels.shape[2] == 1 else ""
-    none_of_codec = (stored == 0) | (stored == 0xFFFF)
-    as_received = received in encodings() and np.array_equal(none, none_of_codec)
-    clipped = np.count_nonzero(none & (stored != 0)) if whole and not form.missing else 0
+        actual = f"{count} of {wrong.size} values such as {metres[wrong][0]:.6g} m"
+        raise ArgumentError(f"expected 0 to {_MOST_M:g} m, got {actual}; {advice}")
     known = np.where(none, np.float32(np.inf), metres)
-    encoding = received if as_received else ""
-    return Picture(known, payload, encoding, whole / per_m, int(clipped), half_m=half_m)
+    if is_float:
+        half_m = 1 / per_m if pixels.dtype == np.float16 else 0.0
+        return Picture(known, payload, half_m=half_m)
+    clipped = 0 if form.missing else int(np.count_nonzero(none & (stored != 0)))
+    encoding = ""
+    if payload and not form.ray and pixels.shape[2] == 1:
+        encoding = _whole_encoding(stored, none, per_m)
+    return Picture(known, payload, encoding, 1 / per_m, clipped)
+
+
+def _whole_encoding(stored: Pixels, none: NDArray[np.bool_], per_m: float) -> str:
+    """Return the codec that decodes a PNG of whole numbers to the same depth; empty if there is none."""
+    from omniscv.sources.codecs import encodings
+
+    encoding = f"png uint16 {per_m:g}"
+    none_of_codec = (stored == 0) | (stored == 0xFFFF)
+    if encoding in encodings() and np.array_equal(none, none_of_codec):
+        return encoding
+    return ""
 
 
 def _whole(pixels: Pixels) -> Pixels:
     """Return floats that are whole numbers as such; ArgumentError for others."""
     wrong = ~(pixels == np.round(pixels))
     if wrong.any():
-        got = f"{np.count_nonzero(wrong)} of {pixels.size} others such as {pixels[wrong][0]:g}"
-        raise ArgumentError(f"expected ids that are whole numbers, without anti-aliasing, got {got}")
+        actual = f"{np.count_nonzero(wrong)} of {pixels.size} others such as {pixels[wrong][0]:g}"
+        raise ArgumentError(f"expected ids that are whole numbers, without anti-aliasing, got {actual}")
     return np.clip(pixels.astype(np.float64), -1, 2.0**31 - 1).astype(np.int64)
 
 
@@ -288,6 +315,6 @@ def _fitting(pixels: Pixels, dtype: type[np.integer[Any]], expected: str) -> Pix
     """Return whole numbers as another type, if all fit."""
     limit = int(np.iinfo(dtype).max)
     if pixels.dtype.kind not in "iu" or pixels.min() < 0 or pixels.max() > limit:
-        got = f"{pixels.dtype} of {pixels.min()} to {pixels.max()}"
-        raise ArgumentError(f"expected {expected} of 0 to {limit}, got {got}")
+        actual = f"{pixels.dtype} of {pixels.min()} to {pixels.max()}"
+        raise ArgumentError(f"expected {expected} of 0 to {limit}, got {actual}")
     return pixels.astype(dtype, copy=False)

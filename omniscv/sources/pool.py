@@ -105,8 +105,8 @@ class SourcePool(SourceWrapper):
     def command(self, text: str) -> str:
         """Send a command to every working replica, and return the first one's reply."""
         self._check_working()
-        first, *_ = [replica.command(text) for replica in self._working]
-        return first
+        replies = [replica.command(text) for replica in self._working]
+        return replies[0]
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`; the fault of the last replica is raised when all have failed."""
@@ -149,7 +149,8 @@ class SourcePool(SourceWrapper):
             most = max(1, min(_BATCH, _BATCH_PX // (first.view.width * first.view.height)))
             block = [first, *islice(requests, most * replicas - 1)]
             size = -(-len(block) // replicas)
-            yield from (block[start : start + size] for start in range(0, len(block), size))
+            for start in range(0, len(block), size):
+                yield block[start : start + size]
 
     def _capture_batch(self, requests: list[Request], idle: SimpleQueue[Source]) -> list[Capture]:
         """Capture requests on an idle replica; after its fault, the rest on the next one."""
@@ -181,11 +182,14 @@ class SourcePool(SourceWrapper):
 
     @cached_property
     def _recorded_views(self) -> tuple[View, ...] | None:
-        views = [source.recorded_views() for source in self._sources]
-        if None in views:
-            return None
-        common = set.intersection(*(set(recorded or ()) for recorded in views))
-        return tuple(view for view in views[0] or () if view in common)
+        recorded: list[tuple[View, ...]] = []
+        for source in self._sources:
+            views = source.recorded_views()
+            if views is None:
+                return None
+            recorded.append(views)
+        common = set.intersection(*map(set, recorded))
+        return tuple(view for view in recorded[0] if view in common)
 
     @property
     def _source(self) -> Source:  # type: ignore[override]
@@ -211,11 +215,11 @@ def _same_in_all(values: Sequence[T]) -> T:
     first, *others = values
     for number, value in enumerate(others, start=2):
         for field in fields(first):
-            a = getattr(first, field.name)
-            b = getattr(value, field.name)
-            if a != b:
+            first_part = getattr(first, field.name)
+            part = getattr(value, field.name)
+            if first_part != part:
                 fault = f"source {number} differs from source 1 in {field.name}"
-                both = f"{_excerpt(b, a)} against {_excerpt(a, b)}"
+                both = f"{_excerpt(part, first_part)} against {_excerpt(first_part, part)}"
                 raise ArgumentError(f"sources: expected replicas of one scene, but {fault}: {both}")
     return first
 
@@ -224,5 +228,8 @@ def _excerpt(value: Any, other: Any) -> str:
     """Return a value in a few words; for a table, the first entry that is not in another table."""
     if not isinstance(value, dict):
         return shown(value)
-    apart = sorted(set(value.items()) - set(other.items()))
-    return "{}: {}".format(*map(shown, apart[0])) if apart else "nothing more"
+    differences = sorted(set(value.items()) - set(other.items()))
+    if not differences:
+        return "nothing more"
+    name, entry = differences[0]
+    return f"{shown(name)}: {shown(entry)}"

@@ -17,13 +17,14 @@ from mock_server.scene import Hits, NotShownError, Poses, ViewHits
 from omniscv.errors import RecordingError
 from omniscv.geometry import Array, Pose
 from omniscv.sources.base import Request, View
+from omniscv.sources.recorded_views import Shape
 from omniscv.sources.recording import inspection
 from omniscv.sources.recording.replay import RecordedSource
 
-# positions, entries of rotations, fields of view
-_SAME_M = 1e-3
-_SAME = 1e-3
-_SAME_DEG = 1e-3
+# By how much two views may differ that count as one:
+_SAME_M = 1e-3  # positions
+_SAME = 1e-3  # entries of rotations
+_SAME_DEG = 1e-3  # fields of view
 
 
 class RecordedScene:
@@ -46,10 +47,14 @@ class RecordedScene:
     def settings(self) -> dict[str, Any]:
         """Return settings of a server as it was recorded: dialect, and the size and field of view of most
         views."""
-        dialects = [name for name in inspection.info(self._path).dialects if name in DIALECTS]
-        views = Counter((v.width, v.height, round(v.fov_deg, 6)) for v in self._source.recorded_views())
-        (width, height, fov_deg), _ = views.most_common(1)[0]
-        return {"dialect": (dialects or ["N3"])[0], "size": (width, height), "fov_deg": fov_deg}
+        dialect = "N3"
+        for name in inspection.info(self._path).dialects:
+            if name in DIALECTS:
+                dialect = name
+                break
+        shapes = Counter(map(Shape.of, self._source.recorded_views()))
+        (width, height, fov_deg), _ = shapes.most_common(1)[0]
+        return {"dialect": dialect, "size": (width, height), "fov_deg": fov_deg}
 
     def label(self, name: str) -> int:
         return 1 + self.objects.index(name)
@@ -67,15 +72,19 @@ class RecordedScene:
         return self._boxes[name].corners_w() if name in self._boxes else np.zeros((8, 3))
 
     def at(self, time_s: float, poses: Poses | None = None) -> Self:
+        """Return the scene as it is: what was recorded is the same at any ``time_s``, whatever ``poses``."""
         return self
 
     def trace(self, origins: Any, directions: Any, hidden: Iterable[str] = frozenset()) -> Hits:
+        """Raise NotShownError: no rays are recorded, whatever ``origins``, ``directions`` and ``hidden``."""
         raise NotShownError("expected pictures of the recording, got a ray")
 
     def joined(self, name: str, description: object) -> Self:
+        """Raise NotShownError: an object ``name`` of a ``description`` was not recorded."""
         raise NotShownError(f"expected the objects of the recording, got {name}")
 
     def scaled(self, name: str, factors: object) -> Self:
+        """Raise NotShownError: the object ``name`` was not recorded scaled by ``factors``."""
         raise NotShownError(f"expected objects as they were recorded, got {name} with another scale")
 
     def view(
@@ -86,22 +95,36 @@ class RecordedScene:
         hidden: Iterable[str] = frozenset(),
         near_m: float = 0.0,
     ) -> ViewHits:
-        """Return what was recorded of what ``mock_server.Scene.view`` traces, read when it is needed."""
+        """Return what was recorded of what ``mock_server.Scene.view`` traces, read when it is needed.
+
+        Args:
+            center: (3,) the optical centre, metres, world frame.
+            rays: (H, W, 3) unit directions, world frame.
+            length: (H, W) of the rays per metre of depth.
+            hidden: must be empty: NotShownError otherwise.
+            near_m: without effect: what was recorded stays.
+        """
         if hidden := sorted(hidden):
             raise NotShownError(f"expected all objects, as they were recorded, got {hidden[0]} hidden")
-        (height, width) = length.shape
+        height, width = length.shape
         points = rays * length[..., None]
         across = (points[0, -1] - points[0, 0]) / max(width - 1, 1)
         down = (points[-1, 0] - points[0, 0]) / max(height - 1, 1)
-        x, y = (step / np.linalg.norm(step) for step in (across, down))
+        x = across / np.linalg.norm(across)
+        y = down / np.linalg.norm(down)
+        R_w_c = np.stack([x, y, np.cross(x, y)], axis=1)
         fov_deg = 2 * np.degrees(np.arctan(np.linalg.norm(across) * width / 2))
-        asked = View(Pose(center, np.stack([x, y, np.cross(x, y)], axis=1)), float(fov_deg), width, height)
-        return cast(ViewHits, _RecordedView(asked, self._pixels, length))
+        requested = View(Pose(center, R_w_c), float(fov_deg), width, height)
+        return cast(ViewHits, _RecordedView(requested, self._pixels, length))
 
-    def _pixels(self, asked: View, mode: str) -> NDArray[Any]:
+    def _pixels(self, requested: View, mode: str) -> NDArray[Any]:
         """Return the pixels of a recorded view; NotShownError, with the nearest one, if there is none."""
-        views = (view for view in self._source.recorded_in(mode) if _is_same(view, asked))
-        request = Request(next(views, asked), mode, self._source.state)
+        recorded = requested
+        for view in self._source.recorded_in(mode):
+            if _is_same(view, requested):
+                recorded = view
+                break
+        request = Request(recorded, mode, self._source.state)
         try:
             (capture,) = self._source.capture([request])
         except RecordingError as cause:
@@ -112,14 +135,14 @@ class RecordedScene:
 class _RecordedView:
     """A recorded view in the place of ``mock_server.scene.ViewHits``: arrays by its names."""
 
-    def __init__(self, asked: View, pixels: Callable[[View, str], NDArray[Any]], length: Array) -> None:
-        self._asked = asked
+    def __init__(self, view: View, pixels: Callable[[View, str], NDArray[Any]], length: Array) -> None:
+        self._view = view
         self._pixels = pixels
         self._length = length
 
     @cached_property
     def depth(self) -> Array:
-        return self._pixels(self._asked, "depth").astype(np.float64)
+        return self._pixels(self._view, "depth").astype(np.float64)
 
     @property
     def distance(self) -> Array:
@@ -127,23 +150,23 @@ class _RecordedView:
 
     @cached_property
     def normal(self) -> Array:
-        return self._pixels(self._asked, "normals").astype(np.float64)
+        return self._pixels(self._view, "normals").astype(np.float64)
 
     @cached_property
     def codes(self) -> NDArray[np.uint8]:
-        lit = self._pixels(self._asked, "lit")
+        lit = self._pixels(self._view, "lit")
         return lit if lit.dtype == np.uint8 else np.round(255 * lit.clip(0, 1)).astype(np.uint8)
 
     @cached_property
     def mask(self) -> NDArray[np.uint8]:
-        return self._pixels(self._asked, "object_mask")
+        return self._pixels(self._view, "object_mask")
 
 
-def _is_same(view: View, asked: View) -> bool:
+def _is_same(view: View, other: View) -> bool:
     """Return whether two views differ by no more than the digits of commands."""
     return (
-        (view.width, view.height) == (asked.width, asked.height)
-        and abs(view.fov_deg - asked.fov_deg) < _SAME_DEG
-        and bool((np.abs(view.pose.position - asked.pose.position) < _SAME_M).all())
-        and bool((np.abs(view.pose.R_w_c - asked.pose.R_w_c) < _SAME).all())
+        (view.width, view.height) == (other.width, other.height)
+        and abs(view.fov_deg - other.fov_deg) < _SAME_DEG
+        and bool((np.abs(view.pose.position - other.pose.position) < _SAME_M).all())
+        and bool((np.abs(view.pose.R_w_c - other.pose.R_w_c) < _SAME).all())
     )

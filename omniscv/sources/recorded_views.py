@@ -2,7 +2,7 @@
 view at a centre that serves each ray best."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -42,6 +42,10 @@ class Shape(NamedTuple):
         """Return the shape with ``factor`` times as many pixels each way."""
         return self._replace(width=factor * self.width, height=factor * self.height)
 
+    def coarser(self, factor: int) -> "Shape":
+        """Return the shape with a ``factor`` fewer pixels each way, rounded down."""
+        return self._replace(width=self.width // factor, height=self.height // factor)
+
     def finer(self) -> "Shape":
         """Return the shape of views that ``checks: beat`` compares with those of this one; they show at least
         as much."""
@@ -64,6 +68,10 @@ class _Cube:
         """Whether it is aligned with the world."""
         return bool(np.abs(self.R_w_d - np.eye(3)).max() < _SAME)
 
+    def is_whole(self) -> bool:
+        """Return whether all six faces are recorded in one shape."""
+        return any(len(faces) == len(_AXES) for faces in self.faces.values())
+
     def add(self, view: View) -> bool:
         """Add a view if it is a face; return whether it is."""
         off = np.abs(_AXES - view.pose.R_w_c[:, 2] @ self.R_w_d).max(axis=1)
@@ -74,12 +82,17 @@ class _Cube:
         return is_face
 
     def coarse_shapes(self, requested: Shape, truth_scale: int) -> list[Shape]:
-        """Return the shapes in which colours can be had."""
+        """Return the shapes in which colours can be had.
+
+        The ``requested`` one alone, if its faces or those of ground truth, ``truth_scale`` times as fine, are
+        recorded; else those that are recorded both ways; else those whose ground truth is recorded.
+        """
         if requested in self.faces or requested.scaled(truth_scale) in self.faces:
             return [requested]
         twice = [shape for shape in self.faces if shape.scaled(truth_scale) in self.faces]
-        once = [Shape(w // truth_scale, h // truth_scale, fov_deg) for w, h, fov_deg in self.faces]
-        return twice or once
+        if twice:
+            return twice
+        return [shape.coarser(truth_scale) for shape in self.faces]
 
 
 class RecordedViews:
@@ -88,7 +101,7 @@ class RecordedViews:
     def __init__(self, views: Sequence[View], of_mode: Callable[[str], Sequence[View]] | None = None) -> None:
         self.views = views
         self._of_mode = of_mode
-        self._held = frozenset(views)
+        self._recorded = frozenset(views)
         self._at: dict[Position, list[View]] = defaultdict(list)
         for view, position in zip(views, _positions([view.pose.t_w_c for view in views]), strict=True):
             self._at[position].append(view)
@@ -96,15 +109,11 @@ class RecordedViews:
 
     def hold(self, views: Iterable[View]) -> bool:
         """Return whether all of these views are recorded."""
-        return self._held.issuperset(views)
+        return self._recorded.issuperset(views)
 
     def centers(self) -> tuple[Position, ...]:
         """Return the centres (x, y, z), metres, at which all faces are recorded, in their order."""
-        return tuple(
-            at
-            for at in self._at
-            if any(len(faces) == len(_AXES) for cube in self._cubes_at(at) for faces in cube.faces.values())
-        )
+        return tuple(center for center in self._at if any(map(_Cube.is_whole, self._cubes_at(center))))
 
     def faces(self, center_w: Array, six: Sequence[View], truth_scale: int = 1) -> tuple[View, ...]:
         """Return the six views at a centre: the given ones if recorded, else the fullest, finest cube.
@@ -129,24 +138,25 @@ class RecordedViews:
                     continue
                 twice = truth_scale > 1 and shape in cube.faces
                 compared = shape.scaled(truth_scale).finer() in cube.faces
-                rank = shape == requested and cube.aligned, compared, int(twice), len(recorded), shape.width
+                is_requested = shape == requested and cube.aligned
+                rank = (is_requested, compared, int(twice), len(recorded), shape.width)
                 if rank > most:
                     most = rank
-                    best = tuple(
-                        replace(recorded.get(face, view), width=shape.width, height=shape.height)
-                        for face, view in enumerate(six)
-                    )
+                    best = _shaped(six, recorded, shape)
         return best
 
     def at(self, center_w: Array, mode: str) -> tuple[View, ...]:
-        """Return the views in a mode at the recorded centre that is nearest to a position (3,); none if it is
-        farther away than a millimetre."""
+        """Return the views in a ``mode`` at the recorded centre that is nearest to ``center_w``.
+
+        ``center_w`` is (3,) metres, world frame. There are none if no centre is within a millimetre.
+        """
         centers = np.array(list(self._at)).reshape(-1, 3)
         away = np.linalg.norm(centers - center_w, axis=-1)
         if not len(away) or away.min() > _SAME_CENTER_M:
             return ()
-        in_mode = self._held if self._of_mode is None else frozenset(self._of_mode(mode))
-        return tuple(view for view in self._at[tuple(centers[away.argmin()])] if view in in_mode)
+        in_mode = self._recorded if self._of_mode is None else frozenset(self._of_mode(mode))
+        nearest = tuple(centers[away.argmin()])
+        return tuple(view for view in self._at[nearest] if view in in_mode)
 
     def _cubes_at(self, at: Position) -> list[_Cube]:
         """The cubes at a position, of views that see 90 degrees both ways."""
@@ -165,9 +175,14 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
     """Return the view that serves each ray from the views' centre, and how far within it the ray lies.
 
     It is the one with the most px per radian there, among those that also see the support of filters around
-    the ray, else among those that see the ray; of equal ones the first. For directions (N, 3), world frame,
-    of any length: (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's
-    edge.
+    the ray, else among those that see the ray; of equal ones the first.
+
+    Args:
+        views: at one centre.
+        directions_w: (N, 3) of the rays, world frame, of any length.
+
+    Returns:
+        (N,) index of the view, -1 where none sees the ray; (N,) px from the ray to the view's edge.
     """
     index = np.full(len(directions_w), -1)
     edge_px = np.full(len(directions_w), -1.0)
@@ -187,6 +202,14 @@ def finest(views: Sequence[View], directions_w: Array) -> tuple[Ints, Array]:
         edge_px[better] = margin[better]
         most[better] = density[better]
     return index, edge_px
+
+
+def _shaped(six: Sequence[View], recorded: Mapping[int, View], shape: Shape) -> tuple[View, ...]:
+    """Return six faces, each as recorded or else as given, with the size of a shape."""
+    faces = []
+    for face, view in enumerate(six):
+        faces.append(replace(recorded.get(face, view), width=shape.width, height=shape.height))
+    return tuple(faces)
 
 
 def _positions(positions: Sequence[Array]) -> list[Position]:

@@ -160,8 +160,10 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
         raise ArgumentError(f"source: expected an address or the path of a recording, got {shown(uri)}")
     text = str(uri)
     scheme = scheme_of(text)
-    if scheme is None and (advice := advice_on(Path(text).name)) and not Path(text).exists():
-        raise ArgumentError(f"source: expected an address or a recording, got {shown(text)}{advice}")
+    if scheme is None:
+        advice = advice_on(Path(text).name)
+        if advice and not Path(text).exists():
+            raise ArgumentError(f"source: expected an address or a recording, got {shown(text)}{advice}")
     transfer = options.pop("transfer", None)
     opener = resolve_name(_RECORDING) if scheme is None else _opener(scheme, text)
     try:
@@ -169,9 +171,9 @@ def open_source(uri: str | Path, **options: Unpack[SourceOptions]) -> Source:
     except TypeError:
         known = list(inspect.signature(opener).parameters)[1:]
         expected = f"options among {', '.join(known)}" if known else "no options"
-        got = ", ".join(sorted(options))
+        actual = ", ".join(sorted(options))
         address = shown(storage.without_secrets(text))
-        raise ArgumentError(f"options: expected {expected} for {address}, got {got}") from None
+        raise ArgumentError(f"options: expected {expected} for {address}, got {actual}") from None
     if transfer is not None:
         one_of("transfer", transfer, TRANSFERS)
     source = opener(text, **options)
@@ -200,9 +202,13 @@ def split_address(
 ) -> tuple[str, dict[str, Any]]:
     """Return the part of an address behind its scheme, and the options behind its question mark.
 
-    ``readers`` parse the text of each option, and raise ValueError for a wrong one; the values of
-    ``repeatable`` ones are lists. Raises ArgumentError for an unknown option, one that is given twice, or a
-    value of another form.
+    Args:
+        address: such as ``scene://four-wall?lit=float32``.
+        readers: by option, a function that parses its text, and raises ValueError for a wrong one.
+        repeatable: options that may be given several times; their values are lists.
+
+    Raises:
+        ArgumentError: an unknown option, one that is given twice, or a value of another form.
     """
     path, _, query = address.partition("?")
     path = path.partition(":")[2].removeprefix("//")
@@ -242,8 +248,10 @@ def _opener(scheme: str, address: str) -> Opener:
                 expected = f"expected the entry point {entry.value!r} to be importable"
                 raise SourceError(f"{address}: {expected}, got: {cause}") from cause
     if opener is None:
-        others = (name for name in schemes() if name not in storage.SCHEMES)
-        forms = ", ".join(f"{name}:" if name == "launch" else f"{name}://" for name in others)
-        expected = f"expected {forms} or the path or URL of a recording"
+        forms = []
+        for name in schemes():
+            if name not in storage.SCHEMES:
+                forms.append(f"{name}:" if name == "launch" else f"{name}://")
+        expected = f"expected {', '.join(forms)} or the path or URL of a recording"
         raise ArgumentError(f"source: {expected}; got {shown(address)}")
     return resolve_name(opener) if isinstance(opener, str) else opener

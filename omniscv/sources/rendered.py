@@ -65,6 +65,7 @@ class Rendered(Source):
     def _check(self, request: Request) -> None:
         """Raise ArgumentError for a request of another state, or of a modality that is not rendered."""
         request.check_state(self.state, self._name)
-        if request.mode not in (modes := self.capabilities.modes):
+        modes = self.capabilities.modes
+        if request.mode not in modes:
             known = f"expected one of {', '.join(sorted(modes))} of {self.capabilities.dialect}"
             raise ArgumentError(f"mode: {known}, got {request.mode!r}")

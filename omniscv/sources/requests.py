@@ -206,11 +206,11 @@ class Capture:
 
 
 Held = Callable[[], Capture]
-"""Returns a held capture; called when it is delivered, so that no pixels are read too early."""
+"""Returns a capture that exists already. It is called at delivery, so that no pixels are read too early."""
 
-_MOST_HELD_IN_A_ROW = 24
-"""After as many held captures in a row, those that wait are delivered before more requests are read: a stream
-of requests is not read to its end before its first capture is delivered."""
+_MOST_KNOWN_IN_A_ROW = 24
+"""After so many requests in a row whose captures exist, those that wait are delivered before more requests
+are read: a stream of requests is not read to its end before its first capture is delivered."""
 
 
 def in_order(
@@ -220,34 +220,41 @@ def in_order(
 ) -> Iterator[Capture]:
     """Yield one capture per request, in the order of the requests.
 
-    ``requests`` are read lazily, by ``capture``, which makes those that are not held, in their order;
-    ``find`` returns the held capture of a request, None where a new one is needed, and is called once for
-    each when it is read. Raises SourceError if ``capture`` delivered too few.
+    Args:
+        requests: read lazily, by ``capture``.
+        find: returns what delivers the capture of a request that exists already, None where a new one is
+            needed; called once for each request, when it is read.
+        capture: makes the captures that do not exist, in their order.
+
+    Raises:
+        SourceError: ``capture`` delivered too few.
     """
     remaining = iter(requests)
     waiting: deque[Held | None] = deque()  # None stands for the next new capture
 
     def missing() -> Iterator[Request]:
-        held_in_a_row = 0
-        while held_in_a_row < _MOST_HELD_IN_A_ROW and (request := next(remaining, None)):
-            held = find(request)
-            waiting.append(held)
-            held_in_a_row = held_in_a_row + 1 if held else 0
-            if held is None:
+        known_in_a_row = 0
+        while known_in_a_row < _MOST_KNOWN_IN_A_ROW and (request := next(remaining, None)):
+            deliver = find(request)
+            waiting.append(deliver)
+            if deliver is None:
+                known_in_a_row = 0
                 yield request
+            else:
+                known_in_a_row += 1
 
     while True:
         for new in capture(missing()):
-            while held := waiting.popleft():
-                yield held()
+            while deliver := waiting.popleft():
+                yield deliver()
             yield new
         if not waiting:
             return
         while waiting:
-            held = waiting.popleft()
-            if held is None:
+            deliver = waiting.popleft()
+            if deliver is None:
                 raise SourceError("source: expected a capture for each request, got too few")
-            yield held()
+            yield deliver()
 
 
 Response = str | NDArray[np.float64]
@@ -255,14 +262,17 @@ Response = str | NDArray[np.float64]
 
 
 def exposures_of(request: Request, stops: Iterable[float]) -> list[Request]:
-    """Return one request of each exposure for a request of colours; any other request is returned alone."""
+    """Return a request of each of some ``stops`` for a ``request`` of colours; any other one alone."""
     if request.mode != "lit" or request.stops is not None:
         return [request]
     return [replace(request, stops=stop) for stop in stops]
 
 
 def merge_exposures(request: Request, captures: Sequence[Capture]) -> Capture:
-    """Return light, float32, of one view's captures at several exposures in 8 bits of known response."""
+    """Return light, float32, of one view's ``captures`` at several exposures in 8 bits of known response.
+
+    It is the capture for the ``request`` of colours whose exposures they are.
+    """
     from omniscv import light  # compiled; sources are imported without numba
 
     first = captures[0]
@@ -272,17 +282,20 @@ def merge_exposures(request: Request, captures: Sequence[Capture]) -> Capture:
     stops = [capture.request.stops or 0.0 for capture in captures]
     pixels = light.merge([capture.pixels for capture in captures], stops, response_of(first.provenance))
     pixels.flags.writeable = False
-    origin = {key: value for key, value in first.provenance.items() if key not in ("transfer", "response")}
-    return Capture(request, first.view, pixels, {**origin, "stops": stops})
+    provenance = dict(first.provenance)
+    provenance.pop("transfer", None)
+    provenance.pop("response", None)
+    provenance["stops"] = stops
+    return Capture(request, first.view, pixels, provenance)
 
 
 def response_of(provenance: Any) -> Response:
     """Return the response in a capture's provenance; ArgumentError if there is none."""
-    light = provenance.get("response")
-    if light is None:
+    recorded = provenance.get("response")
+    if recorded is None:
         known = [name for name in TRANSFERS if name != "unknown"]
         return str(one_of("transfer", provenance.get("transfer"), known))
-    response = numbers("response", light, (256,))
+    response = numbers("response", recorded, (256,))
     if response[0] < 0 or (np.diff(response) < 0).any():
-        raise ArgumentError(f"response: expected light that increases with its code, got {shown(light)}")
+        raise ArgumentError(f"response: expected light that increases with its code, got {shown(recorded)}")
     return response

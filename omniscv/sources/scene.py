@@ -93,12 +93,13 @@ class SceneSource(Source):
             if static := sorted(self._moved.keys() & scene.static):
                 raise ValueError(f"expected objects that can be moved, got {static[0]}, which is static")
             if self._moved:
-                poses = {name: (pose.rotation, pose.position) for name, pose in self._moved.items()}
+                poses = {}
+                for name, pose in self._moved.items():
+                    poses[name] = (pose.rotation, pose.position)
                 self.scene = self.scene.at(self.scene.time, poses)
         except ValueError as wrong:
             raise ArgumentError(f"scene {scene.name}: {wrong}") from wrong
-        # Removed by without(); with those that the instant hides:
-        self._without = frozenset(hidden)
+        self._without = frozenset(hidden)  # by without()
         self._hidden = instant.hidden.union(hidden, undrawn)
         self._capabilities = capabilities or _CAPABILITIES
         self._lit = lit
@@ -110,7 +111,8 @@ class SceneSource(Source):
         palette = np.array([(0, 0, 0), *(colors[name] for name in scene.objects)], np.uint8)
         self._mask_values = np.arange(len(palette), dtype=np.uint16) if masks == "ids" else palette
         self._pixels_of = lru_cache(cached_views)(lambda view: dict[str, NDArray[Any]]())
-        self._unpainted: tuple[dict[str, NDArray[Any]], list[Paint]] = {}, []  # the view that was traced last
+        self._unpainted: tuple[dict[str, NDArray[Any]], list[Paint]] = ({}, [])
+        """The pixels of the view that was traced last, by mode, and what makes its colours."""
         self._copy = partial(SceneSource, scene, capabilities, lit, masks, cached_views)
 
     @property
@@ -137,6 +139,7 @@ class SceneSource(Source):
             yield Capture(request, request.view, self._pixels(request), provenance)
 
     def trace(self, origins_w: Array, directions_w: Array) -> Traced:
+        """As :meth:`Source.trace`: from ``origins_w`` along ``directions_w``, past what is hidden."""
         self._check_open()
         hits = self.scene.trace(origins_w, directions_w, self._hidden)
         return Traced(hits.distance, hits.label.astype(np.uint16), hits.normal)
@@ -145,22 +148,31 @@ class SceneSource(Source):
         """Return the boxes of all objects, each turned as its object, and the room."""
         self._check_open()
         scene = self.scene
-        boxes = {name: ObjectBox.of(*scene.box(name), "scene") for name in scene.objects}
+        boxes = {}
+        for name in scene.objects:
+            center, axes, size = scene.box(name)
+            boxes[name] = ObjectBox.of(center, axes, size, "scene")
         return SceneGeometry(MappingProxyType(boxes), room_of(scene))
 
     def poses(self, objects: Collection[str] | None = None) -> dict[str, Pose]:
         """As :meth:`Source.poses`: of objects that move by themselves, and that the instant moves."""
         names = {*self.scene.moving, *self._moved} if objects is None else objects
-        poses = {name: self.scene.pose(name) for name in sorted(names)}
-        return {name: Pose(position, R_w_o) for name, (R_w_o, position) in poses.items()}
+        poses = {}
+        for name in sorted(names):
+            R_w_o, position = self.scene.pose(name)
+            poses[name] = Pose(position, R_w_o)
+        return poses
 
     def own_poses(self, time_s: float) -> Mapping[str, Pose]:
         with self.at(Instant(time=time_s)) as there:
             return there.poses()
 
     def variable(self, kind: str) -> dict[str, Mapping[str, int]]:
-        known = super().variable(kind)
-        return {name: STATIC_SETTINGS if name in self.scene.static else known[name] for name in known}
+        settings = dict(super().variable(kind))
+        for name in settings:
+            if name in self.scene.static:
+                settings[name] = STATIC_SETTINGS
+        return settings
 
     def without(self, objects: Iterable[str]) -> SceneSource:
         """As :meth:`Source.without`; both may be used at the same time."""
@@ -193,18 +205,20 @@ class SceneSource(Source):
         of a small view that was traced last, from its rays."""
         view = request.view
         pixels = self._pixels_of(request.view)
-        if request.mode not in pixels:
-            of, paints = self._unpainted
-            if of is pixels and request.mode == "lit":
-                made = {"lit": np.concatenate(side_by_side(lambda paint: self._codes(paint()), paints))}
-                self._unpainted = {}, []
-            else:
-                self.made += not pixels
-                made, paints = self._trace(view, colored=request.mode == "lit")
-                self._unpainted = (pixels, paints) if paints else ({}, [])
-            for mode, image in made.items():
-                image.flags.writeable = False
-                pixels.setdefault(mode, image)
+        if request.mode in pixels:
+            return pixels[request.mode]
+        traced_last, paints = self._unpainted
+        if traced_last is pixels and request.mode == "lit":
+            images = {"lit": np.concatenate(side_by_side(lambda paint: self._codes(paint()), paints))}
+            self._unpainted = ({}, [])
+        else:
+            if not pixels:
+                self.made += 1
+            images, paints = self._trace(view, colored=request.mode == "lit")
+            self._unpainted = (pixels, paints) if paints else ({}, [])
+        for mode, image in images.items():
+            image.flags.writeable = False
+            pixels.setdefault(mode, image)
         return pixels[request.mode]
 
     def _codes(self, color: Array) -> NDArray[Any]:
@@ -234,9 +248,14 @@ class SceneSource(Source):
                 pixels["lit"] = self._codes(hits.color)
             return pixels, hits.paint if kept else None
 
-        blocks = row_blocks(block, view.height, view.width, _BLOCK_PX)
-        modes = {mode: np.concatenate([pixels[mode] for pixels, _ in blocks]) for mode in blocks[0][0]}
-        return modes, [paint for _, paint in blocks if paint]
+        parts: dict[str, list[NDArray[Any]]] = {}
+        paints: list[Paint] = []
+        for pixels, paint in row_blocks(block, view.height, view.width, _BLOCK_PX):
+            for mode, part in pixels.items():
+                parts.setdefault(mode, []).append(part)
+            if paint:
+                paints.append(paint)
+        return {mode: np.concatenate(parts[mode]) for mode in parts}, paints
 
 
 def room_of(scene: Scene) -> Room | None:

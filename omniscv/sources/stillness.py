@@ -57,12 +57,13 @@ class StillSet(SourceWrapper):
 
     def __init__(self, source: Source, modes: Sequence[str]) -> None:
         super().__init__(source)
-        able = source.capabilities.modes
-        self._proofs = tuple(mode for mode in _PROOFS if mode in able) or tuple(modes)
+        offered = source.capabilities.modes
+        self._proofs = tuple(mode for mode in _PROOFS if mode in offered) or tuple(modes)
         self._lacking = tuple(mode for mode in self._proofs if mode not in modes)
         self._first: dict[Any, Any] = {}  # by centre, the first view there
         self._shown: dict[Request, bytes] = {}
-        self._delivered = self._visits = 0
+        self._delivered = 0
+        self._visits = 0
 
     def capture(self, requests: Iterable[Request]) -> Iterator[Capture]:
         """As :meth:`Source.capture`, one late, so that all repeated captures are compared; TornSetError if
@@ -88,8 +89,8 @@ class StillSet(SourceWrapper):
         if self._visits < 2:
             return
         first = next(iter(self._first))
-        shown = self._again(request for request in self._shown if _center(request.view) == first)
-        for capture in self._source.capture(replace(request, again=True) for request in shown):
+        shown = [request for request in self._shown if _center(request.view) == first]
+        for capture in self._source.capture(self._repeated(shown)):
             self._compare(capture)
 
     def close(self) -> None:
@@ -102,27 +103,32 @@ class StillSet(SourceWrapper):
             witnesses: dict[Request, None] = {}
             for request in here:
                 self._first.setdefault(center, _sight(request.view))
-                extra: list[Request] = []
+                proofs: list[Request] = []
                 if self._is_witness(request.view):
-                    extra = [replace(request, mode=mode) for mode in self._lacking]
-                    extra = [witness for witness in extra if witness not in witnesses]
-                    proof = [request] if request.mode in self._proofs else []
-                    witnesses.update(dict.fromkeys([*extra, *proof]))
-                requested.extend([False] * len(extra) + [True])
-                yield from extra
+                    for mode in self._lacking:
+                        proof = replace(request, mode=mode)
+                        if proof not in witnesses:
+                            proofs.append(proof)
+                    witnesses.update(dict.fromkeys(proofs))
+                    if request.mode in self._proofs:
+                        witnesses[request] = None
+                requested.extend([False] * len(proofs) + [True])
+                yield from proofs
                 yield request
             requested.extend([False] * len(witnesses))
-            yield from (replace(request, again=True) for request in self._again(witnesses))
+            yield from self._repeated(witnesses)
 
-    def _again(self, witnesses: Iterable[Request]) -> list[Request]:
-        """Return requests in the order of their repetition: forwards in one mode, backwards in the other.
+    def _repeated(self, witnesses: Iterable[Request]) -> list[Request]:
+        """Return requests that repeat others: first forwards in one mode, then backwards in the other.
 
         An object that swings, and is back after the time of one mode, is elsewhere after the other's.
         """
-        witnesses = list(witnesses)
-        some = [request for request in witnesses if request.mode == self._proofs[0]]
-        others = [request for request in witnesses if request.mode != self._proofs[0]]
-        return some + others[::-1]
+        forwards: list[Request] = []
+        backwards: list[Request] = []
+        for request in witnesses:
+            in_order = forwards if request.mode == self._proofs[0] else backwards
+            in_order.append(replace(request, again=True))
+        return forwards + backwards[::-1]
 
     def _is_witness(self, view: View) -> bool:
         """Return whether a view is repeated: all at the first centre are, and the first one elsewhere."""
@@ -133,8 +139,8 @@ class StillSet(SourceWrapper):
         if _digest(again) != self._shown[replace(again.request, again=False)]:
             x, y, z = again.view.pose.position
             expected = f"expected a world that stands still while {self._delivered} captures are made"
-            got = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
-            raise TornSetError(f"{expected}, got {got}; freeze it (--set freeze=pause, or source.at(...))")
+            actual = f"another {again.mode} from ({x:.4g}, {y:.4g}, {z:.4g}) m when it was captured again"
+            raise TornSetError(f"{expected}, got {actual}; freeze it (--set freeze=pause, or source.at(...))")
 
 
 def _center(view: View) -> Any:

@@ -20,17 +20,21 @@ _REMEDY = "convert the picture, or --transfer srgb takes its codes as they are"
 
 
 def converted(pixels: NDArray[Any], colors: Colors) -> tuple[NDArray[Any], str]:
-    """Return colours (H, W, 1 or 3) as sRGB codes of 8 bits, or as light of Rec. 709 in floats, and a line on
-    what was done; those without a tag as they are.
+    """Return colours as sRGB codes of 8 bits, or as light of Rec. 709 in floats, and a line on what was done.
 
-    Raises ArgumentError for colours whose meaning is not exactly known.
+    Args:
+        pixels: (H, W, 1 or 3) as the file has them.
+        colors: what the file's tags say of them. Without a tag they are returned as they are.
+
+    Raises:
+        ArgumentError: colours whose meaning is not exactly known.
     """
     if colors.is_plain:
         return pixels, ""
     is_float = pixels.dtype.kind == "f"
     if is_float and (colors.refused or colors.profile):
-        got = colors.refused or f"{colors.tag} beside floats"
-        raise ArgumentError(f"expected light of Rec. 709, got {got}; convert it")
+        actual = colors.refused or f"{colors.tag} beside floats"
+        raise ArgumentError(f"expected light of Rec. 709, got {actual}; convert it")
     if colors.refused:
         raise ArgumentError(f"expected colours in sRGB, got {colors.refused}; {_REMEDY}")
     if colors.profile:

@@ -53,7 +53,7 @@ class ObjectTable:
 
     def __post_init__(self) -> None:
         if self.ids and not self.colors:
-            object.__setattr__(self, "colors", {name: _color_of(id_) for name, id_ in self.ids.items()})
+            object.__setattr__(self, "colors", {name: _color_of(self.ids[name]) for name in self.ids})
 
     def label(self, name: str) -> int:
         """Return the label of an object; ArgumentError for an unknown name."""
@@ -100,15 +100,24 @@ class SceneIdentity:
 
     def differs(self, other: Self) -> bool:
         """Return whether a part that both know differs, so that they are two scenes."""
-        return any(a and b and a != b for a, b in zip(astuple(self), astuple(other), strict=True))
+        for own, others in zip(astuple(self), astuple(other), strict=True):
+            if own and others and own != others:
+                return True
+        return False
 
     def merged(self, other: Self) -> Self:
         """Return this identity, with parts of another one where this one knows none."""
-        return type(self)(*(a or b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        name = self.name or other.name
+        level = self.level or other.level
+        content = self.content or other.content
+        return type(self)(name, level, content)
 
 
 def exposure_bias(name: str, value: object) -> CameraExposure:
-    """Return a bias in stops, ``auto`` or ``game``; ArgumentError for anything else."""
+    """Return ``value``, a bias in stops, ``auto`` or ``game``; ArgumentError for anything else.
+
+    ``name`` is what messages call it.
+    """
     if value == "auto" or value == "game":
         return value
     return number(f"{name}, if not auto or game", value, least=EXPOSURE_LIMITS[0], most=EXPOSURE_LIMITS[1])
@@ -163,7 +172,7 @@ class World(Protocol):
         """Return an object's pose: ``R_w_o`` and its position."""
 
     def move(self, name: str, pose: Pose) -> None:
-        """Move and turn an object."""
+        """Move and turn the object ``name`` to a ``pose``."""
 
     def bounds(self, name: str) -> ObjectBox:
         """Return the box around an object, along the world's axes."""
